@@ -1,0 +1,1 @@
+"""Subgrade modulus from falling-weight records: forward model, search, uncertainty."""

@@ -1,0 +1,1 @@
+"""The instrument side: bytes to drops."""

@@ -1,0 +1,1 @@
+"""Joins instrument and inversion: files, points and drops, results."""
