@@ -1,0 +1,164 @@
+r"""Surface compliances of the ground in the Hankel-Laplace domain.
+
+Everything is dimensionless: lengths over the plate radius ``a``, stresses over the complex
+shear modulus ``G*``.  With the Laplace variable ``s``
+
+.. math:: z = \rho a^2 s^2 / G^*, \quad c = \frac{1 - 2\nu}{2 (1 - \nu)}, \quad
+          \alpha^2 = \xi^2 + c z, \quad \beta^2 = \xi^2 + z
+
+``alpha`` belongs to P waves and ``beta`` to S waves.  Depth and vertical displacement are
+positive downward; a surface pressure pushes down, a surface shear pulls outward.
+
+For unit pressure and unit shear in the Hankel domain (order 0 for vertical, order 1 for radial
+quantities) the surface moves by
+
+.. math:: \tilde w = F_{ww} \tilde p + F_{wu} \tilde q, \qquad
+          \tilde u = F_{wu} \tilde p + F_{uu} \tilde q
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+ComplexArray = NDArray[np.complex128]
+FloatArray = NDArray[np.float64]
+
+# Beyond this many nepers a wave that went down and came back is below double precision.
+_NEGLIGIBLE_ECHO = 19.0
+
+
+class Compliance(NamedTuple):
+    """Surface compliances, each ``(...)`` complex, in units of 1/G*.
+
+    ``wu`` and ``uu`` are None where only the pressure matters (a smooth plate).
+    """
+
+    ww: ComplexArray
+    wu: ComplexArray | None
+    uu: ComplexArray | None
+
+
+def velocity_ratio_squared(poisson_ratio: float) -> float:
+    r"""Square of the S over the P wave velocity, :math:`c = (1 - 2\nu) / (2 (1 - \nu))`."""
+    return (1.0 - 2.0 * poisson_ratio) / (2.0 * (1.0 - poisson_ratio))
+
+
+def half_space_compliance(
+    xi: FloatArray, z: ComplexArray, poisson_ratio: float, shear: bool = True
+) -> Compliance:
+    r"""Surface compliances of the half-space.
+
+    .. math:: F_{ww} = \alpha / R, \quad
+              F_{wu} = \xi \left(\frac{2 (1 - c) \beta}{\alpha + \beta} - 1\right) / R, \quad
+              F_{uu} = \beta / R, \quad
+              R = z + 4 (1 - c) \xi^2 \beta / (\alpha + \beta)
+
+    The Rayleigh function divided by z and written without cancellation: valid at z = 0, where
+    :math:`F_{ww} = (1 - \nu)/\xi`.
+
+    Parameters
+    ----------
+    xi : (n,) ndarray of float, wavenumber times plate radius, > 0
+    z : (k,) ndarray of complex, off the negative real axis
+    poisson_ratio : float, 0 <= value < 0.5
+    shear : bool, whether the compliances with a surface shear are wanted
+
+    Returns
+    -------
+    Compliance of (k, n) arrays
+    """
+    c = velocity_ratio_squared(poisson_ratio)
+    square = xi * xi
+    column = z[:, None]
+    alpha = np.sqrt(square + c * column)
+    beta = np.sqrt(square + column)
+    ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
+    inverse = 1.0 / (column + 2.0 * square * ratio)
+    if not shear:
+        return Compliance(alpha * inverse, None, None)
+    return Compliance(alpha * inverse, xi * (ratio - 1.0) * inverse, beta * inverse)
+
+
+def layer_compliance(
+    xi: FloatArray,
+    z: ComplexArray,
+    poisson_ratio: float,
+    depth: FloatArray,
+    shear: bool = True,
+) -> Compliance:
+    r"""Surface compliances of a layer on a rigid base (u = w = 0 at ``depth``).
+
+    Potentials :math:`\phi = A e^{-\alpha \zeta} + B e^{-\alpha (h - \zeta)}` and likewise
+    :math:`\psi` (C, D) keep every exponential at or below one, so no depth overflows.  The two
+    conditions at the base give B and D from A and C; the two at the surface give A and C.
+    The half-space takes over where **both** waves that come back from the base are below double
+    precision: it is the real parts of alpha h and beta h that decide, not xi h, because waves
+    travel below :math:`\xi = \sqrt{|z|}`.
+
+    Parameters
+    ----------
+    xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
+    z : (k,) ndarray of complex, off the negative real axis; the smaller abs(z) h^2, the more
+        digits cancel: about six are left at 1e-5
+    poisson_ratio : float, 0 <= value < 0.5
+    depth : (k,) ndarray of float, bedrock depth over plate radius; inf is the half-space
+    shear : bool, whether the compliances with a surface shear are wanted
+
+    Returns
+    -------
+    Compliance of (k, n) arrays
+    """
+    result = half_space_compliance(xi, z, poisson_ratio, shear)
+    limited = np.flatnonzero(np.isfinite(depth))
+    if limited.size == 0:
+        return result
+    column, h = z[limited, None], depth[limited, None]
+    c = velocity_ratio_squared(poisson_ratio)
+    # Both real parts grow with xi, so the nodes that feel the base come first; the S wave's
+    # real part is the larger one only below its own cut, so both are asked.
+    felt_p = np.sqrt(xi * xi + c * column).real * h < _NEGLIGIBLE_ECHO
+    felt_s = np.sqrt(xi * xi + column).real * h < _NEGLIGIBLE_ECHO
+    felt = int(np.max(np.flatnonzero(np.any(felt_p | felt_s, axis=0)), initial=-1)) + 1
+    if felt:
+        solved = _bounded_layer(xi[:felt], column, c, h, shear)
+        for target, values in zip(result, solved, strict=True):
+            if target is not None:
+                target[limited, :felt] = values
+    return result
+
+
+def _bounded_layer(
+    xi: FloatArray, z: ComplexArray, c: float, h: FloatArray, shear: bool
+) -> Compliance:
+    square = xi * xi
+    alpha = np.sqrt(square + c * z)
+    beta = np.sqrt(square + z)
+    down_p = np.exp(-alpha * h)
+    down_s = np.exp(-beta * h)
+    # Reflection at the clamped base: B = m A' - 2 xi beta C'/d, D = m C' - 2 xi alpha A'/d.
+    product = alpha * beta
+    inverse = 1.0 / (product - square)
+    m = (product + square) * inverse
+    cross = 2.0 * xi * inverse * down_p * down_s
+    to_p = beta * cross
+    to_s = alpha * cross
+    echo_p = m * down_p * down_p
+    echo_s = m * down_s * down_s
+    stress = z + 2.0 * square
+    # sigma_z and tau at the surface from A and C.
+    a11 = stress * (1.0 + echo_p) - 2.0 * xi * beta * to_s
+    a12 = -stress * to_p - 2.0 * xi * beta * (1.0 - echo_s)
+    a21 = 2.0 * xi * alpha * (1.0 - echo_p) + stress * to_s
+    a22 = 2.0 * xi * alpha * to_p - stress * (1.0 + echo_s)
+    inverse = 1.0 / (a11 * a22 - a12 * a21)
+    w_a = -alpha * (1.0 - echo_p) - xi * to_s
+    w_c = xi * (1.0 + echo_s) - alpha * to_p
+    ww = (a21 * w_c - a22 * w_a) * inverse
+    if not shear:
+        return Compliance(ww, None, None)
+    u_a = beta * to_s - xi * (1.0 + echo_p)
+    u_c = xi * to_p + beta * (1.0 - echo_s)
+    return Compliance(ww, (a12 * w_a - a11 * w_c) * inverse, (a12 * u_a - a11 * u_c) * inverse)
