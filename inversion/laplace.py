@@ -84,10 +84,18 @@ class DampedTransform:
         :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; what came before
         the first sample and comes after the last one counts as zero.
         """
+        return self._hat(time) * (np.exp(-np.outer(self.s, time)) @ values)
+
+    def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
+        """Real part of the weights (k, n) on the spectrum as weights (k, m) on the samples."""
+        result: FloatArray = ((weights * self._hat(time)) @ np.exp(-np.outer(self.s, time))).real
+        return result
+
+    def _hat(self, time: FloatArray) -> ComplexArray:
         step = time[1] - time[0]
         half = 0.5 * step * self.s
-        hat = step * (np.sinh(half) / half) ** 2
-        return hat * (np.exp(-np.outer(self.s, time)) @ values)
+        result: ComplexArray = step * (np.sinh(half) / half) ** 2
+        return result
 
     def synthesis(self, time: FloatArray) -> ComplexArray:
         """Matrix M (n, m) with w(time) = Re(W @ M); the taper is inside."""

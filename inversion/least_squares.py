@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.kernel import FloatArray
 
@@ -49,7 +50,11 @@ def jacobian(residual: BatchResidual, point: FloatArray) -> tuple[FloatArray, Fl
 
 
 def fit_batch(
-    residual: BatchResidual, starts: FloatArray, iterations: int = 25, tolerance: float = 1e-8
+    residual: BatchResidual,
+    starts: FloatArray,
+    iterations: int = 25,
+    tolerance: float = 1e-8,
+    frozen: int | None = None,
 ) -> BatchFit:
     """Levenberg-Marquardt within the unit box, all starts advanced together.
 
@@ -61,11 +66,13 @@ def fit_batch(
     residual : BatchResidual
         Must be defined a little (1e-5) outside of the box.
     starts : (k, d) ndarray of float
+    frozen : int, optional, column that keeps its start (for a profile)
     """
     points = np.clip(np.array(starts, dtype=float), 0.0, 1.0)
     count, size = points.shape
     damping = np.full(count, 1e-3)
     done = np.zeros(count, dtype=bool)
+    free = np.array([column for column in range(size) if column != frozen])
     values = residual(points)
     cost = np.mean(values**2, axis=1)
     solves = count
@@ -73,10 +80,13 @@ def fit_batch(
         active = np.flatnonzero(~done)
         if active.size == 0:
             break
-        slope = _slopes(residual, points[active], values[active])
-        solves += active.size * size
+        slope = _slopes(residual, points[active], values[active], free)
+        solves += active.size * free.size
         for _ in range(6):
-            proposed = _step(points[active], values[active], slope, damping[active])
+            proposed = points[active].copy()
+            proposed[:, free] = _step(
+                points[active][:, free], values[active], slope, damping[active]
+            )
             new_values = residual(proposed)
             solves += active.size
             new_cost = np.mean(new_values**2, axis=1)
@@ -97,13 +107,17 @@ def fit_batch(
     return BatchFit(points, cost, done, solves)
 
 
-def _slopes(residual: BatchResidual, points: FloatArray, values: FloatArray) -> FloatArray:
-    """Forward differences, (k, n, d); backward where the upper bound is near."""
+def _slopes(
+    residual: BatchResidual, points: FloatArray, values: FloatArray, free: NDArray[np.intp]
+) -> FloatArray:
+    """One-sided differences towards the middle of the box, (k, n, free)."""
     count, size = points.shape
-    sign = np.where(points > 0.5, -1.0, 1.0)
-    shifted = points[:, None, :] + _DIFFERENCE * sign[:, :, None] * np.eye(size)
-    moved = residual(shifted.reshape(-1, size)).reshape(count, size, -1)
-    slope = (moved - values[:, None, :]) / (_DIFFERENCE * sign[:, :, None])
+    sign = np.where(points > 0.5, -1.0, 1.0)[:, free]
+    moves = _DIFFERENCE * sign[:, :, None] * np.eye(size)[free]
+    moved = residual((points[:, None, :] + moves).reshape(-1, size))
+    slope = (moved.reshape(count, free.size, -1) - values[:, None, :]) / (
+        _DIFFERENCE * sign[:, :, None]
+    )
     return np.swapaxes(slope, 1, 2)
 
 

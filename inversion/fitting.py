@@ -1,0 +1,138 @@
+"""The fit of one ground to one or several drops: search, profile over depth, polish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from inversion.kernel import FloatArray
+from inversion.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
+from inversion.least_squares import fit_batch
+from inversion.misfit import Misfit, WeighedDrop
+from inversion.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
+from inversion.search import MultiPopulationSearch, SearchSettings
+
+Method = Literal["mpga", "least-squares"]
+
+_SEARCH_SAMPLES = 64
+_FULL_SAMPLES = 400
+# Depths, in steps of the unit box, at which the other parameters are fitted on their own: the
+# misfit has a minimum of its own for every few of them, shallow ones above all.
+_PROFILE_DEPTHS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """One minimum of the misfit.
+
+    Parameters
+    ----------
+    point : (d,) ndarray of float in the unit box
+    cost : float, mean square of the weighted residuals
+    """
+
+    point: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class GroundFit:
+    """The best ground and what else would do.
+
+    Parameters
+    ----------
+    best : Minimum, at the full band
+    others : tuple of Minimum, further minima, best first
+    profile : tuple of Minimum, best fits at given depths; empty where the depth is not fitted
+    converged : bool
+    solves : int, forward solves, everything included
+    misfit : Misfit at the full band
+    """
+
+    best: Minimum
+    others: tuple[Minimum, ...]
+    profile: tuple[Minimum, ...]
+    converged: bool
+    solves: int
+    misfit: Misfit
+
+
+def fit_ground(
+    drops: tuple[WeighedDrop, ...],
+    space: ParameterSpace,
+    method: Method,
+    rng: np.random.Generator,
+) -> GroundFit:
+    """The ground that fits the drops best, searched coarsely and polished at the full band."""
+    coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
+    fine = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    profile: tuple[Minimum, ...] = ()
+    if space.index(DEPTH) is not None:
+        profile = _depth_profile(coarse, space)
+        starts = _local_minima(profile)
+    else:
+        starts = _plain_starts(space)
+    if method == "mpga":
+        starts = np.concatenate([_search(coarse, len(space.fitted), rng)[None], starts])
+    rough = fit_batch(coarse.residual, starts, iterations=12, tolerance=1e-5)
+    chosen = _distinct(rough.points, rough.cost)
+    polished = fit_batch(fine.residual, np.stack([m.point for m in chosen]), iterations=20)
+    found = _distinct(polished.points, polished.cost)
+    return GroundFit(
+        best=found[0],
+        others=found[1:],
+        profile=profile,
+        converged=bool(polished.converged[polished.best]),
+        solves=coarse.solves + fine.solves,
+        misfit=fine,
+    )
+
+
+def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
+    settings = SearchSettings(polish_evaluations=0)
+    search = MultiPopulationSearch(
+        misfit.objective, np.zeros(size), np.ones(size), rng, settings=settings
+    )
+    while search.has_next():
+        search.next()
+    return np.asarray(search.result().parameters)
+
+
+def _plain_starts(space: ParameterSpace) -> FloatArray:
+    """Four starts around the peak-method modulus, with little and with much viscosity."""
+    middle = np.full((4, len(space.fitted)), 0.5)
+    for name, factors in ((MODULUS, (0.55, 0.55, 0.35, 0.7)), (VISCOSITY, (0.05, 0.3, 0.1, 0.1))):
+        column = space.index(name)
+        if column is not None:
+            middle[:, column] = factors
+    return middle
+
+
+def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]:
+    column = space.index(DEPTH)
+    assert column is not None
+    starts = np.repeat(_plain_starts(space)[:1], _PROFILE_DEPTHS, axis=0)
+    starts[:, column] = np.linspace(0.02, 0.98, _PROFILE_DEPTHS)
+    fit = fit_batch(misfit.residual, starts, iterations=7, tolerance=1e-3, frozen=column)
+    return tuple(
+        Minimum(point, float(cost)) for point, cost in zip(fit.points, fit.cost, strict=True)
+    )
+
+
+def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> FloatArray:
+    cost = np.array([m.cost for m in profile])
+    padded = np.concatenate([[np.inf], cost, [np.inf]])
+    lowest = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
+    best = lowest[np.argsort(cost[lowest])][:most]
+    return np.stack([profile[int(index)].point for index in best])
+
+
+def _distinct(points: FloatArray, cost: FloatArray) -> tuple[Minimum, ...]:
+    """Minima, best first, without those that ended in the same place."""
+    kept: list[Minimum] = []
+    for index in np.argsort(cost):
+        if all(np.max(np.abs(points[index] - other.point)) > 1e-3 for other in kept):
+            kept.append(Minimum(points[index].copy(), float(cost[index])))
+    return tuple(kept)

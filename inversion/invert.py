@@ -1,0 +1,295 @@
+"""The inversion as its users meet it: records in, a modulus with all its conditions out."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from inversion.contact import PlateModel, PlateProblem
+from inversion.errors import ModelError, RecordError
+from inversion.fitting import GroundFit, Method, fit_ground
+from inversion.forward import Instrument
+from inversion.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.kernel import FloatArray
+from inversion.laplace import FULL_BAND_HZ
+from inversion.library import SurrogateLibrary
+from inversion.misfit import WeighedDrop, model_floor
+from inversion.parameters import DENSITY, DEPTH, MODULUS, VISCOSITY, ParameterSpace, parameter_space
+from inversion.peak_method import PeakModulus, peak_modulus
+from inversion.record import PreparedDrop, Record, prepare
+from inversion.result import Histories, InversionResult, Subgrade, Value
+from inversion.surrogate import SHALLOWEST, Surrogate
+from inversion.uncertainty import Uncertainty, estimate_uncertainty
+
+Load = Literal["measured", "half-sine"]
+
+# A residual up to this many times the noise counts as noise.
+_EXPLAINED_FACTOR = 2.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a drop is inverted; the defaults give the truest modulus.
+
+    Parameters
+    ----------
+    plate : contact of plate and ground
+    load : the measured load, or the half-sine fitted to it
+    all_sensors : False: the centre alone
+    bedrock_depth : m; inf: none; "declared": as the record says, fitted where it says nothing;
+        "unknown": fitted
+    elastic : True: no viscosity
+    method : "mpga" (genetic search, then polish) or "least-squares" (several starts)
+    seed : int, of the search
+    """
+
+    plate: PlateModel = "rigid-rough"
+    load: Load = "measured"
+    all_sensors: bool = True
+    bedrock_depth: float | Literal["declared", "unknown"] = "declared"
+    elastic: bool = False
+    method: Method = "mpga"
+    seed: int = 0
+
+    def depth_of(self, record: Record) -> float | None:
+        """Bedrock depth of the model, m: inf none, None fitted."""
+        if self.bedrock_depth == "declared":
+            return record.bedrock_depth
+        if self.bedrock_depth == "unknown":
+            return None
+        return float(self.bedrock_depth)
+
+
+def invert(
+    records: Record | Sequence[Record],
+    settings: Settings | None = None,
+    library: SurrogateLibrary | None = None,
+) -> InversionResult:
+    """Modulus of the ground under a drop, or of one ground under several drops.
+
+    Parameters
+    ----------
+    records : Record or several with the same instrument, Poisson's ratio, density and depth
+    settings : Settings
+    library : SurrogateLibrary
+        Keep one over many calls: it holds what was loaded or built.
+
+    Raises
+    ------
+    RecordError
+        If a record holds no pulse or no motion, or joint records do not belong together.
+    ModelError
+        If a parameter is outside its range.
+    """
+    drops = (records,) if isinstance(records, Record) else tuple(records)
+    settings = settings or Settings()
+    _check_alike(drops)
+    first = drops[0]
+    drops = tuple(_selected(r, settings) for r in drops)
+    depth = settings.depth_of(first)
+    surrogate = _surrogate(drops[0], settings, depth, library or SurrogateLibrary())
+    begun = clock.perf_counter()
+    weighed = tuple(_weigh(record, settings, surrogate) for record in drops)
+    peak = _peak(weighed[0].drop, first)
+    space = parameter_space(
+        peak.modulus, first.instrument.plate_radius, first.density, depth, settings.elastic
+    )
+    fit = fit_ground(weighed, space, settings.method, np.random.default_rng(settings.seed))
+    uncertainty = estimate_uncertainty(fit, weighed)
+    result = _report(weighed, fit, uncertainty, peak, settings)
+    return replace(result, elapsed=clock.perf_counter() - begun)
+
+
+def _check_alike(records: Sequence[Record]) -> None:
+    if not records:
+        raise RecordError("expected at least one record, got none")
+    first = records[0]
+    for other in records[1:]:
+        same = (
+            other.instrument == first.instrument
+            and other.poisson_ratio == first.poisson_ratio
+            and other.density == first.density
+            and other.bedrock_depth == first.bedrock_depth
+            and [s.offset for s in other.sensors] == [s.offset for s in first.sensors]
+        )
+        if not same:
+            raise RecordError(
+                "joint inversion: expected drops of one device on one ground, got drops whose "
+                "geometry, sensors or declared values differ; invert them one by one"
+            )
+
+
+def _selected(record: Record, settings: Settings) -> Record:
+    """The record with the sensors that take part, nearest first."""
+    ordered = tuple(sorted(record.sensors, key=lambda s: s.offset))
+    if not settings.all_sensors:
+        ordered = ordered[:1]
+        if ordered[0].offset > record.instrument.plate_radius:
+            raise RecordError(
+                "centre sensor alone: expected a sensor within the plate radius, the nearest is "
+                f"at {ordered[0].offset:g} m; use all sensors"
+            )
+    return replace(record, sensors=ordered)
+
+
+def _surrogate(
+    record: Record, settings: Settings, depth: float | None, library: SurrogateLibrary
+) -> Surrogate:
+    radius = record.instrument.plate_radius
+    ratios = [round(s.offset / radius, 10) for s in record.sensors]
+    # Offset 0 leads: the plate's own motion couples its mass.
+    offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
+    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)
+    if depth is not None and not depth > 0.0:
+        raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
+    return library.get(problem, None if depth is None else round(depth / radius, 10))
+
+
+def _weigh(record: Record, settings: Settings, surrogate: Surrogate) -> WeighedDrop:
+    drop = prepare(record)
+    load = drop.load
+    if settings.load == "half-sine":
+        load = fit_half_sine(drop.time, drop.load).load(drop.time)
+    return WeighedDrop(
+        drop, surrogate, record.instrument, load, model_floor(drop, record.model_floor)
+    )
+
+
+def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
+    deflection = float(drop.displacement[0].max())
+    if not deflection > 0.0:
+        raise RecordError(
+            "centre sensor: expected a downward (positive) deflection, found none; check its "
+            "polarity and whether it is alive"
+        )
+    radius = record.instrument.plate_radius
+    return peak_modulus(drop.peak_load, deflection, radius, record.poisson_ratio)
+
+
+def _report(
+    drops: tuple[WeighedDrop, ...],
+    fit: GroundFit,
+    uncertainty: Uncertainty,
+    peak: PeakModulus,
+    settings: Settings,
+) -> InversionResult:
+    space = fit.misfit.space
+    first = drops[0]
+    histories = tuple(_histories(item, space, fit.best.point) for item in drops)
+    fitted = _residuals(drops, histories, lambda h, item: item.drop.window_end)
+    scale = np.array([float(item.scale[0] / item.drop.peak_displacement[0]) for item in drops])
+    explained = fitted <= _EXPLAINED_FACTOR * float(np.max(scale))
+    at_bound = space.at_bound(fit.best.point)
+    depth = float(space.values(DEPTH, fit.best.point[None])[0])
+    correlation = None
+    if space.index(DEPTH) is not None:
+        row, column = space.index(MODULUS), space.index(DEPTH)
+        correlation = float(uncertainty.correlation[row, column])
+    result = InversionResult(
+        subgrade=_subgrade(space, fit.best.point, uncertainty),
+        modulus_interval=uncertainty.modulus_interval,
+        depth_interval=uncertainty.depth_interval,
+        modulus_depth_correlation=correlation,
+        method=settings.method,
+        model="half-space" if math.isinf(depth) else "layer",
+        plate=settings.plate,
+        load=settings.load,
+        poisson_ratio=first.surrogate.problem.poisson_ratio,
+        plate_radius=first.instrument.plate_radius,
+        half_sine=fit_half_sine(first.drop.time, first.drop.load),
+        half_sine_equal_area=fit_half_sine_equal_area(first.drop.time, first.drop.load),
+        peak=peak,
+        r_squared=_r_squared(drops, histories),
+        noise_rms=float(max(first.drop.noise[0], first.drop.quantisation[0], first.model_floor[0])),
+        residual_rms_over_peak=_residuals(drops, histories, lambda h, item: math.inf),
+        contact_residual_rms_over_peak=_residuals(
+            drops, histories, lambda h, item: item.drop.contact_end
+        ),
+        window_residual_rms_over_peak=fitted,
+        explained=explained,
+        converged=fit.converged,
+        at_bound=at_bound,
+        forward_solves=fit.solves,
+        elapsed=0.0,
+        seed=settings.seed,
+        warnings=(),
+        histories=histories,
+    )
+    return replace(result, warnings=_warnings(result, uncertainty))
+
+
+def _subgrade(space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty) -> Subgrade:
+    def value(name: str) -> Value:
+        found = float(space.values(name, point[None])[0])
+        return Value(found, uncertainty.standard_deviation.get(name))
+
+    return Subgrade(value(MODULUS), value(VISCOSITY), value(DENSITY), value(DEPTH))
+
+
+def _histories(item: WeighedDrop, space: ParameterSpace, point: FloatArray) -> Histories:
+    drop = item.drop
+    model = item.model(drop.time[1:], FULL_BAND_HZ)
+    predicted = np.zeros_like(drop.displacement)
+    predicted[:, 1:] = model.displacement(space.grounds(point[None]))[0][-drop.offsets.size :]
+    return Histories(
+        time=drop.time + drop.start,
+        load=drop.load,
+        model_load=item.model_load,
+        observed=drop.displacement,
+        predicted=predicted,
+        offsets=drop.offsets,
+        window_end=drop.window_end + drop.start,
+        contact_end=drop.contact_end + drop.start,
+    )
+
+
+def _residuals(drops, histories, end_of) -> float:  # type: ignore[no-untyped-def]
+    """Rms over all sensors and drops, each over its own peak, from the trigger to an end."""
+    parts = []
+    for item, history in zip(drops, histories, strict=True):
+        drop = item.drop
+        part = (drop.time >= drop.trigger) & (drop.time <= end_of(history, item) * (1 + 1e-9))
+        parts.append((history.residual[:, part] / drop.peak_displacement[:, None]).ravel())
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _r_squared(drops: tuple[WeighedDrop, ...], histories: tuple[Histories, ...]) -> float:
+    """One minus the residual's over the observed centre displacement's variance, in the window."""
+    left = total = 0.0
+    for item, history in zip(drops, histories, strict=True):
+        part = item.drop.window
+        observed = history.observed[0, part]
+        left += float(np.sum(history.residual[0, part] ** 2))
+        total += float(np.sum((observed - observed.mean()) ** 2))
+    return 1.0 - left / total
+
+
+def _warnings(result: InversionResult, uncertainty: Uncertainty) -> tuple[str, ...]:
+    found = []
+    for name in result.at_bound:
+        found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
+    if not result.explained:
+        found.append(
+            "residual not explained: "
+            f"{100 * result.window_residual_rms_over_peak:.1f} % of the peak over the fit, noise "
+            f"and model error {100 * result.noise_rms / _peak_of(result):.1f} %; an effect is "
+            "missing in the model"
+        )
+    if not uncertainty.depth_unique and uncertainty.depth_interval is not None:
+        low, high = uncertainty.depth_interval
+        found.append(
+            f"depth not unique: the data allow bedrock from {low:.2g} m to {high:.2g} m; the "
+            "interval of the modulus covers them"
+        )
+    if not result.converged:
+        found.append("the fit did not converge")
+    return tuple(found)
+
+
+def _peak_of(result: InversionResult) -> float:
+    return float(np.max(np.abs(result.histories[0].observed[0])))
