@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,10 @@ _FULL_SAMPLES = 400
 # Depths, in steps of the unit box, at which the other parameters are fitted on their own: the
 # misfit has a minimum of its own for every few of them, shallow ones above all.
 _PROFILE_DEPTHS = 14
+# The whole record is fitted when a ground that fits the contact comes within five times the
+# model's error of all of it, and kept when the fit then comes within 1.5 times.
+_TAIL_WORTH_A_TRY = 25.0
+_TAIL_EXPLAINED = 2.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,7 @@ class GroundFit:
     converged : bool
     solves : int, forward solves, everything included
     misfit : Misfit at the full band
+    drops : tuple of WeighedDrop, with the window that was fitted
     """
 
     best: Minimum
@@ -57,6 +62,7 @@ class GroundFit:
     converged: bool
     solves: int
     misfit: Misfit
+    drops: tuple[WeighedDrop, ...]
 
 
 def fit_ground(
@@ -80,13 +86,50 @@ def fit_ground(
     chosen = _distinct(rough.points, rough.cost)
     polished = fit_batch(fine.residual, np.stack([m.point for m in chosen]), iterations=20)
     found = _distinct(polished.points, polished.cost)
-    return GroundFit(
+    fit = GroundFit(
         best=found[0],
         others=found[1:],
         profile=profile,
         converged=bool(polished.converged[polished.best]),
         solves=coarse.solves + fine.solves,
         misfit=fine,
+        drops=drops,
+    )
+    return _with_tail(fit) or fit
+
+
+def _with_tail(fit: GroundFit) -> GroundFit | None:
+    """The fit of the whole record, where the model explains all of it; otherwise None.
+
+    After the contact the plate of a real device may bounce and tip, which the load cell does not
+    tell; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
+    also predicts the tail, the tail decides between them: a deep base shows itself late.
+    """
+    longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
+    if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
+        return None
+    whole = Misfit(longer, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES)
+    candidates = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= fit.best.cost + 1.0]
+    points = np.stack([m.point for m in candidates])
+    cost = whole.objective(points)
+    order = np.argsort(cost)[:3]
+    spent = points.shape[0]
+    if cost[order[0]] > _TAIL_WORTH_A_TRY:
+        return None
+    polished = fit_batch(whole.residual, points[order], iterations=12)
+    found = _distinct(polished.points, polished.cost)
+    if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
+        return None
+    again = tuple(Minimum(m.point, float(c)) for m, c in zip(candidates, cost, strict=True))
+    return replace(
+        fit,
+        best=found[0],
+        others=found[1:],
+        profile=again,
+        converged=bool(polished.converged[polished.best]),
+        solves=fit.solves + spent + polished.solves,
+        misfit=whole,
+        drops=longer,
     )
 
 

@@ -66,15 +66,13 @@ class Settings:
 
 
 def invert(
-    records: Record | Sequence[Record],
-    settings: Settings | None = None,
-    library: SurrogateLibrary | None = None,
+    record: Record, settings: Settings | None = None, library: SurrogateLibrary | None = None
 ) -> InversionResult:
-    """Modulus of the ground under a drop, or of one ground under several drops.
+    """Modulus of the ground under one drop.
 
     Parameters
     ----------
-    records : Record or several with the same instrument, Poisson's ratio, density and depth
+    record : Record
     settings : Settings
     library : SurrogateLibrary
         Keep one over many calls: it holds what was loaded or built.
@@ -82,27 +80,55 @@ def invert(
     Raises
     ------
     RecordError
-        If a record holds no pulse or no motion, or joint records do not belong together.
+        If the record holds no pulse or no motion.
     ModelError
         If a parameter is outside its range.
     """
-    drops = (records,) if isinstance(records, Record) else tuple(records)
+    return invert_joint([record], settings, library)[0]
+
+
+def invert_joint(
+    records: Sequence[Record],
+    settings: Settings | None = None,
+    library: SurrogateLibrary | None = None,
+) -> tuple[InversionResult, ...]:
+    """One ground under several drops: a result a drop, all with the same ground.
+
+    Parameters
+    ----------
+    records : Records with the same instrument, sensors, Poisson's ratio, density and depth
+    settings, library : as for :func:`invert`
+
+    Raises
+    ------
+    RecordError
+        If the records do not belong together, or as for :func:`invert`.
+    """
     settings = settings or Settings()
-    _check_alike(drops)
-    first = drops[0]
-    drops = tuple(_selected(r, settings) for r in drops)
+    _check_alike(records)
+    used = [_selected(record, settings) for record in records]
+    first = used[0]
     depth = settings.depth_of(first)
-    surrogate = _surrogate(drops[0], settings, depth, library or SurrogateLibrary())
+    surrogate = _surrogate(first, settings, depth, library or SurrogateLibrary())
     begun = clock.perf_counter()
-    weighed = tuple(_weigh(record, settings, surrogate) for record in drops)
-    peak = _peak(weighed[0].drop, first)
+    weighed = tuple(_weigh(record, settings, surrogate) for record in used)
+    peaks = [_peak(item.drop, first) for item in weighed]
     space = parameter_space(
-        peak.modulus, first.instrument.plate_radius, first.density, depth, settings.elastic
+        float(np.median([peak.modulus for peak in peaks])),
+        first.instrument.plate_radius,
+        first.density,
+        depth,
+        settings.elastic,
     )
-    fit = fit_ground(weighed, space, settings.method, np.random.default_rng(settings.seed))
-    uncertainty = estimate_uncertainty(fit, weighed)
-    result = _report(weighed, fit, uncertainty, peak, settings)
-    return replace(result, elapsed=clock.perf_counter() - begun)
+    rng = np.random.default_rng(settings.seed)
+    fit = fit_ground(weighed, space, settings.method, rng)
+    uncertainty = estimate_uncertainty(fit)
+    reports = [
+        _report(item, fit, uncertainty, peak, settings)
+        for item, peak in zip(fit.drops, peaks, strict=True)
+    ]
+    elapsed = clock.perf_counter() - begun
+    return tuple(replace(report, elapsed=elapsed) for report in reports)
 
 
 def _check_alike(records: Sequence[Record]) -> None:
@@ -172,55 +198,45 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
 
 
 def _report(
-    drops: tuple[WeighedDrop, ...],
+    item: WeighedDrop,
     fit: GroundFit,
     uncertainty: Uncertainty,
     peak: PeakModulus,
     settings: Settings,
 ) -> InversionResult:
-    space = fit.misfit.space
-    first = drops[0]
-    histories = tuple(_histories(item, space, fit.best.point) for item in drops)
-    fitted = _residuals(drops, histories, lambda h, item: item.drop.window_end)
-    scale = np.array([float(item.scale[0] / item.drop.peak_displacement[0]) for item in drops])
-    explained = fitted <= _EXPLAINED_FACTOR * float(np.max(scale))
-    at_bound = space.at_bound(fit.best.point)
+    space, drop = fit.misfit.space, item.drop
+    history = _histories(item, space, fit.best.point)
     depth = float(space.values(DEPTH, fit.best.point[None])[0])
-    correlation = None
-    if space.index(DEPTH) is not None:
-        row, column = space.index(MODULUS), space.index(DEPTH)
-        correlation = float(uncertainty.correlation[row, column])
+    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
     result = InversionResult(
         subgrade=_subgrade(space, fit.best.point, uncertainty),
         modulus_interval=uncertainty.modulus_interval,
         depth_interval=uncertainty.depth_interval,
-        modulus_depth_correlation=correlation,
+        modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
         method=settings.method,
         model="half-space" if math.isinf(depth) else "layer",
         plate=settings.plate,
         load=settings.load,
-        poisson_ratio=first.surrogate.problem.poisson_ratio,
-        plate_radius=first.instrument.plate_radius,
-        half_sine=fit_half_sine(first.drop.time, first.drop.load),
-        half_sine_equal_area=fit_half_sine_equal_area(first.drop.time, first.drop.load),
+        poisson_ratio=item.surrogate.problem.poisson_ratio,
+        plate_radius=item.instrument.plate_radius,
+        half_sine=fit_half_sine(drop.time, drop.load),
+        half_sine_equal_area=fit_half_sine_equal_area(drop.time, drop.load),
         peak=peak,
-        r_squared=_r_squared(drops, histories),
-        noise_rms=float(max(first.drop.noise[0], first.drop.quantisation[0], first.model_floor[0])),
-        residual_rms_over_peak=_residuals(drops, histories, lambda h, item: math.inf),
-        contact_residual_rms_over_peak=_residuals(
-            drops, histories, lambda h, item: item.drop.contact_end
-        ),
-        window_residual_rms_over_peak=fitted,
-        explained=explained,
+        r_squared=_r_squared(drop, history),
+        noise_rms=float(max(noise)),
+        residual_rms_over_peak=_residual_until(drop, history, math.inf),
+        contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
+        window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
+        explained=bool(np.sqrt(fit.best.cost) <= _EXPLAINED_FACTOR),
         converged=fit.converged,
-        at_bound=at_bound,
+        at_bound=space.at_bound(fit.best.point),
         forward_solves=fit.solves,
         elapsed=0.0,
         seed=settings.seed,
         warnings=(),
-        histories=histories,
+        history=history,
     )
-    return replace(result, warnings=_warnings(result, uncertainty))
+    return replace(result, warnings=_warnings(result, fit, uncertainty))
 
 
 def _subgrade(space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty) -> Subgrade:
@@ -229,6 +245,13 @@ def _subgrade(space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty
         return Value(found, uncertainty.standard_deviation.get(name))
 
     return Subgrade(value(MODULUS), value(VISCOSITY), value(DENSITY), value(DEPTH))
+
+
+def _modulus_depth_correlation(space: ParameterSpace, uncertainty: Uncertainty) -> float | None:
+    row, column = space.index(MODULUS), space.index(DEPTH)
+    if row is None or column is None:
+        return None
+    return float(uncertainty.correlation[row, column])
 
 
 def _histories(item: WeighedDrop, space: ParameterSpace, point: FloatArray) -> Histories:
@@ -248,37 +271,32 @@ def _histories(item: WeighedDrop, space: ParameterSpace, point: FloatArray) -> H
     )
 
 
-def _residuals(drops, histories, end_of) -> float:  # type: ignore[no-untyped-def]
-    """Rms over all sensors and drops, each over its own peak, from the trigger to an end."""
-    parts = []
-    for item, history in zip(drops, histories, strict=True):
-        drop = item.drop
-        part = (drop.time >= drop.trigger) & (drop.time <= end_of(history, item) * (1 + 1e-9))
-        parts.append((history.residual[:, part] / drop.peak_displacement[:, None]).ravel())
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+def _residual_until(drop: PreparedDrop, history: Histories, end: float) -> float:
+    """Rms over all sensors, each over its own peak, from the trigger to ``end`` (s)."""
+    part = (drop.time >= drop.trigger) & (drop.time <= end * (1.0 + 1e-9))
+    left = history.residual[:, part] / drop.peak_displacement[:, None]
+    return float(np.sqrt(np.mean(left**2)))
 
 
-def _r_squared(drops: tuple[WeighedDrop, ...], histories: tuple[Histories, ...]) -> float:
+def _r_squared(drop: PreparedDrop, history: Histories) -> float:
     """One minus the residual's over the observed centre displacement's variance, in the window."""
-    left = total = 0.0
-    for item, history in zip(drops, histories, strict=True):
-        part = item.drop.window
-        observed = history.observed[0, part]
-        left += float(np.sum(history.residual[0, part] ** 2))
-        total += float(np.sum((observed - observed.mean()) ** 2))
-    return 1.0 - left / total
+    observed = history.observed[0, drop.window]
+    left = float(np.sum(history.residual[0, drop.window] ** 2))
+    return 1.0 - left / float(np.sum((observed - observed.mean()) ** 2))
 
 
-def _warnings(result: InversionResult, uncertainty: Uncertainty) -> tuple[str, ...]:
+def _warnings(
+    result: InversionResult, fit: GroundFit, uncertainty: Uncertainty
+) -> tuple[str, ...]:
     found = []
     for name in result.at_bound:
         found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
     if not result.explained:
         found.append(
-            "residual not explained: "
-            f"{100 * result.window_residual_rms_over_peak:.1f} % of the peak over the fit, noise "
-            f"and model error {100 * result.noise_rms / _peak_of(result):.1f} %; an effect is "
-            "missing in the model"
+            "residual not explained: over the fit it is "
+            f"{np.sqrt(fit.best.cost):.1f} times the noise and the model's error together "
+            f"({100 * result.window_residual_rms_over_peak:.1f} % of the peak); the model lacks "
+            "an effect, so do not take the modulus for corrected"
         )
     if not uncertainty.depth_unique and uncertainty.depth_interval is not None:
         low, high = uncertainty.depth_interval
@@ -289,7 +307,3 @@ def _warnings(result: InversionResult, uncertainty: Uncertainty) -> tuple[str, .
     if not result.converged:
         found.append("the fit did not converge")
     return tuple(found)
-
-
-def _peak_of(result: InversionResult) -> float:
-    return float(np.max(np.abs(result.histories[0].observed[0])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -103,6 +103,7 @@ class PreparedDrop:
     peak_load, peak_displacement : float N and (n_sensors,) ndarray m
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
     window_end : float, s, on ``time``: last sample the fit uses
+    tail_end : float, s, on ``time``: last sample before a second contact or the record's end
     trigger : float, s, on ``time``
     channels : tuple of the native channels with their noise, for the uncertainty
     load_noise : NoiseModel of the load, N
@@ -119,6 +120,7 @@ class PreparedDrop:
     peak_displacement: FloatArray
     contact_end: float
     window_end: float
+    tail_end: float
     trigger: float
     channels: tuple[ChannelNoise, ...]
     load_noise: NoiseModel
@@ -127,6 +129,10 @@ class PreparedDrop:
     def step(self) -> float:
         """Sampling interval, s."""
         return float(self.time[1] - self.time[0])
+
+    def with_tail(self) -> PreparedDrop:
+        """The same drop with the fit's window to the end of the record, or to a second contact."""
+        return replace(self, window_end=self.tail_end)
 
     @property
     def window(self) -> slice:
@@ -198,7 +204,7 @@ def prepare(record: Record) -> PreparedDrop:
     first = _start_index(load, peak, step)
     displacement = np.stack([_displacement(s, baseline, first, step) for s in record.sensors])
     own_time = step * np.arange(time.size - first)
-    contact_end, window_end = _windows(load[first:], peak - first, step)
+    contact_end, window_end, tail_end = _windows(load[first:], peak - first, step)
     window = slice(0, int(np.searchsorted(own_time, window_end)))
     channels = tuple(
         ChannelNoise(_noise(s.values[:baseline]), s.quantity == "velocity", baseline)
@@ -222,6 +228,7 @@ def prepare(record: Record) -> PreparedDrop:
         peak_displacement=np.max(np.abs(displacement[:, : max(window.stop, 2)]), axis=1),
         contact_end=contact_end,
         window_end=window_end,
+        tail_end=tail_end,
         trigger=max(0.0, -float(time[first])),
         channels=channels,
         load_noise=_noise(record.load[:baseline]),
@@ -289,17 +296,16 @@ def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> Flo
     return result
 
 
-def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float]:
+def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:
     level = load[peak]
     after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * level)
     end = peak + int(after[0]) if after.size else load.size - 1
     begin = np.flatnonzero(load[: peak + 1] < CONTACT_END_FRACTION * level)
     begun = int(begin[-1]) if begin.size else 0
-    last = min(load.size - 1, end + int(round(_TAIL_IN_CONTACTS * (end - begun))))
-    again = np.flatnonzero(load[end : last + 1] > _SECOND_CONTACT_FRACTION * level)
-    if again.size:
-        last = max(end, end + int(again[0]) - 1)
-    return end * step, last * step
+    again = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * level)
+    tail = max(end, end + int(again[0]) - 1) if again.size else load.size - 1
+    last = min(tail, end + round(_TAIL_IN_CONTACTS * (end - begun)))
+    return end * step, last * step, tail * step
 
 
 def _noise(quiet: FloatArray) -> NoiseModel:

@@ -71,7 +71,7 @@ class Histories:
 
 @dataclass(frozen=True, eq=False)
 class InversionResult:
-    """Modulus of the ground under one drop (or of several on one ground), with its conditions.
+    """Modulus of the ground under one drop with its conditions.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class InversionResult:
     elapsed : float, s, of the analysis
     seed : int
     warnings : tuple of str
-    histories : tuple of Histories, one a drop
+    history : Histories
     """
 
     subgrade: Subgrade
@@ -122,4 +122,4 @@ class InversionResult:
     elapsed: float
     seed: int
     warnings: tuple[str, ...]
-    histories: tuple[Histories, ...] = field(repr=False)
+    history: Histories = field(repr=False)

@@ -52,16 +52,16 @@ class Uncertainty:
     depth_unique: bool
 
 
-def estimate_uncertainty(fit: GroundFit, drops: tuple[WeighedDrop, ...]) -> Uncertainty:
+def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     """Uncertainty of the best ground of a fit."""
     space = fit.misfit.space
     point = fit.best.point
     values, slope = jacobian(fit.misfit.residual, point)
-    pseudo = np.linalg.pinv(slope, rcond=1e-10)
-    random, model = _covariances(fit, drops, pseudo, values)
+    pseudo = np.linalg.pinv(slope, rcond=1e-9)
+    random, model = _covariances(fit, pseudo, values)
     steps = np.array([p.slope(float(u)) for p, u in zip(space.fitted, point, strict=True)])
     both = random + model
-    spread = np.sqrt(np.diag(both)) + 1e-300
+    spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
     interval = _modulus_interval(fit, both)
     depth, unique = _depth_interval(fit, both)
     return Uncertainty(
@@ -75,13 +75,13 @@ def estimate_uncertainty(fit: GroundFit, drops: tuple[WeighedDrop, ...]) -> Unce
 
 
 def _covariances(
-    fit: GroundFit, drops: tuple[WeighedDrop, ...], pseudo: FloatArray, values: FloatArray
+    fit: GroundFit, pseudo: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Random and model covariance of the unit parameters, each (d, d)."""
     size = pseudo.shape[0]
     random, model = np.zeros((size, size)), np.zeros((size, size))
     first = 0
-    for item, rows in zip(drops, fit.misfit.rows, strict=True):
+    for item, rows in zip(fit.drops, fit.misfit.rows, strict=True):
         time = item.drop.time[rows]
         lag = np.abs(time[:, None] - time) / (item.drop.contact_end / 3.0)
         smooth = np.exp(-(lag**2))
