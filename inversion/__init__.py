@@ -1,1 +1,53 @@
-"""Subgrade modulus from falling-weight records: forward model, search, uncertainty."""
+"""Subgrade modulus from falling-weight records: forward model, search, uncertainty.
+
+The public names, usable on plain arrays::
+
+    record = Record(time, load, (Sensor(0.0, "displacement", w),), Instrument(plate_radius=0.15))
+    result = invert(record)
+    result.subgrade.modulus.value        # Pa
+    result.modulus_interval              # Pa, 95 %, the model's own error included
+"""
+
+from inversion.contact import PLATE_MODELS, PlateProblem, plate_compliance
+from inversion.errors import InversionError, ModelError, RecordError
+from inversion.forward import ForwardModel, Grounds, Instrument
+from inversion.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.invert import Settings, invert, invert_joint
+from inversion.library import SurrogateLibrary
+from inversion.peak_method import (
+    PLATE_FACTORS,
+    PeakModulus,
+    dynamic_modulus_evd,
+    peak_modulus,
+)
+from inversion.record import Record, Sensor
+from inversion.result import Histories, InversionResult, Subgrade, Value
+
+__all__ = [
+    "PLATE_FACTORS",
+    "PLATE_MODELS",
+    "ForwardModel",
+    "Grounds",
+    "HalfSineFit",
+    "Histories",
+    "Instrument",
+    "InversionError",
+    "InversionResult",
+    "ModelError",
+    "PeakModulus",
+    "PlateProblem",
+    "Record",
+    "RecordError",
+    "Sensor",
+    "Settings",
+    "Subgrade",
+    "SurrogateLibrary",
+    "Value",
+    "dynamic_modulus_evd",
+    "fit_half_sine",
+    "fit_half_sine_equal_area",
+    "invert",
+    "invert_joint",
+    "peak_modulus",
+    "plate_compliance",
+]

@@ -12,15 +12,18 @@ from inversion.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
 from inversion.least_squares import fit_batch
 from inversion.misfit import Misfit, WeighedDrop
 from inversion.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
-from inversion.search import MultiPopulationSearch, SearchSettings
+from inversion.published import published_fitness
+from inversion.search import MultiPopulationSearch, SearchSettings, paper_settings
 
-Method = Literal["mpga", "least-squares"]
+Method = Literal["mpga", "least-squares", "published"]
 
 _SEARCH_SAMPLES = 64
 _FULL_SAMPLES = 400
 # Depths, in steps of the unit box, at which the other parameters are fitted on their own: the
 # misfit has a minimum of its own for every few of them, shallow ones above all.
 _PROFILE_DEPTHS = 14
+# Minima closer than this, in units of the box, are one.
+_SAME_PLACE = 0.02
 # The whole record is fitted when a ground that fits the contact comes within five times the
 # model's error of all of it, and kept when the fit then comes within 1.5 times.
 _TAIL_WORTH_A_TRY = 25.0
@@ -72,7 +75,10 @@ def fit_ground(
     rng: np.random.Generator,
 ) -> GroundFit:
     """The ground that fits the drops best, searched coarsely and polished at the full band."""
-    coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
+    if method == "published":
+        return _fit_published(drops, space, rng)
+    solves = 0
+    coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
     fine = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
     profile: tuple[Minimum, ...] = ()
     if space.index(DEPTH) is not None:
@@ -81,9 +87,11 @@ def fit_ground(
     else:
         starts = _plain_starts(space)
     if method == "mpga":
-        starts = np.concatenate([_search(coarse, len(space.fitted), rng)[None], starts])
-    rough = fit_batch(coarse.residual, starts, iterations=12, tolerance=1e-5)
-    chosen = _distinct(rough.points, rough.cost)
+        rapid = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
+        starts = np.concatenate([_search(rapid, len(space.fitted), rng)[None], starts])
+        solves += rapid.solves
+    rough = fit_batch(coarse.residual, starts, iterations=12, tolerance=1e-3)
+    chosen = _promising(_distinct(rough.points, rough.cost))
     polished = fit_batch(fine.residual, np.stack([m.point for m in chosen]), iterations=20)
     found = _distinct(polished.points, polished.cost)
     fit = GroundFit(
@@ -91,7 +99,7 @@ def fit_ground(
         others=found[1:],
         profile=profile,
         converged=bool(polished.converged[polished.best]),
-        solves=coarse.solves + fine.solves,
+        solves=solves + coarse.solves + fine.solves,
         misfit=fine,
         drops=drops,
     )
@@ -133,6 +141,33 @@ def _with_tail(fit: GroundFit) -> GroundFit | None:
     )
 
 
+def _fit_published(
+    drops: tuple[WeighedDrop, ...], space: ParameterSpace, rng: np.random.Generator
+) -> GroundFit:
+    """The paper's search: its operators, its fitness (Eq. 16), no polish."""
+    misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
+
+    def inverse_fitness(points: FloatArray) -> FloatArray:
+        observed, predicted = misfit.centre(points)
+        result: FloatArray = 1.0 / published_fitness(observed, predicted)
+        return result
+
+    size = len(space.fitted)
+    search = MultiPopulationSearch(
+        inverse_fitness,
+        np.zeros(size),
+        np.ones(size),
+        rng,
+        settings=paper_settings(),
+        fitness=lambda inverse: 1.0 / inverse,
+    )
+    while search.has_next():
+        search.next()
+    point = np.asarray(search.result().parameters)
+    cost = float(misfit.objective(point[None])[0])
+    return GroundFit(Minimum(point, cost), (), (), True, misfit.solves, misfit, drops)
+
+
 def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
     settings = SearchSettings(polish_evaluations=0)
     search = MultiPopulationSearch(
@@ -144,9 +179,9 @@ def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
 
 
 def _plain_starts(space: ParameterSpace) -> FloatArray:
-    """Four starts around the peak-method modulus, with little and with much viscosity."""
-    middle = np.full((4, len(space.fitted)), 0.5)
-    for name, factors in ((MODULUS, (0.55, 0.55, 0.35, 0.7)), (VISCOSITY, (0.05, 0.3, 0.1, 0.1))):
+    """Three starts around the peak-method modulus, with little and with much viscosity."""
+    middle = np.full((3, len(space.fitted)), 0.6)
+    for name, factors in ((MODULUS, (0.5, 0.5, 0.38)), (VISCOSITY, (0.06, 0.3, 0.15))):
         column = space.index(name)
         if column is not None:
             middle[:, column] = factors
@@ -172,10 +207,16 @@ def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> FloatArray:
     return np.stack([profile[int(index)].point for index in best])
 
 
+def _promising(minima: tuple[Minimum, ...], most: int = 3) -> tuple[Minimum, ...]:
+    """Minima worth polishing: those that may become the best, or may pass for it."""
+    limit = max(4.0 * minima[0].cost, minima[0].cost + 2.0)
+    return tuple(m for m in minima if m.cost <= limit)[:most]
+
+
 def _distinct(points: FloatArray, cost: FloatArray) -> tuple[Minimum, ...]:
     """Minima, best first, without those that ended in the same place."""
     kept: list[Minimum] = []
     for index in np.argsort(cost):
-        if all(np.max(np.abs(points[index] - other.point)) > 1e-3 for other in kept):
+        if all(np.max(np.abs(points[index] - other.point)) > _SAME_PLACE for other in kept):
             kept.append(Minimum(points[index].copy(), float(cost[index])))
     return tuple(kept)

@@ -13,8 +13,7 @@ import numpy as np
 from inversion.contact import PlateModel, PlateProblem
 from inversion.errors import ModelError, RecordError
 from inversion.fitting import GroundFit, Method, fit_ground
-from inversion.forward import Instrument
-from inversion.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.half_sine import fit_half_sine, fit_half_sine_equal_area
 from inversion.kernel import FloatArray
 from inversion.laplace import FULL_BAND_HZ
 from inversion.library import SurrogateLibrary
@@ -23,10 +22,10 @@ from inversion.parameters import DENSITY, DEPTH, MODULUS, VISCOSITY, ParameterSp
 from inversion.peak_method import PeakModulus, peak_modulus
 from inversion.record import PreparedDrop, Record, prepare
 from inversion.result import Histories, InversionResult, Subgrade, Value
-from inversion.surrogate import SHALLOWEST, Surrogate
+from inversion.surrogate import Surrogate
 from inversion.uncertainty import Uncertainty, estimate_uncertainty
 
-Load = Literal["measured", "half-sine"]
+Load = Literal["measured", "half-sine", "half-sine-equal-area"]
 
 # A residual up to this many times the noise counts as noise.
 _EXPLAINED_FACTOR = 2.0
@@ -39,12 +38,14 @@ class Settings:
     Parameters
     ----------
     plate : contact of plate and ground
-    load : the measured load, or the half-sine fitted to it
+    load : the measured load, or the half-sine fitted to it (by least squares, or with the
+        measured peak and area as the paper has it)
     all_sensors : False: the centre alone
     bedrock_depth : m; inf: none; "declared": as the record says, fitted where it says nothing;
         "unknown": fitted
     elastic : True: no viscosity
-    method : "mpga" (genetic search, then polish) or "least-squares" (several starts)
+    method : "mpga" (genetic search, then polish), "least-squares" (several starts), or
+        "published" (the genetic search of the paper on its own fitness, without polish)
     seed : int, of the search
     """
 
@@ -109,7 +110,7 @@ def invert_joint(
     used = [_selected(record, settings) for record in records]
     first = used[0]
     depth = settings.depth_of(first)
-    surrogate = _surrogate(first, settings, depth, library or SurrogateLibrary())
+    surrogate = (library or SurrogateLibrary()).get(*surrogate_request(first, settings))
     begun = clock.perf_counter()
     weighed = tuple(_weigh(record, settings, surrogate) for record in used)
     peaks = [_peak(item.drop, first) for item in weighed]
@@ -163,24 +164,25 @@ def _selected(record: Record, settings: Settings) -> Record:
     return replace(record, sensors=ordered)
 
 
-def _surrogate(
-    record: Record, settings: Settings, depth: float | None, library: SurrogateLibrary
-) -> Surrogate:
-    radius = record.instrument.plate_radius
-    ratios = [round(s.offset / radius, 10) for s in record.sensors]
+def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
+    """The surrogate an inversion will ask its library for: problem and depth in plate radii."""
+    chosen = _selected(record, settings)
+    radius, depth = record.instrument.plate_radius, settings.depth_of(record)
+    ratios = [round(s.offset / radius, 10) for s in chosen.sensors]
     # Offset 0 leads: the plate's own motion couples its mass.
     offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
-    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)
     if depth is not None and not depth > 0.0:
         raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
-    return library.get(problem, None if depth is None else round(depth / radius, 10))
+    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)
+    return problem, None if depth is None else round(depth / radius, 10)
 
 
 def _weigh(record: Record, settings: Settings, surrogate: Surrogate) -> WeighedDrop:
     drop = prepare(record)
     load = drop.load
-    if settings.load == "half-sine":
-        load = fit_half_sine(drop.time, drop.load).load(drop.time)
+    if settings.load != "measured":
+        fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
+        load = fit(drop.time, drop.load).load(drop.time)
     return WeighedDrop(
         drop, surrogate, record.instrument, load, model_floor(drop, record.model_floor)
     )
@@ -213,10 +215,10 @@ def _report(
         modulus_interval=uncertainty.modulus_interval,
         depth_interval=uncertainty.depth_interval,
         modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
-        method=settings.method,
+        method="mpga" if settings.method == "published" else settings.method,
         model="half-space" if math.isinf(depth) else "layer",
         plate=settings.plate,
-        load=settings.load,
+        load="measured" if settings.load == "measured" else "half-sine",
         poisson_ratio=item.surrogate.problem.poisson_ratio,
         plate_radius=item.instrument.plate_radius,
         half_sine=fit_half_sine(drop.time, drop.load),

@@ -13,8 +13,10 @@ from inversion.kernel import FloatArray
 # (m, d) points of the unit box -> (m, n) weighted residuals.
 BatchResidual = Callable[[FloatArray], FloatArray]
 
-_DIFFERENCE = 1e-5
+_DIFFERENCE = 1e-4
 _LARGEST_DAMPING = 1e9
+# A step that lowers the misfit by less than this fraction ends the fit.
+_LEAST_GAIN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ def fit_batch(
     Parameters
     ----------
     residual : BatchResidual
-        Must be defined a little (1e-5) outside of the box.
+        Must be defined a little (1e-4) outside of the box.
     starts : (k, d) ndarray of float
     frozen : int, optional, column that keeps its start (for a profile)
     """
@@ -94,7 +96,7 @@ def fit_batch(
             moved = np.max(np.abs(proposed - points[active]), axis=1)
             gain = 1.0 - new_cost / cost[active]
             chosen = active[better]
-            done[active] |= (moved < tolerance) | (better & (gain < 1e-9))
+            done[active] |= (moved < tolerance) | (better & (gain < _LEAST_GAIN))
             points[chosen], values[chosen] = proposed[better], new_values[better]
             cost[chosen] = new_cost[better]
             damping[chosen] = np.maximum(damping[chosen] * 0.2, 1e-12)

@@ -111,3 +111,10 @@ class Misfit:
         left = self.residual(points)
         result: FloatArray = np.einsum("mn,mn->m", left, left) / left.shape[1]
         return result
+
+    def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Observed (n,) and predicted (m, n) displacement of the first sensor and drop, m."""
+        self.solves += points.shape[0]
+        model, observed, _ = self._models[0]
+        predicted = model.displacement(self.space.grounds(points))
+        return observed[0], predicted[:, -observed.shape[0]]

@@ -1,0 +1,310 @@
+"""From trace files to results: the one road for the command line, the screens and scripts."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+from inversion import (
+    InversionError,
+    InversionResult,
+    Record,
+    Settings,
+    SurrogateLibrary,
+    invert_joint,
+)
+from inversion.forward import Instrument
+from inversion.invert import surrogate_request
+from inversion.library import BuildProgress
+from inversion.record import Sensor
+from pfwd_device import Drop
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.header import Setup
+from pfwd_survey.options import AnalysisOptions
+from pfwd_survey.outcome import FileOutcome
+from pfwd_survey.screening import Screening, screen_point
+from pfwd_survey.traces import TracePoint, read_traces
+
+ASSUMED_POISSON_RATIO = 0.35
+"""Where none is declared: the usual value of subgrades; said so in every result."""
+
+# Keys of a result that has no analysis, in the order they are printed.
+_EMPTY: dict[str, Any] = dict.fromkeys(
+    (
+        "method",
+        "model",
+        "modulus_pa",
+        "modulus_sd_pa",
+        "viscosity_pa_s",
+        "viscosity_sd_pa_s",
+        "density_kg_m3",
+        "density_sd_kg_m3",
+        "bedrock_depth_m",
+        "bedrock_depth_sd_m",
+        "modulus_interval_pa",
+        "bedrock_depth_interval_m",
+        "modulus_depth_correlation",
+        "poisson_ratio",
+        "plate_radius_m",
+        "plate",
+        "load",
+        "half_sine",
+        "half_sine_equal_area",
+        "peak_modulus_pa",
+        "peak_factor",
+        "r_squared",
+        "noise_rms_m",
+        "residual_rms_over_peak",
+        "contact_residual_rms_over_peak",
+        "contact_end_s",
+        "window_end_s",
+        "explained",
+        "converged",
+        "at_bound",
+        "forward_solves",
+        "elapsed_s",
+        "seed",
+    )
+)
+
+
+@dataclass(frozen=True, eq=False)
+class DropAnalysis:
+    """A drop with what the screening and the inversion found.
+
+    ``result`` is None for a rejected drop; ``fault`` says why an accepted one has none.
+    """
+
+    drop: Drop
+    screening: Screening
+    result: InversionResult | None
+    fault: str | None = None
+
+
+def record_of(drop: Drop, setup: Setup, options: AnalysisOptions | None = None) -> Record:
+    """The inversion's record of a drop: its arrays and what the setup declares.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : Setup
+    options : AnalysisOptions, optional
+        ``published`` reads the load as the contact force, as the paper does: without plate mass.
+    """
+    mass = setup.plate_mass or 0.0
+    if options is not None and options.published:
+        mass = 0.0
+    instrument = Instrument(
+        plate_radius=setup.plate_radius,
+        plate_mass=mass,
+        geophone_natural_frequency=setup.geophone_natural_frequency,
+        geophone_damping=setup.geophone_damping,
+        load_filter=setup.load_filter_frequency,
+        load_delay=setup.load_delay or 0.0,
+    )
+    ratio = setup.poisson_ratio
+    return Record(
+        time=drop.time,
+        load=drop.load,
+        sensors=tuple(Sensor(c.offset, c.quantity, c.values) for c in drop.channels),
+        instrument=instrument,
+        poisson_ratio=ASSUMED_POISSON_RATIO if ratio is None else ratio,
+        density=setup.density,
+        bedrock_depth=setup.bedrock_depth,
+        model_floor=setup.model_floor,
+    )
+
+
+def settings_of(options: AnalysisOptions, setup: Setup) -> Settings:
+    """Settings of the inversion from the options; an option wins over what the file declares."""
+    choices = options.choices
+    depth: Any = "declared"
+    if options.bedrock_depth == "none" or options.model == "half-space":
+        depth = math.inf
+    elif options.bedrock_depth is not None:
+        depth = options.bedrock_depth
+    elif options.model == "layer" and setup.bedrock_depth == math.inf:
+        depth = "unknown"
+    elif options.published and setup.bedrock_depth is None:
+        # The paper takes the depth as known, and for a half-space where it is not.
+        depth = math.inf
+    return Settings(
+        plate=choices.plate,
+        load="half-sine-equal-area" if options.published else choices.load,
+        all_sensors=choices.sensors == "all",
+        bedrock_depth=depth,
+        elastic=options.elastic,
+        method="published" if options.published else choices.method,
+        seed=options.seed,
+    )
+
+
+def analyse_point(
+    point: TracePoint, options: AnalysisOptions, library: SurrogateLibrary
+) -> list[DropAnalysis]:
+    """Screen and invert the drops of one point, in their order."""
+    settings = settings_of(options, point.setup)
+    screenings = screen_point(point)
+    records = {
+        index: record_of(drop, point.setup, options)
+        for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+        if found.status != "rejected"
+    }
+    together = [i for i in records if screenings[i].status == "measured"] if options.joint else []
+    groups = [together] if together else []
+    groups += [[index] for index in records if index not in together]
+    found_results: dict[int, InversionResult] = {}
+    faults: dict[int, str] = {}
+    for group in groups:
+        try:
+            results = invert_joint([records[i] for i in group], settings, library)
+        except InversionError as error:
+            faults |= dict.fromkeys(group, str(error))
+        else:
+            found_results |= dict(zip(group, results, strict=True))
+    return [
+        DropAnalysis(drop, screenings[i], found_results.get(i), faults.get(i))
+        for i, drop in enumerate(point.drops)
+    ]
+
+
+def analyse_file(
+    path: str, options: AnalysisOptions, library: SurrogateLibrary
+) -> FileOutcome:
+    """Results of one trace file; a refused file comes back with the reason."""
+    try:
+        point = _read(path, options)
+        analyses = analyse_point(point, options, library)
+    except (SurveyError, InversionError) as error:
+        return FileOutcome(path, error=str(error))
+    results = [result_record(path, one, point) for one in analyses]
+    return FileOutcome(path, results=results, inversions=[one.result for one in analyses])
+
+
+def analyse_files(
+    paths: Sequence[str],
+    options: AnalysisOptions,
+    jobs: int = 1,
+    progress: BuildProgress | None = None,
+) -> Iterator[FileOutcome]:
+    """Outcomes of files in their order, on ``jobs`` processes.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Told while a surrogate is built, which happens once for a plate, Poisson's ratio and
+        sensor layout.
+    """
+    library = SurrogateLibrary(progress=progress)
+    if jobs <= 1 or len(paths) < 2:
+        for path in paths:
+            yield analyse_file(path, options, library)
+        return
+    # Built here once, so that the workers find them in the cache instead of each building them.
+    for path in paths:
+        _build_surrogate_of(path, options, library)
+    # Spawned on every platform alike: a forked copy of a threaded process may hang.
+    with ProcessPoolExecutor(min(jobs, len(paths)), get_context("spawn")) as pool:
+        yield from pool.map(partial(_analyse_in_worker, options=options), paths)
+
+
+_worker_library: SurrogateLibrary | None = None
+
+
+def _analyse_in_worker(path: str, options: AnalysisOptions) -> FileOutcome:
+    global _worker_library
+    if _worker_library is None:
+        _worker_library = SurrogateLibrary()
+    return analyse_file(path, options, _worker_library)
+
+
+def _read(path: str, options: AnalysisOptions) -> TracePoint:
+    return read_traces(path, options.header, options.overrides())
+
+
+def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> None:
+    try:
+        point = _read(path, options)
+        record = record_of(point.drops[0], point.setup, options)
+        library.get(*surrogate_request(record, settings_of(options, point.setup)))
+    except (SurveyError, InversionError):
+        # The worker meets the same fault and reports it with the file.
+        return
+
+
+def result_record(path: str | os.PathLike[str], one: DropAnalysis, point: TracePoint) -> dict[str, Any]:
+    """One drop as the machine-readable record of ``pfwd invert --json`` (SI units)."""
+    status, reason = one.screening.status, one.screening.reason
+    if one.fault is not None:
+        status, reason = "rejected", one.fault
+    record: dict[str, Any] = {
+        "file": os.fspath(path),
+        "drop": one.drop.number,
+        "status": status,
+        **({"reason": reason} if status == "rejected" else {}),
+        **_EMPTY,
+    }
+    warnings = [*point.warnings, *one.screening.warnings]
+    if one.result is not None:
+        record |= _analysis_record(one.result)
+        warnings += one.result.warnings
+    record["warnings"] = warnings
+    return record
+
+
+def _analysis_record(result: InversionResult) -> Mapping[str, Any]:
+    ground = result.subgrade
+    area = math.pi * result.plate_radius**2
+
+    def half_sine(fit: Any) -> dict[str, float]:
+        return {
+            "peak_pressure_pa": fit.peak_load / area,
+            "duration_s": fit.duration,
+            "rms_over_peak": fit.rms_over_peak,
+        }
+
+    return {
+        "method": result.method,
+        "model": result.model,
+        "modulus_pa": ground.modulus.value,
+        "modulus_sd_pa": ground.modulus.deviation,
+        "viscosity_pa_s": ground.viscosity.value,
+        "viscosity_sd_pa_s": ground.viscosity.deviation,
+        "density_kg_m3": ground.density.value,
+        "density_sd_kg_m3": ground.density.deviation,
+        "bedrock_depth_m": _finite(ground.bedrock_depth.value),
+        "bedrock_depth_sd_m": ground.bedrock_depth.deviation,
+        "modulus_interval_pa": list(result.modulus_interval),
+        "bedrock_depth_interval_m": result.depth_interval and list(result.depth_interval),
+        "modulus_depth_correlation": result.modulus_depth_correlation,
+        "poisson_ratio": result.poisson_ratio,
+        "plate_radius_m": result.plate_radius,
+        "plate": result.plate,
+        "load": result.load,
+        "half_sine": half_sine(result.half_sine),
+        "half_sine_equal_area": half_sine(result.half_sine_equal_area),
+        "peak_modulus_pa": result.peak.modulus,
+        "peak_factor": result.peak.factor,
+        "r_squared": result.r_squared,
+        "noise_rms_m": result.noise_rms,
+        "residual_rms_over_peak": result.residual_rms_over_peak,
+        "contact_residual_rms_over_peak": result.contact_residual_rms_over_peak,
+        "contact_end_s": result.history.contact_end,
+        "window_end_s": result.history.window_end,
+        "explained": result.explained,
+        "converged": result.converged,
+        "at_bound": list(result.at_bound),
+        "forward_solves": result.forward_solves,
+        "elapsed_s": result.elapsed,
+        "seed": result.seed,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,48 @@
+"""Progress on standard error, on a terminal only."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tui.output import clean, say
+
+
+@contextmanager
+def building() -> Iterator[Callable[[str, float], None]]:
+    """Yields the callable that a library tells about a surrogate it builds.
+
+    On a terminal a bar; elsewhere one line a surrogate, because it may take a minute the first
+    time and silence would look like a hang.
+    """
+    if not sys.stderr.isatty():
+        told: set[str] = set()
+
+        def tell(what: str, fraction: float) -> None:
+            if what not in told:
+                told.add(what)
+                say(f"building the response table once: {what}")
+
+        yield tell
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    tasks: dict[str, int] = {}
+
+    def draw(what: str, fraction: float) -> None:
+        if what not in tasks:
+            bar.start()
+            tasks[what] = bar.add_task(f"building once: {clean(what)}", total=1.0)
+        bar.update(tasks[what], completed=fraction)  # type: ignore[arg-type]
+
+    try:
+        yield draw
+    finally:
+        bar.stop()
