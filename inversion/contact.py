@@ -20,7 +20,7 @@ against it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -140,7 +140,7 @@ class PlateProblem:
 
 
 # Points that share a set of nodes differ by at most this factor in sqrt|z|.
-_LAYOUT_STEP = 1.15
+_LAYOUT_STEP = 1.25
 # Rows of the kernel evaluated together: the intermediate arrays stay in the cache.
 _ROWS_AT_ONCE = 32
 
@@ -185,7 +185,7 @@ def compliance_of_layout(
 ) -> ComplexArray:
     """:func:`plate_compliance` for points of one group of :func:`layouts`."""
     rule = rule or QuadratureRule.for_poisson_ratio(problem.poisson_ratio)
-    moments = _Moments.of(problem, rule, _LAYOUT_STEP**layout)
+    moments = _moments(problem, rule, layout)
     result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
     order = np.argsort(depths)
     for first in range(0, z.size, _ROWS_AT_ONCE):
@@ -290,6 +290,12 @@ class _Moments:
         moved = ww @ self.ring_even + (1.0 - self.problem.poisson_ratio) * static
         result: ComplexArray = moved / (2.0 * np.pi)
         return result
+
+
+# Enough for the layouts of one surrogate, a megabyte or two each.
+@lru_cache(maxsize=48)
+def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> _Moments:
+    return _Moments.of(problem, rule, _LAYOUT_STEP**layout)
 
 
 def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:

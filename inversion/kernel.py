@@ -71,12 +71,22 @@ def half_space_compliance(
     Compliance of (k, n) arrays
     """
     c = velocity_ratio_squared(poisson_ratio)
-    square = xi * xi
-    column = z[:, None]
+    square, column = xi * xi, z[:, None]
     alpha = np.sqrt(square + c * column)
     beta = np.sqrt(square + column)
+    return _unbounded(xi, column, c, alpha, beta, shear)
+
+
+def _unbounded(
+    xi: FloatArray,
+    z: ComplexArray,
+    c: float,
+    alpha: ComplexArray,
+    beta: ComplexArray,
+    shear: bool,
+) -> Compliance:
     ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
-    inverse = 1.0 / (column + 2.0 * square * ratio)
+    inverse = 1.0 / (z + 2.0 * xi * xi * ratio)
     if not shear:
         return Compliance(alpha * inverse, None, None)
     return Compliance(alpha * inverse, xi * (ratio - 1.0) * inverse, beta * inverse)
@@ -111,31 +121,38 @@ def layer_compliance(
     -------
     Compliance of (k, n) arrays
     """
-    result = half_space_compliance(xi, z, poisson_ratio, shear)
-    limited = np.flatnonzero(np.isfinite(depth))
-    if limited.size == 0:
-        return result
-    column, h = z[limited, None], depth[limited, None]
     c = velocity_ratio_squared(poisson_ratio)
-    # Both real parts grow with xi, so the nodes that feel the base come first; the S wave's
-    # real part is the larger one only below its own cut, so both are asked.
-    felt_p = np.sqrt(xi * xi + c * column).real * h < _NEGLIGIBLE_ECHO
-    felt_s = np.sqrt(xi * xi + column).real * h < _NEGLIGIBLE_ECHO
-    felt = int(np.max(np.flatnonzero(np.any(felt_p | felt_s, axis=0)), initial=-1)) + 1
+    square, column = xi * xi, z[:, None]
+    alpha = np.sqrt(square + c * column)
+    beta = np.sqrt(square + column)
+    limited = np.flatnonzero(np.isfinite(depth))
+    felt = 0
+    if limited.size:
+        h = depth[limited, None]
+        # Both real parts grow with xi, so the nodes that feel the base come first.
+        slowest = np.minimum(alpha.real[limited], beta.real[limited]) * h
+        felt = int(np.max(np.sum(slowest < _NEGLIGIBLE_ECHO, axis=1)))
+    result = _unbounded(xi, column, c, alpha, beta, shear)
     if felt:
-        solved = _bounded_layer(xi[:felt], column, c, h, shear)
+        near = slice(0, felt)
+        solved = _bounded_layer(
+            xi[near], column[limited], alpha[limited, near], beta[limited, near], h, shear
+        )
         for target, values in zip(result, solved, strict=True):
-            if target is not None:
-                target[limited, :felt] = values
+            if target is not None and values is not None:
+                target[limited, near] = values
     return result
 
 
 def _bounded_layer(
-    xi: FloatArray, z: ComplexArray, c: float, h: FloatArray, shear: bool
+    xi: FloatArray,
+    z: ComplexArray,
+    alpha: ComplexArray,
+    beta: ComplexArray,
+    h: FloatArray,
+    shear: bool,
 ) -> Compliance:
     square = xi * xi
-    alpha = np.sqrt(square + c * z)
-    beta = np.sqrt(square + z)
     down_p = np.exp(-alpha * h)
     down_s = np.exp(-beta * h)
     # Reflection at the clamped base: B = m A' - 2 xi beta C'/d, D = m C' - 2 xi alpha A'/d.

@@ -1,0 +1,283 @@
+r"""Operators of the multi-population search: pure functions on arrays.
+
+Genes live in the unit box.  ``genes`` is (p, n, d): p populations of n individuals of d genes;
+``misfit`` is (p, n), smaller is better, infinite where the objective could not be evaluated.
+Every function returns new arrays and draws only from the generator it is given, so a run is
+repeated by its seed alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+# Score of the fittest individual of a population, the 100 of Eq. 17.
+_FULL_SCORE = 100.0
+
+# A differential child is made from its parent and three others.
+SMALLEST_POPULATION = 4
+
+# Breeder mutation: steps of range * 2^(-16 u), from a tenth of the box down to 1e-6 of it.
+_MUTATION_RANGE = 0.1
+_MUTATION_HALVINGS = 16.0
+
+# Intermediate recombination reaches this far beyond the two parents; without it (0) each
+# crossover shrinks the population by itself.
+_CROSSOVER_REACH = 0.25
+
+
+@dataclass(frozen=True)
+class Role:
+    """How one population makes its differential children.
+
+    Different roles side by side are what makes the populations more than one large one: some
+    spread, some follow the coordinates, some close in.
+
+    Parameters
+    ----------
+    pull : float, 0 <= value <= 1
+        Part of the way from the base towards a parent selected on the scaled fitness.
+    weight : pair of float, lowest and highest
+        Each child draws the weight of its difference vector between these.
+    crossover_rate : float, 0 < value <= 1
+        Probability that a gene comes from the mutant.  Small values search along coordinates,
+        values near one do not mind a rotation of the axes.
+    own_base : bool
+        The child starts from its own parent; otherwise from another individual.
+    """
+
+    pull: float = 0.0
+    weight: tuple[float, float] = (0.2, 0.9)
+    crossover_rate: float = 0.9
+    own_base: bool = False
+
+
+class RoleTable:
+    """The roles of p populations as columns (p, 1, 1), ready to broadcast against genes.
+
+    Parameters
+    ----------
+    roles : tuple of Role, one per population
+    """
+
+    def __init__(self, roles: tuple[Role, ...]) -> None:
+        self.pull = _column([role.pull for role in roles])
+        self.lowest_weight = _column([role.weight[0] for role in roles])
+        self.weight_range = _column([role.weight[1] - role.weight[0] for role in roles])
+        self.crossover_rate = _column([role.crossover_rate for role in roles])
+        self.own_base = _column([float(role.own_base) for role in roles]) > 0.0
+
+
+def _column(values: list[float]) -> FloatArray:
+    return np.array(values, dtype=np.float64)[:, None, None]
+
+
+def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatArray:
+    """Points (count, size) of the unit box, one in each of ``count`` equal slices of every gene.
+
+    Latin hypercube sampling; McKay, Beckman and Conover (1979), section 2.
+    """
+    slices = np.argsort(rng.random((size, count)), axis=1).T
+    return np.asarray((slices + rng.random((count, size))) / count)
+
+
+def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArray:
+    """Distance (n,) of each point to the nearest one of lower misfit, infinite for the best.
+
+    A large value marks a point at the bottom of a basin of its own; Preuss (2010),
+    nearest-better clustering.
+    """
+    norm = np.einsum("nd,nd->n", points, points)
+    square = norm[:, None] + norm - 2.0 * points @ points.T
+    rank = np.empty(len(misfit), dtype=np.intp)
+    rank[np.argsort(misfit, kind="stable")] = np.arange(len(misfit))
+    square[rank[None, :] >= rank[:, None]] = np.inf
+    return np.asarray(np.sqrt(np.maximum(square.min(axis=1), 0.0)))
+
+
+def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
+    r"""Fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
+
+    The floor keeps a perfect fit finite.  A caller who wants Eq. 16 itself, with its peak term,
+    returns its reciprocal as the misfit.
+    """
+    return np.asarray(1.0 / (misfit + floor))
+
+
+def negative_misfit(misfit: FloatArray) -> FloatArray:
+    """Fitness Q = -f: on the scale of Eq. 17 selection then follows the misfit itself."""
+    return -misfit
+
+
+def scale_fitness(fitness: FloatArray) -> FloatArray:
+    r"""Scores (p, n) from 0 to 100 within each population.
+
+    .. math:: \xi_i = 100 \, \frac{Q_i - Q_{\min}}{Q_{\max} - Q_{\min}}
+
+    Eq. 17 of doi 10.11835/j.issn.2096-6717.2022.021.  It is 0/0 for equal individuals, who all
+    get 100 here.  Individuals that could not be evaluated score 0.
+    """
+    usable = np.isfinite(fitness)
+    if not usable.all():
+        worst = np.where(usable, fitness, np.inf).min(axis=1, keepdims=True)
+        fitness = np.where(usable, fitness, np.where(np.isfinite(worst), worst, 0.0))
+    least = fitness.min(axis=1, keepdims=True)
+    spread = fitness.max(axis=1, keepdims=True) - least
+    equal = spread <= 0.0
+    if not equal.any():
+        return np.asarray((fitness - least) * (_FULL_SCORE / spread))
+    scores = (fitness - least) * (_FULL_SCORE / np.where(equal, 1.0, spread))
+    return np.where(equal, _FULL_SCORE, scores)
+
+
+def select(scores: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Indices (p, n) of parents, each drawn in proportion to its score.
+
+    Stochastic universal sampling: one throw places n equally spaced pointers on the roulette
+    wheel, so that nobody is chosen less often than the whole part of its share; Baker (1987).
+    The indices come in ascending order: whoever pairs parents shuffles them.
+    """
+    populations, count = scores.shape
+    wheel = np.add.accumulate(scores, axis=1)
+    pointers = (rng.random((populations, 1)) + np.arange(count)) * (wheel[:, -1:] / count)
+    chosen = np.add.reduce(pointers[:, :, None] >= wheel[:, None, :], axis=2)
+    # Rounding can put the last pointer on the end of the wheel.
+    return np.asarray(np.minimum(chosen, count - 1))
+
+
+def shuffled(shape: tuple[int, int], rng: np.random.Generator) -> IntArray:
+    """A random order (p, n) of the individuals of each population."""
+    return np.argsort(rng.random(shape), axis=1)
+
+
+def take(values: FloatArray, index: IntArray) -> FloatArray:
+    """Rows of each population: (p, n, d) or (p, n) values at (p, m) indices."""
+    populations, count = values.shape[:2]
+    flat = index + (np.arange(populations) * count)[:, None]
+    return np.asarray(values.reshape(populations * count, *values.shape[2:])[flat])
+
+
+def reflect(genes: FloatArray) -> FloatArray:
+    """Genes from -1 to 2 folded back into the unit box at its faces."""
+    return np.asarray(1.0 - np.abs(1.0 - np.abs(genes)))
+
+
+def cross_intermediate(
+    parents: FloatArray, probability: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    r"""Children of neighbouring parents by real crossover, :math:`x + \lambda (y - x)`.
+
+    One :math:`\lambda` per gene, uniform on [-1/4, 5/4]; intermediate recombination,
+    Muehlenbein and Schlierkamp-Voosen (1993), section 4.
+
+    Parameters
+    ----------
+    parents : (p, n, d) ndarray of float
+        Individuals 0 and 1 mate, 2 and 3, and so on; an odd last one stays as it is.
+    probability : (p,) ndarray of float
+        Chance of each pair to cross at all.
+    """
+    populations, count, size = parents.shape
+    pairs = count // 2
+    first, second = parents[:, 0 : 2 * pairs : 2], parents[:, 1 : 2 * pairs : 2]
+    reach = 1.0 + 2.0 * _CROSSOVER_REACH
+    share = rng.random((2, populations, pairs, size)) * reach - _CROSSOVER_REACH
+    share *= rng.random((populations, pairs, 1)) < probability[:, None, None]
+    children = parents.copy()
+    children[:, 0 : 2 * pairs : 2] += share[0] * (second - first)
+    children[:, 1 : 2 * pairs : 2] += share[1] * (first - second)
+    return reflect(children)
+
+
+def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator) -> FloatArray:
+    r"""Genes moved with the given probability by :math:`\pm 0.1 \cdot 2^{-16 u}`, u uniform.
+
+    Steps of every size are equally likely on a logarithmic scale, which serves the search at
+    its start and at its end alike; breeder mutation, Muehlenbein and Schlierkamp-Voosen (1993),
+    section 3.
+
+    Parameters
+    ----------
+    probability : (p,) ndarray of float, chance of each gene
+    """
+    step = _MUTATION_RANGE * np.exp2(-_MUTATION_HALVINGS * rng.random(genes.shape))
+    draw = rng.random(genes.shape)
+    chance = probability[:, None, None]
+    # The same draw tells whether and, by its half, in which direction.
+    sign = np.where(draw < 0.5 * chance, -1.0, np.where(draw < chance, 1.0, 0.0))
+    return reflect(genes + sign * step)
+
+
+def differential_children(
+    genes: FloatArray, attractors: FloatArray, roles: RoleTable, rng: np.random.Generator
+) -> FloatArray:
+    r"""One child (p, n, d) of each individual, by differences of others.
+
+    .. math:: v = b + K (s - b) + F (x_1 - x_2)
+
+    with b another individual (or the parent itself, by role), s the selected attractor and
+    :math:`x_1, x_2` two more individuals; each gene of v replaces the parent's with the role's
+    probability, one of them always.  Storn and Price (1997), sections 2 and 3.
+
+    Parameters
+    ----------
+    genes : (p, n + 3, d) ndarray of float
+        The populations in random order, the first three individuals repeated at the end: the
+        three neighbours of an individual are then others, drawn without a search.
+    attractors : (p, n, d) ndarray of float
+    roles : RoleTable
+    """
+    parents = genes[:, :-3]
+    populations, count, size = parents.shape
+    base = np.where(roles.own_base, parents, genes[:, 3:])
+    weight = roles.lowest_weight + roles.weight_range * rng.random((populations, count, 1))
+    mutant = base + roles.pull * (attractors - base) + weight * (genes[:, 1:-2] - genes[:, 2:-1])
+    crossed = rng.random((populations, count, size)) < roles.crossover_rate
+    crossed |= rng.integers(0, size, (populations, count, 1)) == np.arange(size)
+    return np.where(crossed, reflect(mutant), parents)
+
+
+def keep_better(
+    genes: FloatArray, misfit: FloatArray, children: FloatArray, child_misfit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Each parent or its child, whichever fits better: the best can only stay or improve."""
+    better = child_misfit < misfit
+    return np.where(better[:, :, None], children, genes), np.where(better, child_misfit, misfit)
+
+
+def keep_elite(
+    genes: FloatArray, misfit: FloatArray, children: FloatArray, child_misfit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The children, the worst of each population replaced by the best parent."""
+    rows = np.arange(len(misfit))
+    elite, worst = misfit.argmin(axis=1), child_misfit.argmax(axis=1)
+    genes_kept, misfit_kept = children.copy(), child_misfit.copy()
+    genes_kept[rows, worst], misfit_kept[rows, worst] = genes[rows, elite], misfit[rows, elite]
+    return genes_kept, misfit_kept
+
+
+def immigrate(
+    genes: FloatArray, misfit: FloatArray, first: int, second: int
+) -> tuple[FloatArray, FloatArray]:
+    """Two populations after each sent a copy of its best to replace the worst of the other.
+
+    Sizes stay, and nobody's best is lost: the worst leaves, and in a population of one the
+    better of the two remains.
+    """
+    genes, misfit = genes.copy(), misfit.copy()
+    best = misfit.argmin(axis=1)
+    worst = misfit.argmax(axis=1)
+    guests = {
+        first: (genes[second, best[second]].copy(), misfit[second, best[second]]),
+        second: (genes[first, best[first]].copy(), misfit[first, best[first]]),
+    }
+    for home, (guest, guest_misfit) in guests.items():
+        if guest_misfit < misfit[home, worst[home]]:
+            genes[home, worst[home]] = guest
+            misfit[home, worst[home]] = guest_misfit
+    return genes, misfit
