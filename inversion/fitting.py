@@ -24,9 +24,12 @@ _FULL_SAMPLES = 400
 _PROFILE_DEPTHS = 14
 # Minima closer than this, in units of the box, are one.
 _SAME_PLACE = 0.02
-# The whole record is fitted when a ground that fits the contact comes within five times the
-# model's error of all of it, and kept when the fit then comes within 1.5 times.
-_TAIL_WORTH_A_TRY = 25.0
+# Grounds that fit the contact within the model's error beyond the best one are tried on the whole
+# record, the most promising of them refined; the whole record is kept when the residual of all of
+# it is within 1.5 times the model's error.
+_CONTACT_ALLOWS = 1.0
+_TAIL_CANDIDATES = 5
+_TAIL_WORTH_POLISHING = 9.0
 _TAIL_EXPLAINED = 2.25
 
 
@@ -103,11 +106,11 @@ def fit_ground(
         misfit=fine,
         drops=drops,
     )
-    return _with_tail(fit) or fit
+    return _with_tail(fit)
 
 
-def _with_tail(fit: GroundFit) -> GroundFit | None:
-    """The fit of the whole record, where the model explains all of it; otherwise None.
+def _with_tail(fit: GroundFit) -> GroundFit:
+    """The fit of the whole record, where the model explains all of it; otherwise as it was.
 
     After the contact the plate of a real device may bounce and tip, which the load cell does not
     tell; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
@@ -115,27 +118,31 @@ def _with_tail(fit: GroundFit) -> GroundFit | None:
     """
     longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
-        return None
-    whole = Misfit(longer, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES)
-    candidates = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= fit.best.cost + 1.0]
-    points = np.stack([m.point for m in candidates])
-    cost = whole.objective(points)
-    order = np.argsort(cost)[:3]
-    spent = points.shape[0]
-    if cost[order[0]] > _TAIL_WORTH_A_TRY:
-        return None
-    polished = fit_batch(whole.residual, points[order], iterations=12)
+        return fit
+    space = fit.misfit.space
+    rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
+    allowed = fit.best.cost + _CONTACT_ALLOWS
+    points = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
+    order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
+    tried = fit_batch(rough.residual, points[order], iterations=8, tolerance=1e-3)
+    solves = fit.solves + rough.solves
+    if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
+        return replace(fit, solves=solves)
+    whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    chosen = _promising(_distinct(tried.points, tried.cost))
+    polished = fit_batch(whole.residual, np.stack([m.point for m in chosen]), iterations=15)
+    solves += whole.solves
     found = _distinct(polished.points, polished.cost)
     if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
-        return None
-    again = tuple(Minimum(m.point, float(c)) for m, c in zip(candidates, cost, strict=True))
+        return replace(fit, solves=solves)
+    rest = _distinct(tried.points, tried.cost)
     return replace(
         fit,
         best=found[0],
         others=found[1:],
-        profile=again,
+        profile=rest,
         converged=bool(polished.converged[polished.best]),
-        solves=fit.solves + spent + polished.solves,
+        solves=solves,
         misfit=whole,
         drops=longer,
     )

@@ -48,7 +48,7 @@ class Instrument:
 
     def response(self, s: ComplexArray) -> ComplexArray:
         """What the instrument does to displacement over load, (n,) at Laplace variables (n,)."""
-        result = np.exp(s * self.load_delay)
+        result: ComplexArray = np.exp(s * self.load_delay)
         if self.geophone_natural_frequency is not None and self.geophone_damping is not None:
             natural = 2.0 * np.pi * self.geophone_natural_frequency
             result = result * s**2 / (s**2 + 2.0 * self.geophone_damping * natural * s + natural**2)

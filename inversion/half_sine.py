@@ -71,9 +71,7 @@ def fit_half_sine(time: FloatArray, load: FloatArray) -> HalfSineFit:
     cost = float(np.sum((curve(x) - target) ** 2))
     for _ in range(30):
         base = curve(x)
-        jacobian = np.stack(
-            [(curve(x + step) - base) / 1e-6 for step in 1e-6 * np.eye(3)], axis=1
-        )
+        jacobian = np.stack([(curve(x + step) - base) / 1e-6 for step in 1e-6 * np.eye(3)], axis=1)
         move = np.linalg.lstsq(jacobian, target - base, rcond=None)[0]
         while True:
             new = float(np.sum((curve(x + move) - target) ** 2))

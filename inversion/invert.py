@@ -23,6 +23,7 @@ from inversion.peak_method import PeakModulus, peak_modulus
 from inversion.record import PreparedDrop, Record, prepare
 from inversion.result import Histories, InversionResult, Subgrade, Value
 from inversion.surrogate import Surrogate
+from inversion.threads import single_threaded_blas
 from inversion.uncertainty import Uncertainty, estimate_uncertainty
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -105,12 +106,18 @@ def invert_joint(
     RecordError
         If the records do not belong together, or as for :func:`invert`.
     """
-    settings = settings or Settings()
+    with single_threaded_blas():
+        return _invert_joint(records, settings or Settings(), library or SurrogateLibrary())
+
+
+def _invert_joint(
+    records: Sequence[Record], settings: Settings, library: SurrogateLibrary
+) -> tuple[InversionResult, ...]:
     _check_alike(records)
     used = [_selected(record, settings) for record in records]
     first = used[0]
     depth = settings.depth_of(first)
-    surrogate = (library or SurrogateLibrary()).get(*surrogate_request(first, settings))
+    surrogate = library.get(*surrogate_request(first, settings))
     begun = clock.perf_counter()
     weighed = tuple(_weigh(record, settings, surrogate) for record in used)
     peaks = [_peak(item.drop, first) for item in weighed]
@@ -287,9 +294,7 @@ def _r_squared(drop: PreparedDrop, history: Histories) -> float:
     return 1.0 - left / float(np.sum((observed - observed.mean()) ** 2))
 
 
-def _warnings(
-    result: InversionResult, fit: GroundFit, uncertainty: Uncertainty
-) -> tuple[str, ...]:
+def _warnings(result: InversionResult, fit: GroundFit, uncertainty: Uncertainty) -> tuple[str, ...]:
     found = []
     for name in result.at_bound:
         found.append(f"{name.replace('_', ' ')} sits on a bound of the search")

@@ -18,13 +18,13 @@ quantities) the surface moves by
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-ComplexArray = NDArray[np.complex128]
-FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+FloatArray = NDArray[np.floating[Any]]
 
 # Beyond this many nepers a wave that went down and came back is below double precision.
 _NEGLIGIBLE_ECHO = 19.0

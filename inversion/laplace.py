@@ -84,7 +84,8 @@ class DampedTransform:
         :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; what came before
         the first sample and comes after the last one counts as zero.
         """
-        return self._hat(time) * (np.exp(-np.outer(self.s, time)) @ values)
+        result: ComplexArray = self._hat(time) * (np.exp(-np.outer(self.s, time)) @ values)
+        return result
 
     def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
         """Real part of the weights (k, n) on the spectrum as weights (k, m) on the samples."""

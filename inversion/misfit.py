@@ -42,9 +42,7 @@ class WeighedDrop:
     def scale(self) -> FloatArray:
         """Displacement error a residual is measured in, per sensor (n_sensors,), m."""
         drop = self.drop
-        result: FloatArray = np.sqrt(
-            drop.noise**2 + drop.quantisation**2 + self.model_floor**2
-        )
+        result: FloatArray = np.sqrt(drop.noise**2 + drop.quantisation**2 + self.model_floor**2)
         return result
 
     def model(self, wanted: FloatArray, band: float, single: bool = False) -> ForwardModel:

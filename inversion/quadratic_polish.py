@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion.errors import ModelError
+from inversion.minima import Minima
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 Objective = Callable[[FloatArray], FloatArray]
 
 # Newton steps tried: of the model of f (the full step, shorter ones where it was too bold, twice
@@ -43,184 +45,260 @@ _LARGEST_STRETCH = 30.0
 _WIDEST_RADIUS = 0.1
 _FINEST_RADIUS = 1e-10
 
+# Curvatures below this part of the steepest are rounding.
+_SMALLEST_CURVATURE = 1e-10
+
 # Differences of a design smaller than this part of the misfit are rounding.
 _FLAT = 1e-14
 
 
-class QuadraticPolish:
-    """One minimum of the unit box being polished; asks for points and is told their misfits.
+def iteration_cost(size: int) -> int:
+    """Evaluations of one iteration for one minimum of ``size`` genes."""
+    design = 1 + 2 * size + size * (size - 1) // 2
+    return design + len(_STEPS) + len(_STEPS_SQUARED)
 
-    Being asked for its points, several polishes can share one batch of the objective.
+
+class QuadraticPolish:
+    """Several minima of the unit box being polished; asks for points and is told their misfits.
+
+    All advance together, so that they share the batches of the objective.
 
     Parameters
     ----------
-    point : (d,) ndarray of float in the unit box
-    misfit : float, of that point
-    radius : float, size of the first design in parts of the box
+    starts : Minima
+        Each first design is as large as the radius of its place.
 
     Attributes
     ----------
-    point, misfit : best so far
-    radius : float, size of the present design
-    converged : bool
-        The design has shrunk to nothing or is flat to rounding; nothing is asked any more.
+    points, misfits : (k, d) and (k,) ndarray of float, best so far
+    converged : (k,) ndarray of bool
+        The design has shrunk to nothing or is flat to rounding; no more points are asked for it.
     """
 
-    def __init__(self, point: FloatArray, misfit: float, radius: float) -> None:
-        self.point = np.array(point, dtype=np.float64)
-        self.misfit = float(misfit)
-        self.converged = False
-        size = self.point.size
-        self._first, self._second = np.triu_indices(size, 1)
+    def __init__(self, starts: Minima) -> None:
+        self.points = starts.points.copy()
+        self.misfits = starts.misfits.copy()
+        self.converged = np.zeros(len(starts), dtype=bool)
+        size = self.points.shape[1]
         unit = np.eye(size)
+        self._pairs = np.triu_indices(size, 1)
         # Centre, both ways along each direction, and the sum of each pair of directions.
-        self._design = np.vstack(
-            [np.zeros((1, size)), unit, -unit, unit[self._first] + unit[self._second]]
-        )
-        self._directions = radius * unit
-        self._centre = self.point
-        self._asked = np.empty((0, size))
-        self._model: tuple[FloatArray, FloatArray] | None = None
-        self._inverse = self._axes = self._directions
-        self._progress = (self.point, self.misfit)
+        sums = unit[self._pairs[0]] + unit[self._pairs[1]]
+        self._design = np.concatenate([np.zeros((1, size)), unit, -unit, sums])
+        # Columns of each matrix are the directions of that design.
+        self._directions = starts.radii[:, None, None] * unit
+        self._active = np.arange(len(starts))
+        self._asked = np.empty((0, 0, size))
+        self._iteration: _Iteration | None = None
 
     @property
-    def radius(self) -> float:
-        """Largest extent of the present design in any gene."""
-        return float(np.abs(self._directions).max())
+    def minima(self) -> Minima:
+        """The best points so far; their radii are the sizes of the present designs."""
+        return Minima(self.points, self.misfits, np.abs(self._directions).max(axis=(1, 2)))
 
     @property
-    def evaluations_per_iteration(self) -> int:
-        """Points asked for in the two batches of one iteration."""
-        return len(self._design) + len(_STEPS) + len(_STEPS_SQUARED)
+    def iteration_cost(self) -> int:
+        """Evaluations that the next iteration asks for, in its two batches."""
+        return iteration_cost(self.points.shape[1]) * int(np.count_nonzero(~self.converged))
 
     @property
     def between_iterations(self) -> bool:
         """The next batch begins an iteration."""
-        return self._model is None
+        return self._iteration is None
+
+    def keep_best(self) -> None:
+        """Go on with the best minimum only; between iterations."""
+        best = self.misfits.argmin()[None]
+        self.points, self.misfits = self.points[best], self.misfits[best]
+        self.converged, self._directions = self.converged[best], self._directions[best]
 
     def ask(self) -> FloatArray:
         """Points (m, d) of the unit box to evaluate next."""
-        if self._model is None:
-            offsets = self._design @ self._directions.T
-            # The design moves away from a face it would cross; a step may still end on it.
-            margin = np.minimum(np.abs(offsets).max(axis=0), 0.5)
-            self._centre = np.clip(self.point, margin, 1.0 - margin)
-            self._asked = np.clip(self._centre + offsets, 0.0, 1.0)
+        if self._iteration is None:
+            self._active = np.flatnonzero(~self.converged)
+            self._asked = self._design_points()
         else:
-            self._asked = self._newton_points(*self._model)
-        return self._asked
+            self._asked = self._iteration.newton_points()
+        return self._asked.reshape(-1, self.points.shape[1])
 
-    def tell(self, misfit: FloatArray) -> None:
+    def tell(self, misfits: FloatArray) -> None:
         """Take the misfits (m,) of the points asked for; infinite ones are allowed."""
-        begins = self._model is None
-        if begins:
-            self._progress = (self.point, self.misfit)
-        best = int(np.argmin(misfit))
-        if misfit[best] < self.misfit:
-            self.point, self.misfit = self._asked[best], float(misfit[best])
-        if not begins:
-            self._model = None
-            self._resize()
-        elif not np.isfinite(misfit).all():
-            self._directions = self._directions * _DESIGN_AFTER_FAILURE
-            self._check_size()
-        elif np.ptp(misfit) <= _FLAT * abs(self.misfit):
-            self.converged = True
+        values = misfits.reshape(self._asked.shape[:2])
+        if self._iteration is None:
+            self._begin_iteration(values)
         else:
-            scale = np.abs(misfit).max()
-            values = misfit / scale
-            self._model = (values, values * np.abs(values))
+            self._take_best(values)
+            self._resize(self._iteration)
+            self._iteration = None
 
-    def _newton_points(self, values: FloatArray, squares: FloatArray) -> FloatArray:
-        inverse = np.linalg.inv(self._directions)
-        points = []
-        for heights, steps in ((values, _STEPS), (squares, _STEPS_SQUARED)):
-            gradient, hessian = self._derivatives(heights)
-            step = _bounded_newton_step(
-                inverse.T @ gradient, inverse.T @ hessian @ inverse, self._centre
+    def _design_points(self) -> FloatArray:
+        offsets = np.einsum("mj,kij->kmi", self._design, self._directions[self._active])
+        # The design moves away from a face it would cross; a step may still end on it.
+        margin = np.minimum(np.abs(offsets).max(axis=1), 0.5)
+        centres = np.clip(self.points[self._active], margin, 1.0 - margin)
+        return np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
+
+    def _begin_iteration(self, values: FloatArray) -> None:
+        starts, start_misfits = self.points.copy(), self.misfits.copy()
+        self._take_best(values)
+        usable = np.isfinite(values).all(axis=1)
+        failed = self._active[~usable]
+        self._directions[failed] *= _DESIGN_AFTER_FAILURE
+        self.converged[failed] = self.minima.radii[failed] < _FINEST_RADIUS
+        with np.errstate(invalid="ignore"):
+            flat = np.ptp(values, axis=1) <= _FLAT * np.abs(self.misfits[self._active])
+        self.converged[self._active[usable & flat]] = True
+        modelled = usable & ~flat
+        self._active = self._active[modelled]
+        if len(self._active):
+            heights = values[modelled] / np.abs(values[modelled]).max(axis=1, keepdims=True)
+            self._iteration = _Iteration(
+                starts=starts[self._active],
+                start_misfits=start_misfits[self._active],
+                centres=self._asked[modelled, 0],
+                directions=self._directions[self._active],
+                heights=heights,
+                pairs=self._pairs,
             )
-            length = np.abs(inverse @ step).max()
-            step = step * min(1.0, _LONGEST_STEP / max(length, 1e-300))
-            points.append(self._centre + steps[:, None] * step)
-        self._inverse = inverse
-        self._axes = self._principal_axes(self._derivatives(values)[1])
-        return np.asarray(np.clip(np.concatenate(points), 0.0, 1.0))
 
-    def _derivatives(self, heights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (d,) and Hessian (d, d) along the directions, exact for a quadratic."""
-        size = self.point.size
-        here, ahead, behind = heights[0], heights[1 : size + 1], heights[size + 1 : 2 * size + 1]
-        gradient = 0.5 * (ahead - behind)
-        curvature = ahead + behind - 2.0 * here
-        hessian = np.diag(curvature)
-        i, j = self._first, self._second
-        hessian[i, j] = hessian[j, i] = (
-            heights[2 * size + 1 :]
-            - here
-            - gradient[i]
-            - gradient[j]
-            - 0.5 * (curvature[i] + curvature[j])
+    def _take_best(self, values: FloatArray) -> None:
+        rows = np.arange(len(values))
+        best = values.argmin(axis=1)
+        better = values[rows, best] < self.misfits[self._active]
+        index = self._active[better]
+        self.points[index] = self._asked[rows, best][better]
+        self.misfits[index] = values[rows, best][better]
+
+    def _resize(self, iteration: _Iteration) -> None:
+        index = self._active
+        moves = self.points[index] - iteration.starts
+        lengths = np.abs(np.einsum("kij,kj->ki", iteration.inverse, moves)).max(axis=1)
+        factors = np.where(
+            self.misfits[index] < iteration.start_misfits,
+            np.clip(_DESIGN_PER_MOVE * lengths, _SMALLEST_DESIGN, _LARGEST_DESIGN),
+            _DESIGN_AFTER_FAILURE,
         )
-        return gradient, hessian
-
-    def _principal_axes(self, hessian: FloatArray) -> FloatArray:
-        """Columns along the model's axes that each change it alike, the middle one unchanged."""
-        curvature, axes = np.linalg.eigh(hessian)
-        curvature = np.abs(curvature)
-        steepest = curvature.max()
-        if steepest <= 0.0:
-            return self._directions
-        length = 1.0 / np.sqrt(np.maximum(curvature, steepest / _LARGEST_STRETCH**2))
-        return np.asarray(self._directions @ (axes * (length / np.median(length))))
-
-    def _resize(self) -> None:
-        start, start_misfit = self._progress
-        if self.misfit < start_misfit:
-            move = np.abs(self._inverse @ (self.point - start)).max()
-            factor = float(np.clip(_DESIGN_PER_MOVE * move, _SMALLEST_DESIGN, _LARGEST_DESIGN))
-        else:
-            factor = _DESIGN_AFTER_FAILURE
-        self._directions = factor * self._axes
-        self._check_size()
-
-    def _check_size(self) -> None:
-        radius = self.radius
-        if radius > _WIDEST_RADIUS:
-            self._directions = self._directions * (_WIDEST_RADIUS / radius)
-        self.converged = radius < _FINEST_RADIUS
+        directions = factors[:, None, None] * iteration.axes
+        radii = np.abs(directions).max(axis=(1, 2))
+        directions *= np.minimum(1.0, _WIDEST_RADIUS / radii)[:, None, None]
+        self._directions[index] = directions
+        self.converged[index] = radii < _FINEST_RADIUS
 
 
-def _bounded_newton_step(
-    gradient: FloatArray, hessian: FloatArray, point: FloatArray
-) -> FloatArray:
-    """Step (d,) to the minimum of a quadratic model within the unit box.
+class _Iteration:
+    """Models of f and f^2 from one design of each of k minima, and what follows from them."""
 
-    Negative curvature counts by its size, so that the step always descends.  Where the way
-    leaves the box, the gene that meets its face first stays there and the others go on.
+    def __init__(
+        self,
+        starts: FloatArray,
+        start_misfits: FloatArray,
+        centres: FloatArray,
+        directions: FloatArray,
+        heights: FloatArray,
+        pairs: tuple[IntArray, IntArray],
+    ) -> None:
+        self.starts = starts
+        self.start_misfits = start_misfits
+        self._centres = centres
+        self.inverse = np.linalg.inv(directions)
+        # The square keeps its sign, so that lower stays lower below zero.
+        both = np.stack([heights, heights * np.abs(heights)])
+        self._gradients, self._hessians = _derivatives(both, pairs)
+        self.axes = _principal_axes(directions, self._hessians[0])
+
+    def newton_points(self) -> FloatArray:
+        """Points (k, m, d) towards the minima of both models."""
+        turned = np.swapaxes(self.inverse, 1, 2)
+        gradients = np.einsum("kij,qkj->qki", turned, self._gradients)
+        hessians = turned @ self._hessians @ self.inverse
+        size = self._centres.shape[1]
+        ways = bounded_newton_step(
+            gradients.reshape(-1, size),
+            hessians.reshape(-1, size, size),
+            np.concatenate([self._centres, self._centres]),
+        ).reshape(gradients.shape)
+        lengths = np.abs(np.einsum("kij,qkj->qki", self.inverse, ways)).max(axis=2, keepdims=True)
+        ways = ways * np.minimum(1.0, _LONGEST_STEP / np.maximum(lengths, 1e-300))
+        offsets = np.concatenate(
+            [
+                _STEPS[:, None] * ways[0][:, None, :],
+                _STEPS_SQUARED[:, None] * ways[1][:, None, :],
+            ],
+            axis=1,
+        )
+        return np.clip(self._centres[:, None, :] + offsets, 0.0, 1.0)
+
+
+def _derivatives(
+    heights: FloatArray, pairs: tuple[IntArray, IntArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradients (..., d) and Hessians (..., d, d) along the directions, exact for a quadratic."""
+    size = (heights.shape[-1] - 1 - len(pairs[0])) // 2
+    here, ahead, behind, sums = np.split(heights, [1, 1 + size, 1 + 2 * size], axis=-1)
+    gradient = 0.5 * (ahead - behind)
+    curvature = ahead + behind - 2.0 * here
+    hessian = curvature[..., None] * np.eye(size)
+    i, j = pairs
+    # f(e_i + e_j) - f(0) holds both slopes, half of both curvatures and the mixed derivative.
+    alone = gradient + 0.5 * curvature
+    hessian[..., i, j] = hessian[..., j, i] = sums - here - alone[..., i] - alone[..., j]
+    return gradient, hessian
+
+
+def _principal_axes(directions: FloatArray, hessians: FloatArray) -> FloatArray:
+    """Directions (k, d, d) along each model's axes that all change it alike.
+
+    The middle axis keeps its length, none becomes longer than the shortest by more than the
+    largest stretch.
     """
-    curvature, axes = np.linalg.eigh(hessian)
+    curvature, axes = np.linalg.eigh(hessians)
     curvature = np.abs(curvature)
-    curvature = np.maximum(curvature, 1e-10 * curvature.max() + 1e-300)
-    hessian = (axes * curvature) @ axes.T
-    step = np.zeros_like(point)
-    free = np.ones(point.size, dtype=bool)
-    while free.any():
-        index = np.flatnonzero(free)
-        way = np.zeros_like(point)
-        way[index] = np.linalg.solve(
-            hessian[np.ix_(index, index)], -(gradient + hessian @ step)[index]
-        )
-        target = np.where(way > 0.0, 1.0, 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(way == 0.0, np.inf, (target - point - step) / way)
-        first = int(room.argmin())
-        if room[first] >= 1.0:
-            return step + way
-        step = step + room[first] * way
-        step[first] = target[first] - point[first]
-        free[first] = False
-    return step
+    steepest = curvature.max(axis=1, keepdims=True)
+    least = np.where(steepest > 0.0, steepest / _LARGEST_STRETCH**2, 1.0)
+    lengths = 1.0 / np.sqrt(np.maximum(curvature, least))
+    middle = np.sort(lengths, axis=1)[:, lengths.shape[1] // 2, None]
+    return np.asarray(directions @ (axes * (lengths / middle)[:, None, :]))
+
+
+def bounded_newton_step(
+    gradients: FloatArray, hessians: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Steps (n, d) to the minima of quadratic models within the unit box.
+
+    Negative curvature counts by its size, so that a step always descends.  Where the way leaves
+    the box, the gene that meets its face first stays there and the others go on.
+
+    Parameters
+    ----------
+    gradients, points : (n, d) ndarray of float
+    hessians : (n, d, d) ndarray of float
+    """
+    count, size = points.shape
+    unit = np.eye(size)
+    curvature, axes = np.linalg.eigh(hessians)
+    curvature = np.abs(curvature)
+    least = _SMALLEST_CURVATURE * curvature.max(axis=1, keepdims=True)
+    curvature = np.maximum(curvature, np.maximum(least, np.finfo(float).tiny))
+    hessians = (axes * curvature[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    rows = np.arange(count)
+    steps = np.zeros_like(points)
+    free = np.ones((count, size), dtype=bool)
+    for _ in range(size):
+        slope = gradients + np.einsum("nij,nj->ni", hessians, steps)
+        matrix = np.where(free[:, :, None] & free[:, None, :], hessians, unit)
+        way = np.linalg.solve(matrix, np.where(free, -slope, 0.0)[:, :, None])[:, :, 0]
+        faces = np.where(way > 0.0, 1.0, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            room = np.where(way == 0.0, np.inf, (faces - points - steps) / way)
+        first = room.argmin(axis=1)
+        steps += np.minimum(room[rows, first], 1.0)[:, None] * way
+        hit = room[rows, first] < 1.0
+        if not hit.any():
+            break
+        met = first[hit]
+        steps[hit, met] = faces[hit, met] - points[hit, met]
+        free[hit, met] = False
+    return steps
 
 
 def polish(
@@ -263,12 +341,12 @@ def polish(
         return np.where(np.isfinite(values), values, np.inf)
 
     point = np.clip((np.asarray(start, dtype=np.float64) - lower) / (upper - lower), 0.0, 1.0)
-    work = QuadraticPolish(point, float(misfit_of(point[None])[0]), radius)
+    work = QuadraticPolish(Minima(point[None], misfit_of(point[None]), np.array([radius])))
     used = 1
-    while not work.converged:
-        if work.between_iterations and used + work.evaluations_per_iteration > evaluations:
-            break
+    while not (work.between_iterations and used + work.iteration_cost > evaluations):
         points = work.ask()
+        if not len(points):
+            break
         work.tell(misfit_of(points))
         used += len(points)
-    return np.minimum(lower + (upper - lower) * work.point, upper), work.misfit, used
+    return np.minimum(lower + (upper - lower) * work.points[0], upper), float(work.misfits[0]), used

@@ -9,8 +9,9 @@ sum is the transform of a real, causal and stable response whatever the coeffici
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from inversion.kernel import ComplexArray, FloatArray
 
@@ -42,7 +43,7 @@ def evaluate(
     -------
     (m, channels, n) ndarray of complex
     """
-    kind = np.float32 if single else np.float64
+    kind: type[np.floating[Any]] = np.float32 if single else np.float64
     count, width = y.shape
     size = np.abs(poles)
     k = poles.size
@@ -73,14 +74,14 @@ def evaluate(
 
 
 def _resonances(
-    real: NDArray[np.floating],
-    imaginary: NDArray[np.floating],
-    square_real: NDArray[np.floating],
-    square_imaginary: NDArray[np.floating],
-    damping: NDArray[np.floating],
-    square: NDArray[np.floating],
-    buffers: list[NDArray[np.floating]],
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    real: FloatArray,
+    imaginary: FloatArray,
+    square_real: FloatArray,
+    square_imaginary: FloatArray,
+    damping: FloatArray,
+    square: FloatArray,
+    buffers: list[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
     """Real part and minus the imaginary part of 1/(y^2 + damping y + square), (m, n, k)."""
     u, v, norm = (buffer[: real.shape[0]] for buffer in buffers)
     np.multiply(real[..., None], damping, out=u)

@@ -19,7 +19,7 @@ CONTACT_END_FRACTION = 0.03
 _SECOND_CONTACT_FRACTION = 0.08
 # How long after the contact the ground still counts, in contact durations: later, real plates
 # bounce and tip, and nothing the load cell says describes their motion.
-_TAIL_IN_CONTACTS = 1.0
+_TAIL_IN_CONTACTS = 0.0
 # The pulse starts where the load last passed this fraction of the peak before it.
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3

@@ -25,7 +25,6 @@ All evaluations count against individuals x generations: sample, scouts and poli
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from itertools import cycle, islice
 
 import numpy as np
@@ -35,6 +34,7 @@ from inversion.errors import InversionError, ModelError
 from inversion.genetic_operators import (
     FloatArray,
     RoleTable,
+    contrast_fitness,
     cross_intermediate,
     differential_children,
     immigrate,
@@ -42,7 +42,6 @@ from inversion.genetic_operators import (
     keep_elite,
     mutate,
     nearest_better_distance,
-    negative_misfit,
     reciprocal_fitness,
     scale_fitness,
     select,
@@ -50,7 +49,8 @@ from inversion.genetic_operators import (
     stratified_sample,
     take,
 )
-from inversion.quadratic_polish import Objective, QuadraticPolish, polish
+from inversion.minima import Minima
+from inversion.quadratic_polish import Objective, QuadraticPolish, iteration_cost, polish
 from inversion.search_settings import SearchResult, SearchSettings, paper_settings
 
 __all__ = [
@@ -82,15 +82,6 @@ _FINEST_RADIUS = 1e-6
 _SETTLED = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class _Minimum:
-    """A place worth remembering, in the unit box, and how far around it is known."""
-
-    point: FloatArray
-    misfit: float
-    radius: float
-
-
 class MultiPopulationSearch:
     """Search for the smallest misfit within bounds, one step at each call of ``next``.
 
@@ -105,8 +96,9 @@ class MultiPopulationSearch:
     rng : numpy.random.Generator, the only source of chance
     settings : SearchSettings
     fitness : callable, (p, n) ndarray of misfit -> (p, n) ndarray of Q, optional
-        Before the scaling of Eq. 17.  By default -misfit, and 1/misfit (the form of Eq. 16)
-        with generational breeding, which wants misfits >= 0.
+        Before the scaling of Eq. 17.  By default 1/misfit above a floor, the form of Eq. 16:
+        a floor that follows the population with differential breeding, a tiny one with
+        generational breeding, which wants misfits >= 0.
     start : (k, d) array of float, optional
         Individuals of the first generation, moved into the bounds.
 
@@ -138,7 +130,7 @@ class MultiPopulationSearch:
         self._span = self._upper - self._lower
         self._rng = rng
         generational = settings.breeding == "generational"
-        self._fitness = fitness or (reciprocal_fitness if generational else negative_misfit)
+        self._fitness = fitness or (reciprocal_fitness if generational else contrast_fitness)
         self._breed = self._breed_generation if generational else self._breed_differences
         self._start = self._unit_start(start)
 
@@ -148,9 +140,9 @@ class MultiPopulationSearch:
         self._mutation_probability = rng.uniform(*settings.mutation_probability, count)
 
         shape = (count, settings.individuals // count)
-        self._genes = np.empty((*shape, self._lower.size))
+        self._genes = np.zeros((*shape, self._lower.size))
         self._misfit = np.full(shape, np.inf)
-        self._minima: list[_Minimum] = []
+        self._minima = Minima.none(self._lower.size)
         self._last_polish: QuadraticPolish | None = None
         self._best_point = np.full(self._lower.size, np.nan)
         self._history: list[float] = []
@@ -197,8 +189,7 @@ class MultiPopulationSearch:
     def result(self) -> SearchResult:
         """What was found so far; ``success`` is false while steps are left."""
         success, message = self._verdict()
-        found = self._distinct_minima()
-        points = np.array([minimum.point for minimum in found]).reshape(-1, self._lower.size)
+        found = self._candidates(self.settings.polish_candidates)
         return SearchResult(
             parameters=self.best_parameters,
             misfit=self.best_misfit,
@@ -208,8 +199,8 @@ class MultiPopulationSearch:
             message=message,
             history=self.history,
             failed_evaluations=self.failed_evaluations,
-            candidates=self._parameters(points),
-            candidate_misfits=np.array([minimum.misfit for minimum in found]),
+            candidates=self._parameters(found.points),
+            candidate_misfits=found.misfits,
         )
 
     # The plan.  These generators yield points to evaluate and are sent their misfits.
@@ -232,7 +223,7 @@ class MultiPopulationSearch:
         sample[: len(start)] = start
         misfit = yield sample
         self._found_populations(sample, misfit, len(start))
-        yield from self._polishing(self._scouts(sample, misfit), _SCOUT_ITERATIONS, self._left())
+        yield from self._scout(sample, misfit)
         generation = 0
         while self._left() >= settings.individuals:
             generation += 1
@@ -266,43 +257,50 @@ class MultiPopulationSearch:
             self._genes, self._misfit, children, child_misfit.reshape(self._misfit.shape)
         )
 
+    def _scout(self, sample: FloatArray, misfit: FloatArray) -> Batches:
+        """Polish the loneliest points of a sample a little."""
+        budget = min(self.settings.scout_evaluations, self._left() // 4)
+        count = min(_SCOUTS, self._affordable(_SCOUT_ITERATIONS, budget))
+        lonely = np.argsort(-nearest_better_distance(sample, misfit), kind="stable")[:count]
+        radii = np.full(len(lonely), _SCOUT_RADIUS)
+        scouts = QuadraticPolish(Minima.finite(sample[lonely], misfit[lonely], radii))
+        yield from self._polish(scouts, _SCOUT_ITERATIONS, budget)
+
     def _final_polish(self) -> Batches:
         """A few iterations for each candidate, all that is left for the best of them."""
-        left = self.settings.evaluations - self.evaluations
-        works = [
-            QuadraticPolish(minimum.point, minimum.misfit, minimum.radius)
-            for minimum in self._distinct_minima()
-        ]
-        if not works:
-            return
-        cost = works[0].evaluations_per_iteration * _CANDIDATE_ITERATIONS
-        works = works[: max(1, left // (2 * cost))]
-        yield from self._polishing(works, _CANDIDATE_ITERATIONS, left)
-        self._last_polish = min(works, key=lambda work: work.misfit)
-        left = self.settings.evaluations - self.evaluations
-        yield from self._polishing([self._last_polish], left, left)
+        budget = self._left_in_all() // 2
+        count = self._affordable(_CANDIDATE_ITERATIONS, budget)
+        work = QuadraticPolish(self._candidates(count))
+        if len(work.misfits):
+            yield from self._polish(work, _CANDIDATE_ITERATIONS, budget)
+            work.keep_best()
+            yield from self._polish(work, self._left_in_all(), self._left_in_all())
+            self._last_polish = work
 
-    def _polishing(self, works: list[QuadraticPolish], iterations: int, budget: int) -> Batches:
-        """Iterations of several polishes in common batches; their minima are remembered."""
-        spent_before = self.evaluations
+    def _affordable(self, iterations: int, budget: int) -> int:
+        return budget // (iterations * iteration_cost(self._lower.size))
+
+    def _polish(self, work: QuadraticPolish, iterations: int, budget: int) -> Batches:
+        """Iterations within a budget; the minima are remembered."""
+        end = self.evaluations + budget
         for _ in range(iterations):
-            active = [work for work in works if not work.converged]
-            cost = sum(work.evaluations_per_iteration for work in active)
-            if not active or self.evaluations - spent_before + cost > budget:
+            if work.iteration_cost == 0 or self.evaluations + work.iteration_cost > end:
                 break
-            yield from _advance(active)
-            # A design that could not be evaluated leaves nothing to make a second batch of.
-            active = [work for work in active if not work.between_iterations]
-            if active:
-                yield from _advance(active)
-        self._minima += [_Minimum(work.point, work.misfit, work.radius) for work in works]
+            work.tell((yield work.ask()))
+            # There is nothing to model where no design could be evaluated.
+            if not work.between_iterations:
+                work.tell((yield work.ask()))
+        self._minima += work.minima
 
     # What the plan decides by.
+
+    def _left_in_all(self) -> int:
+        return self.settings.evaluations - self.evaluations
 
     def _left(self) -> int:
         """Evaluations left before the final polish, which takes half of a small budget at most."""
         budget = self.settings.evaluations
-        return budget - min(self.settings.polish_evaluations, budget // 2) - self.evaluations
+        return self._left_in_all() - min(self.settings.polish_evaluations, budget // 2)
 
     def _sample_size(self) -> int:
         """Points of the start sample: a quarter of a small budget at most."""
@@ -322,42 +320,22 @@ class MultiPopulationSearch:
         self._genes = sample[founders].reshape(self._genes.shape)
         self._misfit = misfit[founders].reshape(self._misfit.shape)
 
-    def _scouts(self, sample: FloatArray, misfit: FloatArray) -> list[QuadraticPolish]:
-        """Polishes of the loneliest points of a sample, as many as the evaluations allow."""
-        usable = np.isfinite(misfit)
-        sample, misfit = sample[usable], misfit[usable]
-        budget = min(self.settings.scout_evaluations, self._left() // 4)
-        if not len(sample) or budget <= 0:
-            return []
-        lonely = np.argsort(-nearest_better_distance(sample, misfit), kind="stable")
-        works = [QuadraticPolish(sample[i], misfit[i], _SCOUT_RADIUS) for i in lonely[:_SCOUTS]]
-        return works[: budget // (works[0].evaluations_per_iteration * _SCOUT_ITERATIONS)]
-
     def _widths(self) -> FloatArray:
         """Range of each population in its widest gene, (p,)."""
         return np.asarray((self._genes.max(axis=1) - self._genes.min(axis=1)).max(axis=1))
 
-    def _population_minima(self) -> list[_Minimum]:
+    def _population_minima(self) -> Minima:
         radii = np.clip(0.5 * self._widths(), _FINEST_RADIUS, _SCOUT_RADIUS)
-        return [
-            _Minimum(point, float(misfit), float(radius))
-            for genes, misfits, radius in zip(self._genes, self._misfit, radii, strict=True)
-            for point, misfit in zip(genes, misfits, strict=True)
-            if np.isfinite(misfit)
-        ]
+        return Minima.finite(
+            self._genes.reshape(-1, self._lower.size),
+            self._misfit.ravel(),
+            np.repeat(radii, self._misfit.shape[1]),
+        )
 
-    def _distinct_minima(self) -> list[_Minimum]:
+    def _candidates(self, most: int) -> Minima:
         """The best places known, each apart from the better ones, best first."""
-        if self.generation == 0:
-            return []
         known = self._minima + self._population_minima()
-        distinct: list[_Minimum] = []
-        for minimum in sorted(known, key=lambda minimum: minimum.misfit):
-            if len(distinct) == self.settings.polish_candidates:
-                break
-            if all(np.abs(minimum.point - better.point).max() > _SEPARATION for better in distinct):
-                distinct.append(minimum)
-        return distinct
+        return known.apart(min(most, self.settings.polish_candidates), _SEPARATION)
 
     def _verdict(self) -> tuple[bool, str]:
         spent = f"{self.evaluations} evaluations"
@@ -365,7 +343,7 @@ class MultiPopulationSearch:
             return False, f"stopped by the caller after {spent}"
         if not np.isfinite(self.best_misfit):
             return False, f"none of {spent} gave a finite misfit; check the bounds and the model"
-        if self._last_polish is not None and self._last_polish.converged:
+        if self._last_polish is not None and self._last_polish.converged.all():
             return True, f"the polish converged after {spent}"
         earlier = self._history[-1 - len(self._history) // 5]
         if earlier - self.best_misfit > _SETTLED * abs(earlier):
@@ -410,15 +388,6 @@ class MultiPopulationSearch:
         if not np.isfinite(points).all():
             raise ModelError("search: expected finite start individuals, came infinity or nan")
         return np.clip((points - self._lower) / self._span, 0.0, 1.0)
-
-
-def _advance(works: list[QuadraticPolish]) -> Batches:
-    """One common batch of several polishes."""
-    asked = [work.ask() for work in works]
-    misfit = yield np.concatenate(asked)
-    ends = np.cumsum([len(points) for points in asked])
-    for work, values in zip(works, np.split(misfit, ends[:-1]), strict=True):
-        work.tell(values)
 
 
 def _checked_bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -65,7 +65,7 @@ class SearchSettings:
     scout_evaluations: int = 512
     polish_evaluations: int = 400
     polish_candidates: int = 4
-    collapse_width: float = 1e-3
+    collapse_width: float = 0.02
     rounds: int = 10
 
     def __post_init__(self) -> None:

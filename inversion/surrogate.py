@@ -30,6 +30,7 @@ from inversion.errors import ModelError
 from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
 from inversion.rational import basis, evaluate
+from inversion.threads import single_threaded_blas
 
 # The shallowest base the tables hold, in plate radii.
 SHALLOWEST = 1.6
@@ -152,16 +153,18 @@ def build_surrogate(
     threads : int
         Threads that evaluate the reference (numpy releases the interpreter's lock).
     """
-    tell = progress or (lambda fraction: None)
+    with single_threaded_blas():
+        return _build(problem, depth, progress or (lambda fraction: None), threads)
+
+
+def _build(problem: PlateProblem, depth: float | None, tell: Progress, threads: int) -> Surrogate:
     sampler = _Sampler(problem, threads)
     half_space = _fit_half_space(problem, sampler)
     tell(0.1)
-    if depth is None:
-        nodes = _depth_nodes(problem)
-    else:
-        nodes = np.array([1.0 / depth])
+    nodes = _depth_nodes(problem) if depth is None else np.array([1.0 / depth])
     shallowest = 1.0 / np.max(nodes)
-    poles, samples = _choose_echo_poles(sampler, shallowest, half_space)
+    poles = _choose_echo_poles(sampler, shallowest, half_space)
+    samples = _rows(_EVERY_DEPTH)
     tell(0.2)
     fitted = []
     values, scale = sampler.echo(samples.y, 1.0 / nodes, half_space)
@@ -267,9 +270,7 @@ class _Sampler:
         total = np.where((np.abs(p) > _LARGEST_P)[..., None], unbounded, total)
         return (total - unbounded) * times, self.scale(p, unbounded, total) * times
 
-    def scale(
-        self, p: ComplexArray, unbounded: ComplexArray, total: ComplexArray
-    ) -> FloatArray:
+    def scale(self, p: ComplexArray, unbounded: ComplexArray, total: ComplexArray) -> FloatArray:
         """What an error at p (...) is measured in, (..., n_offsets).
 
         The half-space's own value: the layer's resonances rise above it and count the more.
@@ -332,7 +333,9 @@ def _fit_half_space(problem: PlateProblem, sampler: _Sampler) -> HalfSpace:
         poles.append(np.geomspace(0.1, 30.0, 40) * np.exp(1j * (np.pi / 2 + 0.12)))
     pole_set = np.concatenate(poles)
     values = sampler.total(p, np.inf)
-    return pole_set, _solve(p, values, weight_of[:, None] / sampler.scale(p, values, values), pole_set)
+    return pole_set, _solve(
+        p, values, weight_of[:, None] / sampler.scale(p, values, values), pole_set
+    )
 
 
 def _solve(
@@ -367,9 +370,7 @@ def _least_squares(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return result
 
 
-def _choose_echo_poles(
-    sampler: _Sampler, shallowest: float, half_space: HalfSpace
-) -> tuple[ComplexArray, _Samples]:
+def _choose_echo_poles(sampler: _Sampler, shallowest: float, half_space: HalfSpace) -> ComplexArray:
     """Poles in y: a logarithmic grid, then narrow ones where the shallowest layer asks for them.
 
     The layer's sharp resonances (cut-offs, and the frequencies where the group velocity
@@ -381,14 +382,11 @@ def _choose_echo_poles(
     weights = dense.weight[:, None] / scale
     grid = np.exp(np.arange(np.log(0.8), np.log(400.0), 0.07))
     poles = np.concatenate([grid * (-0.06 + 1j), np.geomspace(0.5, 400.0, 12) * (-0.5 + 0.8j)])
-    narrow = np.empty(0, dtype=complex)
     for _ in range(_ROUNDS):
         solution = _solve(dense.y, values, weights, poles)
         left = np.abs((basis(dense.y, poles) @ solution.T - values) * weights).max(axis=1)
-        added = _worst_places(dense.y, left)
-        narrow = np.concatenate([narrow, added])
-        poles = np.concatenate([poles, added])
-    return poles, _with_neighbours(narrow)
+        poles = np.concatenate([poles, _worst_places(dense.y, left)])
+    return poles
 
 
 @dataclass(frozen=True)
@@ -400,20 +398,22 @@ class _Row:
     high: float
 
 
-# The scan of the shallowest layer, and the coarser rows taken at every depth.
+# The scan of the shallowest layer, and the rows taken at every depth.
 _SCAN = (
     _Row(4.0, 1.0, 0.12, 0.02, 60.0),
     _Row(12.0, 1.0, 0.04, 0.3, 100.0),
     _Row(35.0, 0.5, 0.02, 0.5, 200.0),
-    _Row(100.0, 0.15, 0.008, 0.8, 100.0),
-    _Row(300.0, 0.04, 0.003, 1.2, 30.0),
+    _Row(100.0, 0.15, 0.008, 0.8, 60.0),
+    _Row(300.0, 0.04, 0.003, 1.2, 25.0),
 )
 _EVERY_DEPTH = (
     _Row(4.0, 1.0, 0.15, 0.02, 60.0),
     _Row(12.0, 1.0, 0.06, 0.3, 200.0),
     _Row(35.0, 0.5, 0.03, 0.5, 400.0),
+    _Row(100.0, 0.15, 0.014, 0.8, 60.0),
+    _Row(300.0, 0.04, 0.005, 1.2, 25.0),
 )
-_ROUNDS = 9
+_ROUNDS = 7
 _ADDED_A_ROUND = 10
 
 
@@ -437,16 +437,3 @@ def _worst_places(y: ComplexArray, left: FloatArray) -> ComplexArray:
         if len(chosen) == _ADDED_A_ROUND:
             break
     return np.asarray(chosen)
-
-
-def _with_neighbours(narrow: ComplexArray) -> _Samples:
-    """The rows of every depth, and five samples abreast of each narrow pole."""
-    base = _rows(_EVERY_DEPTH)
-    steps = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-    width = -narrow.real[:, None]
-    near = (width + 1j * (narrow.imag[:, None] + steps * width)).ravel()
-    kappa = np.array([row.kappa for row in _SCAN])
-    weight = np.array([row.weight for row in _SCAN])
-    own = np.interp(np.log(near.imag / near.real), np.log(kappa), weight)
-    own = own * np.sqrt(near.real / np.abs(near))
-    return _Samples(np.concatenate([base.y, near]), np.concatenate([base.weight, own]))

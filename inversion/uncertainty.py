@@ -5,7 +5,8 @@ data moves the parameters by P n.  The random part takes n from the noise before
 its own correlation, carried through baseline and integration (:func:`record.native_rows`), and
 from the noise of the load, carried through the model.  The model's part takes n of the size of
 its stated error, correlated over a third of the pulse, because an error of the model is a
-smooth history.
+smooth history.  Where the residual is larger than noise and model error together, the model's
+error is taken to be as large as the residual says.
 """
 
 from __future__ import annotations
@@ -92,7 +93,8 @@ def _covariances(
             weights = pseudo[:, part] / scale
             on_displacement.append(weights)
             random += _sensor_noise(item, sensor, rows, weights, values[part] * scale)
-            model += weights @ smooth @ weights.T * item.model_floor[sensor] ** 2
+            floor = item.model_floor[sensor] ** 2 * max(1.0, fit.best.cost)
+            model += weights @ smooth @ weights.T * floor
         random += _load_noise(fit, item, rows, np.stack(on_displacement, axis=1))
     return random, model
 
@@ -102,15 +104,17 @@ def _sensor_noise(
 ) -> FloatArray:
     drop = item.drop
     channel = drop.channels[sensor]
-    quantum = weights @ weights.T * drop.quantisation[sensor] ** 2
+    quantum: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
     if channel.model.samples:
         full = np.zeros((weights.shape[0], int(rows[-1]) + 1))
         full[:, rows] = weights
-        return channel.model.quadratic_form(native_rows(full, channel, drop.step)) + quantum
+        quantum += channel.model.quadratic_form(native_rows(full, channel, drop.step))
+        return quantum
     # No record before the pulse: what is rough in the residual is taken for white noise.
     rough = np.diff(left, 2)
     white = float(np.mean(rough**2)) / 6.0
-    return weights @ weights.T * white + quantum
+    quantum += weights @ weights.T * white
+    return quantum
 
 
 def _load_noise(

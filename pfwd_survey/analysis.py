@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import signal
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -174,9 +175,7 @@ def analyse_point(
     ]
 
 
-def analyse_file(
-    path: str, options: AnalysisOptions, library: SurrogateLibrary
-) -> FileOutcome:
+def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
     """Results of one trace file; a refused file comes back with the reason."""
     try:
         point = _read(path, options)
@@ -192,7 +191,7 @@ def analyse_files(
     options: AnalysisOptions,
     jobs: int = 1,
     progress: BuildProgress | None = None,
-) -> Iterator[FileOutcome]:
+) -> Generator[FileOutcome, None, None]:
     """Outcomes of files in their order, on ``jobs`` processes.
 
     Parameters
@@ -210,8 +209,14 @@ def analyse_files(
     for path in paths:
         _build_surrogate_of(path, options, library)
     # Spawned on every platform alike: a forked copy of a threaded process may hang.
-    with ProcessPoolExecutor(min(jobs, len(paths)), get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        min(jobs, len(paths)), get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+    ) as pool:
         yield from pool.map(partial(_analyse_in_worker, options=options), paths)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _worker_library: SurrogateLibrary | None = None
@@ -238,7 +243,9 @@ def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateL
         return
 
 
-def result_record(path: str | os.PathLike[str], one: DropAnalysis, point: TracePoint) -> dict[str, Any]:
+def result_record(
+    path: str | os.PathLike[str], one: DropAnalysis, point: TracePoint
+) -> dict[str, Any]:
     """One drop as the machine-readable record of ``pfwd invert --json`` (SI units)."""
     status, reason = one.screening.status, one.screening.reason
     if one.fault is not None:

@@ -67,9 +67,7 @@ def _figure(shown: Sequence[tuple[dict[str, Any], InversionResult]]) -> Figure:
     # Without pyplot: no window system is asked for, and figures go when they are dropped.
     from matplotlib.figure import Figure
 
-    figure = Figure(
-        figsize=(_COLUMN_INCHES * len(shown), _HEIGHT_INCHES), layout="constrained"
-    )
+    figure = Figure(figsize=(_COLUMN_INCHES * len(shown), _HEIGHT_INCHES), layout="constrained")
     axes = figure.subplots(
         3, len(shown), squeeze=False, sharex="col", height_ratios=(1.0, 1.5, 0.8)
     )

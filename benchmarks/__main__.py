@@ -1,0 +1,34 @@
+"""Runs one part, or the quick ones."""
+
+import sys
+from importlib import import_module
+
+PARTS = {
+    "speed": "analysis times, and the paper's literal method against the surrogate",
+    "search": "the genetic search on Rastrigin, Ackley and harder functions",
+    "surrogate": "the surrogate against the converged rule over the whole parameter range",
+    "coverage": "intervals against the truth of finite-element drops (some minutes)",
+    "noise": "the random part of the uncertainty against 200 noisy copies",
+    "validation": "the paper's 48 cases by finite elements (some minutes)",
+}
+QUICK = ("speed", "search")
+
+
+def main(arguments: list[str]) -> int:
+    """Run the part named first, or the quick parts."""
+    if arguments and not arguments[0].startswith("-"):
+        name, *rest = arguments
+        if name not in PARTS:
+            print(f"pfwd bench: expected one of {', '.join(PARTS)}, came {name}", file=sys.stderr)
+            return 2
+        return int(import_module(f"benchmarks.{name}").run(rest))
+    if "--help" in arguments or "-h" in arguments:
+        print("pfwd bench [PART] [--json]; without PART:", ", ".join(QUICK))
+        for name, what in PARTS.items():
+            print(f"  {name:11} {what}")
+        return 0
+    return max(int(import_module(f"benchmarks.{name}").run(arguments)) for name in QUICK)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

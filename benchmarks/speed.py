@@ -1,0 +1,108 @@
+"""Analysis times on one core, and the literal method of the paper in the same run."""
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from inversion import Grounds, PlateProblem, Record, Settings, SurrogateLibrary, invert
+from inversion.forward import ForwardModel
+from inversion.laplace import SEARCH_BAND_HZ
+from inversion.published import published_displacement
+from inversion.record import prepare
+from inversion.threads import single_threaded_blas
+from pfwd_survey import read_traces, record_of
+
+_SOLVES = 8000
+_BATCH = 80
+
+
+def run(arguments: list[str]) -> int:
+    """Print the times; 0."""
+    report = Reporter(arguments)
+    record = _centre_record()
+    library = SurrogateLibrary()
+    report.title("analysis of one drop, centre sensor, surrogate at hand (median of 7, s)")
+    for depth, name in ((1.2, "given"), ("unknown", "unknown")):
+        for method in ("mpga", "least-squares"):
+            settings = Settings(bedrock_depth=depth, method=method)  # type: ignore[arg-type]
+            seconds, solves = _analysis_time(record, settings, library)
+            report.record(
+                what="analysis", method=method, depth=name, seconds=seconds, forward_solves=solves
+            )
+    report.title(f"{_SOLVES} forward solves (s)")
+    fast = _surrogate_solves(record, library)
+    report.record(what="surrogate", solves=_SOLVES, seconds=fast, each_us=fast / _SOLVES * 1e6)
+    one = _median(_literal_solve, 5)
+    literal = one * _SOLVES
+    report.record(
+        what="literal method (800 nodes x 128 frequencies)", solve_seconds=one, seconds=literal
+    )
+    report.record(
+        what="ratio of 8,000 forward solves, literal over surrogate", ratio=literal / fast
+    )
+    mpga, _ = _analysis_time(record, Settings(bedrock_depth=1.2), library)
+    report.record(what="ratio of literal solves over the whole search", ratio=literal / mpga)
+    return 0
+
+
+def _centre_record() -> Record:
+    """The centre sensor of a simulated drop (finite elements, noise)."""
+    from simulators.demo import demo_drops
+
+    with TemporaryDirectory() as folder:
+        point = read_traces(demo_drops(1, 0, Path(folder)))
+    record = record_of(point.drops[0], point.setup)
+    return Record(
+        record.time, record.load, record.sensors[:1], record.instrument, record.poisson_ratio
+    )
+
+
+def _analysis_time(
+    record: Record, settings: Settings, library: SurrogateLibrary
+) -> tuple[float, int]:
+    results = [invert(record, settings, library) for _ in range(8)]
+    return statistics.median(r.elapsed for r in results[1:]), results[-1].forward_solves
+
+
+def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:
+    """Displacement histories of 8,000 grounds in batches of 80, depth unknown to them."""
+    drop = prepare(record)
+    surrogate = library.get(PlateProblem("rigid-rough", record.poisson_ratio), None)
+    wanted = drop.time[drop.window][::3]
+    model = ForwardModel(
+        surrogate, record.instrument, drop.time, drop.load, wanted, SEARCH_BAND_HZ, single=True
+    )
+    rng = np.random.default_rng(0)
+    grounds = Grounds(
+        rng.uniform(20e6, 80e6, _BATCH),
+        rng.uniform(0.0, 1e5, _BATCH),
+        rng.uniform(1500.0, 2300.0, _BATCH),
+        1.0 / rng.uniform(0.5, 5.0, _BATCH),
+    )
+
+    def solve() -> None:
+        for _ in range(_SOLVES // _BATCH):
+            model.displacement(grounds)
+
+    with single_threaded_blas():
+        return _median(solve, 5)
+
+
+def _literal_solve() -> None:
+    with single_threaded_blas():
+        published_displacement(45e6, 54e3, 1900.0, 0.35, 0.15, 140e3, 13.3e-3, 1.2)
+
+
+def _median(action: Callable[[], None], runs: int) -> float:
+    action()
+    seconds = []
+    for _ in range(runs):
+        begun = time.perf_counter()
+        action()
+        seconds.append(time.perf_counter() - begun)
+    return statistics.median(seconds)
