@@ -130,7 +130,7 @@ def two_basins(rng: np.random.Generator, size: int = 3) -> Problem:
         across = points[:, 1] - wide_modulus - 0.15 * along
         rest = 0.3 * ((points[:, 2:] - wide_others) ** 2).sum(axis=1)
         wide = np.sqrt(0.01 + 0.1 * along**2 + (1.5 * across) ** 2 + rest)
-        return np.minimum(narrow, wide)
+        return np.asarray(np.minimum(narrow, wide))
 
     return Problem(objective, np.zeros(size), np.ones(size))
 
@@ -148,7 +148,10 @@ def minimum_on_a_bound(rng: np.random.Generator) -> Problem:
     return Problem(objective, *_box(2.0))
 
 
-MAIN = {"Rastrigin": rastrigin, "Ackley": ackley}
+MAIN: dict[str, Callable[[np.random.Generator], Problem]] = {
+    "Rastrigin": rastrigin,
+    "Ackley": ackley,
+}
 FURTHER: dict[str, Callable[[np.random.Generator], Problem]] = {
     "Rastrigin, rotated": lambda rng: rastrigin(rng, rotated=True),
     "Ackley, rotated": lambda rng: ackley(rng, rotated=True),
@@ -199,7 +202,7 @@ def scipy_differential_evolution(problem: Problem, seed: int) -> Run:
         polish=False,
         vectorized=True,
         updating="deferred",
-        rng=rng,
+        seed=rng,
     )
     elapsed = time.perf_counter() - begun - timed.seconds
     evaluations = _GENERATION * _GENERATIONS

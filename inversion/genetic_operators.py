@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.errors import ModelError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
@@ -61,6 +63,17 @@ class Role:
     crossover_rate: float = 0.9
     own_base: bool = False
 
+    def __post_init__(self) -> None:
+        # Within these, children leave the box by less than its width, which reflect() undoes.
+        if not 0.0 <= self.pull <= 1.0:
+            raise ModelError(f"role: expected 0 <= pull <= 1, came {self.pull}")
+        if not 0.0 <= self.weight[0] <= self.weight[1] <= 1.0:
+            raise ModelError(
+                f"role: expected 0 <= lowest <= highest weight <= 1, came {self.weight}"
+            )
+        if not 0.0 < self.crossover_rate <= 1.0:
+            raise ModelError(f"role: expected 0 < crossover_rate <= 1, came {self.crossover_rate}")
+
 
 class RoleTable:
     """The roles of p populations as columns (p, 1, 1), ready to broadcast against genes.
@@ -85,7 +98,7 @@ def _column(values: list[float]) -> FloatArray:
 def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatArray:
     """Points (count, size) of the unit box, one in each of ``count`` equal slices of every gene.
 
-    Latin hypercube sampling; McKay, Beckman and Conover (1979), section 2.
+    Latin hypercube sampling; McKay, Beckman and Conover (1979), Technometrics 21.
     """
     slices = np.argsort(rng.random((size, count)), axis=1).T
     return np.asarray((slices + rng.random((count, size))) / count)
@@ -94,8 +107,8 @@ def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatA
 def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArray:
     """Distance (n,) of each point to the nearest one of lower misfit, infinite for the best.
 
-    A large value marks a point at the bottom of a basin of its own; Preuss (2010),
-    nearest-better clustering.
+    A large value marks a point at the bottom of a basin of its own: the idea of nearest-better
+    clustering, Preuss (2010), GECCO companion.
     """
     order = np.argsort(misfit, kind="stable")
     ranked = points[order]
@@ -160,7 +173,8 @@ def select(scores: FloatArray, rng: np.random.Generator) -> IntArray:
     """Indices (p, n) of parents, each drawn in proportion to its score.
 
     Stochastic universal sampling: one throw places n equally spaced pointers on the roulette
-    wheel, so that nobody is chosen less often than the whole part of its share; Baker (1987).
+    wheel, so that nobody is chosen less often than the whole part of its share; Baker (1987),
+    2nd International Conference on Genetic Algorithms.
     The indices come in ascending order: whoever pairs parents shuffles them.
     """
     populations, count = scores.shape
@@ -196,8 +210,8 @@ def cross_intermediate(
 ) -> FloatArray:
     r"""Children of neighbouring parents by real crossover, :math:`x + \lambda (y - x)`.
 
-    One :math:`\lambda` per gene, uniform on [-1/4, 5/4]; intermediate recombination,
-    Muehlenbein and Schlierkamp-Voosen (1993), section 4.
+    One :math:`\lambda` per gene, uniform on [-1/4, 5/4]: extended intermediate recombination,
+    Muehlenbein and Schlierkamp-Voosen (1993), Evolutionary Computation 1.
 
     Parameters
     ----------
@@ -222,8 +236,8 @@ def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator)
     r"""Genes moved with the given probability by :math:`\pm 0.5 \cdot 2^{-20 u}`, u uniform.
 
     Steps of every size are equally likely on a logarithmic scale, which serves the search at
-    its start and at its end alike; breeder mutation, Muehlenbein and Schlierkamp-Voosen (1993),
-    section 3.
+    its start and at its end alike: the mutation of the breeder genetic algorithm, Muehlenbein
+    and Schlierkamp-Voosen (1993), Evolutionary Computation 1, with steps drawn continuously.
 
     Parameters
     ----------
@@ -246,7 +260,8 @@ def differential_children(
 
     with b another individual (or the parent itself, by role), s the selected attractor and
     :math:`x_1, x_2` two more individuals; each gene of v replaces the parent's with the role's
-    probability, one of them always.  Storn and Price (1997), sections 2 and 3.
+    probability, one of them always.  Differential evolution, Storn and Price (1997), Journal of
+    Global Optimization 11, with the parent selected as in the paper.
 
     Parameters
     ----------

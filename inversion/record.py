@@ -132,7 +132,9 @@ class PreparedDrop:
 
     def with_tail(self) -> PreparedDrop:
         """The same drop with the fit's window to the end of the record, or to a second contact."""
-        return replace(self, window_end=self.tail_end)
+        count = int(np.searchsorted(self.time, self.tail_end * (1 + 1e-9)))
+        noise = np.array([displacement_rms(c, count, self.step) for c in self.channels])
+        return replace(self, window_end=self.tail_end, noise=noise)
 
     @property
     def window(self) -> slice:

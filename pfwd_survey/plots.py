@@ -115,7 +115,7 @@ def _draw(axes: Any, record: dict[str, Any], result: InversionResult) -> None:
     load.legend(fontsize=8)
     deflection.legend(fontsize=8)
     # Text from a file must not be read as a formula.
-    load.set_title(_title(record, result), fontsize=9, parse_math=False)
+    load.set_title(_title(record, result), fontsize=8, parse_math=False)
 
 
 def _title(record: dict[str, Any], result: InversionResult) -> str:

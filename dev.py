@@ -1,0 +1,97 @@
+"""Sets up the environment and runs the program or its checks; needs nothing but Python 3.11.
+
+    python3 dev.py demo [ARGS]   set up if needed, then `pfwd demo ARGS`
+    python3 dev.py test [ARGS]   set up if needed, then every check; ARGS go to pytest
+    python3 dev.py check         set up if needed, then the static checks alone
+
+The environment is the folder .venv beside this file, or the one that PFWD_VENV names.
+"""
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+if sys.version_info < (3, 11):
+    sys.exit("dev.py: expected Python 3.11 or later, came " + sys.version.split()[0])
+
+TOP = Path(__file__).resolve().parent
+VENV = Path(os.environ.get("PFWD_VENV") or TOP / ".venv").resolve()
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+STATIC_CHECKS = {
+    "ruff": ["ruff", "check", "."],
+    "format": ["ruff", "format", "--check", "."],
+    "mypy": ["mypy"],
+    "imports": ["lint-imports"],
+}
+
+
+def run(command: list[str]) -> int:
+    print("+", *command, flush=True)
+    return subprocess.call([str(BIN / command[0]), *command[1:]], cwd=TOP)
+
+
+def set_up() -> None:
+    """Make the environment, or bring it up to date when what it is made from has changed."""
+    recipe = [(TOP / name).read_bytes() for name in ("pyproject.toml", "constraints.txt")]
+    fingerprint = hashlib.sha256(b"".join([str(TOP).encode(), *recipe])).hexdigest()
+    stamp = VENV / "pfwd-set-up"
+    if PYTHON.exists() and stamp.exists() and stamp.read_text() == fingerprint:
+        return
+    if VENV.exists() and any(VENV.iterdir()) and not (VENV / "pyvenv.cfg").exists():
+        sys.exit(f"dev.py: {VENV} is not a virtual environment; name another folder in PFWD_VENV")
+    if not PYTHON.exists():
+        print(f"making {VENV}", flush=True)
+        try:
+            venv.create(VENV, with_pip=True)
+        except subprocess.CalledProcessError:
+            sys.exit("dev.py: Python cannot make environments; Debian: apt install python3-venv")
+    pip = ["python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    if run([*pip, "-c", "constraints.txt", "-e", ".[dev]"]) != 0:
+        sys.exit("dev.py: the packages could not be installed; pip says why above")
+    stamp.write_text(fingerprint)
+
+
+def tests(arguments: list[str]) -> tuple[bool, str]:
+    """Run pytest, show what it prints, and return whether it passed and its counts in words."""
+    command = [str(PYTHON), "-m", "pytest", "-n", "2", "-q", *arguments]
+    last = ""
+    pipe = {"stdout": subprocess.PIPE, "encoding": "utf-8", "errors": "replace"}
+    with subprocess.Popen(command, cwd=TOP, **pipe) as process:
+        for line in process.stdout or ():
+            print(line, end="", flush=True)
+            last = line if line.strip() else last
+    count = {word.rstrip("s"): int(number) for number, word in re.findall(r"(\d+) ([a-z]+)", last)}
+    failed = count.get("failed", 0) + count.get("error", 0)
+    words = f"{count.get('passed', 0)} passed, {failed} failed, {count.get('skipped', 0)} skipped"
+    return process.returncode == 0, words
+
+
+def main(arguments: list[str]) -> int:
+    task = arguments[0] if arguments else ""
+    if task not in ("demo", "test", "check"):
+        print(__doc__)
+        return 2
+    set_up()
+    if task == "demo":
+        if os.name != "nt":  # the demo takes this process over, so that signals reach it directly
+            os.execv(BIN / "pfwd", ["pfwd", "demo", *arguments[1:]])
+        return run(["pfwd", "demo", *arguments[1:]])
+    ok = {name: run(command) == 0 for name, command in STATIC_CHECKS.items()}
+    passed, words = tests(arguments[1:]) if task == "test" else (True, "")
+    good, bad = ([n for n in ok if ok[n] == wanted] for wanted in (True, False))
+    parts = [words, good and ", ".join(good) + " ok", bad and ", ".join(bad) + " FAILED"]
+    verdict = passed and not bad
+    print("PASSED" if verdict else "FAILED", "; ".join(filter(None, parts)), flush=True)
+    return 0 if verdict else 1
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit("dev.py: interrupted")

@@ -1,0 +1,66 @@
+"""One drop as the instrument recorded it: the load and one time history per sensor."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Quantity = Literal["velocity", "displacement"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Channel:
+    """The record of one sensor."""
+
+    offset: float
+    """Distance from the plate centre, m, >= 0; 0 is the centre sensor."""
+    quantity: Quantity
+    """What the sensor measured."""
+    values: NDArray[np.float64]
+    """Record, (n,), m/s or m, downward positive; read-only."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", _read_only_vector(self.values, "values"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drop:
+    """One fall of the weight, all channels on one time axis."""
+
+    number: int
+    """Number of the drop within its test point, from 1."""
+    time: NDArray[np.float64]
+    """Time, (n,), s, uniform steps; 0 is the trigger, negative before it; read-only."""
+    load: NDArray[np.float64]
+    """Force of the load cell, (n,), N, downward positive; read-only."""
+    channels: tuple[Channel, ...]
+    """The sensors, each with n values."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", _read_only_vector(self.time, "time"))
+        object.__setattr__(self, "load", _read_only_vector(self.load, "load"))
+        if self.time.size < 2:
+            raise ValueError(
+                f"drop {self.number}: expected at least 2 samples, came {self.time.size}"
+            )
+        lengths = [self.load.size, *(channel.values.size for channel in self.channels)]
+        if any(length != self.time.size for length in lengths):
+            raise ValueError(
+                f"drop {self.number}: expected {self.time.size} samples as in the time axis in the "
+                f"load and every channel, came {lengths}"
+            )
+
+    @property
+    def sampling_rate(self) -> float:
+        """Samples per second, Hz, from the whole length of the time axis."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+
+def _read_only_vector(values: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    # A copy: the caller's array neither changes the drop later nor is locked by it.
+    vector = np.array(values, dtype=np.float64)
+    if vector.ndim != 1:
+        raise ValueError(f"{name}: expected one dimension, came shape {vector.shape}")
+    vector.flags.writeable = False
+    return vector

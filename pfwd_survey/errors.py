@@ -1,0 +1,42 @@
+"""Errors of the survey. A message says what was expected, what came, where, and what to try."""
+
+LONGEST_QUOTE = (
+    60  # characters of foreign text in a message: enough to find it, too few to flood a line
+)
+
+
+class SurveyError(Exception):
+    """Base of everything the survey refuses."""
+
+
+class TraceError(SurveyError, ValueError):
+    """A trace file or its header is refused; the message names the file and the line."""
+
+
+class OptionError(SurveyError, ValueError):
+    """The options of an analysis are outside their range or contradict each other."""
+
+
+def refusal(where: str, expected: str, came: str, hint: str = "") -> str:
+    """One line for an error, in the form that all messages of the survey share.
+
+    Parameters
+    ----------
+    where : str
+        File and line, or the option.
+    expected, came : str
+    hint : str
+        What to try; may be empty.
+
+    Returns
+    -------
+    str
+        ``where: expected ..., came ...; hint``
+    """
+    return f"{where}: expected {expected}, came {came}" + (f"; {hint}" if hint else "")
+
+
+def quote(value: object) -> str:
+    """A foreign value as it may stand in a message: escaped, on one line, of bounded length."""
+    text = ascii(value)
+    return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."

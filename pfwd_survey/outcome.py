@@ -1,0 +1,22 @@
+"""What the analysis of one file hands back."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    # Only for the annotation: a file can be refused without loading the inversion.
+    from inversion import InversionResult
+
+
+@dataclass(frozen=True, slots=True)
+class FileOutcome:
+    """The results of one file, or why there are none."""
+
+    file: str
+    """The file, as the caller named it."""
+    error: str | None = None
+    """Why the file was refused, on one line; None when it was not."""
+    results: list[dict[str, Any]] = field(default_factory=list)
+    """One record a drop, with the keys of ``pfwd invert --json``, SI units."""
+    inversions: list["InversionResult | None"] = field(default_factory=list, repr=False)
+    """The inversion of each drop with its histories, for plots; None for a rejected drop."""

@@ -1,0 +1,244 @@
+r"""One drop on a plate: the hammer and the ground, stepped through time together.
+
+Trapezoidal rule: Newmark (1959), J. Eng. Mech. Div. ASCE 85(EM3), 67-94, with beta = 1/4 and
+gamma = 1/2; unconditionally stable, second order, no numerical damping. The matrix
+:math:`K + (2/h) C + (4/h^2) M` is factorised once. Because the ground is linear, the force F
+between hammer and plate enters the new state as :math:`u = u_{free} + F q`, with q the answer of
+one step to a unit force; the contact condition
+:math:`F = \max(0, k (x_{hammer} - u_{plate}))` is then one scalar equation, solved exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from simulators.finite_elements import PLATE, FiniteElementModel, factorise
+from simulators.mesh import Array, Ground, Plate, Resolution, design_grid, require
+
+STANDARD_GRAVITY = 9.80665  # m/s2
+
+
+@dataclass(frozen=True)
+class Hammer:
+    """A mass that falls on a spring above the plate. The spring only pushes."""
+
+    mass: float
+    """kg, > 0."""
+    stiffness: float
+    """Of the spring, N/m, > 0."""
+    velocity: float
+    """At the first touch, m/s, downward positive."""
+    gravity: float = 0.0
+    """Acceleration of the hammer after the first touch, m/s2; 0 or `STANDARD_GRAVITY`."""
+
+    def __post_init__(self) -> None:
+        require(0 < self.mass < math.inf, "mass", "kg, > 0", self.mass)
+        require(0 < self.stiffness < math.inf, "stiffness", "N/m, > 0", self.stiffness)
+        require(0 < self.velocity < math.inf, "velocity", "m/s, > 0", self.velocity)
+
+    @property
+    def pulse_duration(self) -> float:
+        r"""Duration of the half-sine on unyielding ground, :math:`\pi \sqrt{m/k}`, s."""
+        return math.pi * math.sqrt(self.mass / self.stiffness)
+
+
+@dataclass(frozen=True)
+class PrescribedLoad:
+    """A force history above the plate, linear between its samples and zero outside."""
+
+    time: Array
+    """(n,) increasing, s; 0 is the start of the drop."""
+    force: Array
+    """(n,) N, downward positive."""
+
+    def __post_init__(self) -> None:
+        require(self.time.shape == self.force.shape, "force", "as many as times", self.force.shape)
+        require(bool(np.all(np.diff(self.time) > 0)), "time", "increasing values", self.time)
+        require(bool(np.max(self.force) > 0), "force", "a positive peak", np.max(self.force))
+
+    @property
+    def pulse_duration(self) -> float:
+        r"""Duration of the half-sine of equal peak and impulse, :math:`\pi I / (2 F_{max})`, s."""
+        impulse = np.trapezoid(np.maximum(self.force, 0.0), self.time)
+        return float(math.pi / 2 * impulse / np.max(self.force))
+
+    def at(self, time: float) -> float:
+        """Force at one time, N."""
+        return float(np.interp(time, self.time, self.force, left=0.0, right=0.0))
+
+
+@dataclass(frozen=True)
+class SimulatedDrop:
+    """What ideal instruments would record, and what they cannot."""
+
+    time: Array
+    """(n,) s, from the first touch."""
+    load: Array
+    """(n,) N: force in the load cell above the plate."""
+    contact_force: Array
+    """(n,) N: force on the ground, load - plate mass * acceleration."""
+    plate_displacement: Array
+    """(n,) m, downward positive."""
+    plate_velocity: Array
+    """(n,) m/s."""
+    offsets: Array
+    """(n_offsets,) m from the plate centre."""
+    ground_displacement: Array
+    """(n_offsets, n) m; up to the plate radius that of the plate."""
+    ground_velocity: Array
+    """(n_offsets, n) m/s."""
+
+    def scaled(self, factor: float) -> SimulatedDrop:
+        """The same drop from another height: without gravity everything is in proportion."""
+        return SimulatedDrop(
+            time=self.time,
+            load=factor * self.load,
+            contact_force=factor * self.contact_force,
+            plate_displacement=factor * self.plate_displacement,
+            plate_velocity=factor * self.plate_velocity,
+            offsets=self.offsets,
+            ground_displacement=factor * self.ground_displacement,
+            ground_velocity=factor * self.ground_velocity,
+        )
+
+
+class State(NamedTuple):
+    """One instant of the whole system."""
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    load: float
+
+
+class DropSimulator:
+    """A plate on the ground, ready for any number of drops (grid and factorisation are kept).
+
+    Parameters
+    ----------
+    offsets : distances of the observed points from the plate centre, m
+    duration, time_step : of the record, s
+        Steps inside are an integer fraction of `time_step`.
+    pulse_duration : T0 of the loads to come, s
+        Sets the shortest wavelength and the step; too short a value only costs time.
+    """
+
+    def __init__(
+        self,
+        ground: Ground,
+        plate: Plate,
+        offsets: Sequence[float],
+        duration: float,
+        time_step: float,
+        pulse_duration: float,
+        resolution: Resolution = Resolution(),  # noqa: B008  (frozen)
+    ) -> None:
+        require(0 < time_step < duration, "time_step", "s, below the duration", time_step)
+        require(pulse_duration > 0, "pulse_duration", "s, > 0", pulse_duration)
+        grid = design_grid(ground, plate, offsets, pulse_duration, duration, resolution)
+        absorption = resolution.absorption * pulse_duration / math.pi
+        self.model = FiniteElementModel(ground, plate, grid, offsets, absorption)
+        self.offsets = np.array(offsets, dtype=float)
+        self.samples = round(duration / time_step) + 1
+        self.substeps = math.ceil(time_step * resolution.steps_per_pulse / pulse_duration - 1e-9)
+        self.step = time_step / self.substeps
+        model, rate = self.model, 2 / self.step
+        self._solve = factorise(model.stiffness + rate * model.damping + rate**2 * model.inertia)
+        self._unit_answer = self._solve(model.plate_force())
+
+    def run(self, source: Hammer | PrescribedLoad) -> SimulatedDrop:
+        """One drop; see `simulate_drop`."""
+        load, contact, displacement, velocity = np.zeros((4, self.samples))
+        ground = np.zeros((2, self.offsets.size, self.samples))
+        for count, state in enumerate(self.march(source)):
+            sample, between = divmod(count, self.substeps)
+            if between:
+                continue
+            load[sample] = state.load
+            contact[sample] = state.load - self.model.plate.mass * state.acceleration[PLATE]
+            displacement[sample] = state.displacement[PLATE]
+            velocity[sample] = state.velocity[PLATE]
+            ground[0, :, sample] = self.model.observation @ state.displacement
+            ground[1, :, sample] = self.model.observation @ state.velocity
+        return SimulatedDrop(
+            time=np.arange(self.samples, dtype=float) * self.step * self.substeps,
+            load=load,
+            contact_force=contact,
+            plate_displacement=displacement,
+            plate_velocity=velocity,
+            offsets=self.offsets,
+            ground_displacement=ground[0],
+            ground_velocity=ground[1],
+        )
+
+    def march(self, source: Hammer | PrescribedLoad) -> Iterator[State]:
+        """States at every step inside, the one at rest first."""
+        model, rate = self.model, 2 / self.step
+        force = _HammerForce(source, rate) if isinstance(source, Hammer) else source
+        u, v, a = np.zeros((3, model.size))
+        yield State(u, v, a, 0.0)
+        for count in range(1, (self.samples - 1) * self.substeps + 1):
+            damped, inert = rate * u + v, rate**2 * u + 2 * rate * v + a
+            free = self._solve(model.damping @ damped + model.inertia @ inert)
+            if isinstance(force, _HammerForce):
+                load = force.advance(free[PLATE], self._unit_answer[PLATE])
+            else:
+                load = force.at(count * self.step)
+            new = free + load * self._unit_answer
+            a = rate**2 * (new - u) - 2 * rate * v - a
+            v = rate * (new - u) - v
+            u = new
+            yield State(u, v, a, load)
+
+
+class _HammerForce:
+    """Motion of the hammer, and the force that makes it fit the plate at the end of each step."""
+
+    def __init__(self, hammer: Hammer, rate: float) -> None:
+        self.hammer, self.rate = hammer, rate
+        self.x, self.v, self.a = 0.0, hammer.velocity, hammer.gravity
+
+    def advance(self, free_plate: float, plate_answer: float) -> float:
+        """Force at the end of the step, N, from :math:`u_{free}` and q of the plate."""
+        hammer, rate = self.hammer, self.rate
+        answer = 1 / (hammer.mass * rate**2)
+        free = self.x + 2 * self.v / rate + (self.a + hammer.gravity) / rate**2
+        squeeze = hammer.stiffness * (free - free_plate)
+        force = max(0.0, squeeze / (1 + hammer.stiffness * (answer + plate_answer)))
+        new = free - force * answer
+        self.a = hammer.gravity - force / hammer.mass
+        self.x, self.v = new, rate * (new - self.x) - self.v
+        return force
+
+
+def simulate_drop(
+    ground: Ground,
+    plate: Plate,
+    source: Hammer | PrescribedLoad,
+    offsets: Sequence[float] = (),
+    duration: float = 0.05,
+    time_step: float = 2.5e-4,
+    resolution: Resolution = Resolution(),  # noqa: B008  (frozen)
+) -> SimulatedDrop:
+    """Motion of plate and ground under one drop, by axisymmetric finite elements.
+
+    Parameters
+    ----------
+    source : a hammer, or a known force above the plate
+    offsets : distances from the plate centre where the ground is observed, m
+    duration, time_step : of the record, s
+
+    Raises
+    ------
+    GroundError
+        If a quantity is outside its range; the message names it and the value.
+    """
+    simulator = DropSimulator(
+        ground, plate, offsets, duration, time_step, source.pulse_duration, resolution
+    )
+    return simulator.run(source)

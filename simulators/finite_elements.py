@@ -1,0 +1,194 @@
+r"""Axisymmetric finite elements of a rigid plate on viscoelastic ground.
+
+Weak form, with :math:`\varepsilon` the axisymmetric strain (hoop strain :math:`u/r` included):
+
+.. math::
+    \int \left[ 2 G \varepsilon(v):\varepsilon(u) + \lambda \, \mathrm{div} v \, \mathrm{div} u
+    \right] 2 \pi r \, dr \, dz + \ldots = F v_{plate}
+
+and likewise for viscosity (E replaced by eta, at the same Poisson's ratio: a Kelvin-Voigt solid,
+:math:`\sigma = C(E \varepsilon + \eta \dot\varepsilon)`) and for inertia. Nine-node quadrilaterals;
+the volumetric part is integrated with 2 x 2 points, which keeps the element from locking up to
+nu = 0.495 (selective reduced integration: Hughes, The Finite Element Method, 1987, chapter 4).
+The plate is one degree of freedom shared by all nodes under it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+import skfem
+from scipy.sparse.linalg import splu
+
+from simulators.mesh import Array, Grid, Ground, Plate
+
+# Integration orders that select 3 x 3 and 2 x 2 Gauss points.
+FULL_ORDER, REDUCED_ORDER = 5, 3
+# Symmetric matrices without pivoting: less than half the fill-in of the default ordering.
+ORDERING = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+PLATE = 0  # index of the plate among the free degrees of freedom
+
+
+def _shear_form(u: Any, v: Any, w: Any) -> Any:
+    radius = w.x[0]
+    normal = u.grad[0, 0] * v.grad[0, 0] + u.grad[1, 1] * v.grad[1, 1] + u[0] * v[0] / radius**2
+    shear = (u.grad[0, 1] + u.grad[1, 0]) * (v.grad[0, 1] + v.grad[1, 0])
+    return w.shear * (2 * normal + shear) * radius
+
+
+def _volume_form(u: Any, v: Any, w: Any) -> Any:
+    radius = w.x[0]
+    dilation = u.grad[0, 0] + u.grad[1, 1] + u[0] / radius
+    return w.lame * dilation * (v.grad[0, 0] + v.grad[1, 1] + v[0] / radius) * radius
+
+
+def _inertia_form(u: Any, v: Any, w: Any) -> Any:
+    return w.density * (u[0] * v[0] + u[1] * v[1]) * w.x[0]
+
+
+class FiniteElementModel:
+    """Matrices of a plate on the ground, reduced to the free degrees of freedom.
+
+    Parameters
+    ----------
+    ground, plate, grid
+    offsets : distances from the plate centre where the ground is observed, m
+        Up to the plate radius they follow the plate.
+    absorption : float, s, >= 0
+        Viscosity over modulus added at the end of the absorbing zone, rising as the square of the
+        distance from its start.
+
+    Attributes
+    ----------
+    stiffness, damping, inertia : (n, n) sparse, N/m, N s/m, kg
+        Degree of freedom `PLATE` is the plate, whose mass is in `inertia`.
+    observation : (n_offsets, n) sparse
+        Takes a state to the vertical displacement at the offsets.
+    size : n
+    """
+
+    def __init__(
+        self,
+        ground: Ground,
+        plate: Plate,
+        grid: Grid,
+        offsets: Sequence[float] = (),
+        absorption: float = 0.0,
+    ) -> None:
+        self.plate = plate
+        mesh = skfem.MeshQuad.init_tensor(grid.radii, grid.depths)
+        element = skfem.ElementVector(skfem.ElementQuad2())
+        full = skfem.Basis(mesh, element, intorder=FULL_ORDER)
+        reduced = skfem.Basis(mesh, element, intorder=REDUCED_ORDER)
+        free = _free_degrees(full, ground, plate)
+        self.size = int(free.shape[1])
+
+        def assemble(form: Any, basis: Any, viscous: bool) -> Any:
+            position = np.asarray(basis.global_coordinates())
+            fields = _material(position, ground, grid, absorption, viscous)
+            matrix = skfem.BilinearForm(form).assemble(basis, **fields)
+            return (free.T @ (2 * math.pi * matrix) @ free).tocsc()
+
+        self.stiffness, self.damping = (
+            assemble(_shear_form, full, viscous) + assemble(_volume_form, reduced, viscous)
+            for viscous in (False, True)
+        )
+        self.inertia = assemble(_inertia_form, full, False)
+        self.inertia[PLATE, PLATE] += plate.mass
+        self.observation = _observation(full, free, plate, offsets)
+
+    def static_stiffness(self) -> float:
+        """Force over displacement of the plate at rest, N/m."""
+        return 1.0 / float(factorise(self.stiffness)(self.plate_force())[PLATE])
+
+    def compliance(self, laplace: complex) -> complex:
+        """Displacement of the plate per contact force at a Laplace variable (1/s), m/N.
+
+        The mass of the plate is not part of it.
+        """
+        weightless = self.inertia.copy()
+        weightless[PLATE, PLATE] -= self.plate.mass
+        matrix = self.stiffness + laplace * self.damping + laplace**2 * weightless
+        force = self.plate_force().astype(complex)
+        return complex(factorise(matrix.astype(complex))(force)[PLATE])
+
+    def plate_force(self) -> Array:
+        """(n,) state of a unit force on the plate."""
+        force = np.zeros(self.size)
+        force[PLATE] = 1.0
+        return force
+
+    def energy(self, displacement: Array, velocity: Array) -> float:
+        """Elastic and kinetic energy of ground and plate, J."""
+        elastic = displacement @ (self.stiffness @ displacement)
+        return float(elastic + velocity @ (self.inertia @ velocity)) / 2
+
+
+def factorise(matrix: Any) -> Any:
+    """Solver (right-hand side to solution) of a symmetric sparse matrix."""
+    return splu(matrix.tocsc(), options={"SymmetricMode": True}, **ORDERING).solve
+
+
+def _material(
+    position: Any, ground: Ground, grid: Grid, absorption: float, viscous: bool
+) -> dict[str, Array]:
+    """Lame's constants (of E or, if `viscous`, of eta) and density at `position` (2, ...)."""
+    index = ground.layer_at(position[1])
+
+    def value(name: str) -> Array:
+        return np.array([getattr(layer, name) for layer in ground.layers], dtype=float)[index]
+
+    modulus, poisson = value("modulus"), value("poisson_ratio")
+    if viscous:
+        depth = position[1] if ground.base == "none" else np.zeros_like(position[1])
+        ramps = [
+            np.maximum(x - grid.damping_start, 0) / grid.damping_width for x in (position[0], depth)
+        ]
+        modulus = value("viscosity") + modulus * absorption * (ramps[0] ** 2 + ramps[1] ** 2)
+    shear = modulus / (2 * (1 + poisson))
+    return {
+        "shear": shear,
+        "lame": 2 * shear * poisson / (1 - 2 * poisson),
+        "density": value("density"),
+    }
+
+
+def _free_degrees(basis: Any, ground: Ground, plate: Plate) -> Any:
+    """(all, free) sparse map from free degrees of freedom to all of the element basis.
+
+    On the axis and under a rough plate u = 0, on the base and the far boundaries u = w = 0, and
+    every w under the plate is the one of the plate.
+    """
+    radius, depth = basis.doflocs
+    tiny = 1e-9 * plate.radius
+    vertical = np.zeros(basis.N, dtype=bool)
+    for numbers in (basis.nodal_dofs, basis.facet_dofs, basis.interior_dofs):
+        vertical[numbers[1::2]] = True
+    under = (depth < tiny) & (radius < plate.radius + tiny)
+    fixed = (radius > radius.max() - tiny) | (depth > depth.max() - tiny)
+    fixed |= ~vertical & (radius < tiny)
+    if plate.contact == "rough":
+        fixed |= ~vertical & under
+    target = np.full(basis.N, -1)
+    target[under & vertical] = PLATE
+    free = ~fixed & (target < 0)
+    target[free] = PLATE + 1 + np.arange(np.count_nonzero(free))
+    rows = np.flatnonzero(target >= 0)
+    shape = (basis.N, 1 + np.count_nonzero(free))
+    return sparse.csr_matrix((np.ones(rows.size), (rows, target[rows])), shape=shape)
+
+
+def _observation(basis: Any, free: Any, plate: Plate, offsets: Sequence[float]) -> Any:
+    """(n_offsets, free) sparse: vertical surface displacement, by the element's own quadratics."""
+    rows = []
+    for offset in offsets:
+        if offset <= plate.radius:
+            rows.append(sparse.csr_matrix(([1.0], ([0], [PLATE])), shape=(1, free.shape[1])))
+            continue
+        components = basis.probes(np.array([[offset], [0.0]])).tocsr()  # u, then w
+        rows.append(components[1:2] @ free)
+    return sparse.vstack(rows).tocsr() if rows else sparse.csr_matrix((0, free.shape[1]))

@@ -1,0 +1,188 @@
+r"""Simulated drops as an instrument would record them, written as a trace file.
+
+The file declares what an operator would know of the instrument and never the ground that was
+simulated. Noise, quantisation, the wait before the trigger and the response of a geophone are added
+here; `simulators.drop` knows nothing of them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import expm
+
+from simulators.drop import SimulatedDrop
+from simulators.mesh import Array, Plate, require
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Geophone:
+    """A second-order high-pass: mass on a spring, read as velocity."""
+
+    natural_frequency: float
+    """Hz, > 0."""
+    damping: float
+    """Fraction of critical, >= 0."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the instrument does to the true signals."""
+
+    quantity: Literal["velocity", "displacement"] = "velocity"
+    """What the sensor channels carry."""
+    pre_trigger: float = 0.015
+    """Recorded rest before the first touch, s."""
+    load_noise: float = 0.0
+    """Root mean square of white noise on the load, N."""
+    sensor_noise: float | tuple[float, ...] = 0.0
+    """The same on every sensor, or on each, m/s or m."""
+    load_resolution: float = 0.0
+    """Load per count of the converter, N; 0: not quantised."""
+    sensor_resolution: float = 0.0
+    """The same of the sensors, m/s or m."""
+    geophone: Geophone | None = None
+    """Response left in the velocities; none: the record is corrected."""
+
+
+@dataclass(frozen=True)
+class RecordedDrop:
+    """Channels of one drop as the instrument stores them."""
+
+    time: Array
+    """(n,) s, 0 at the first touch, negative before."""
+    load: Array
+    """(n,) N."""
+    sensors: Array
+    """(n_offsets, n) m/s or m."""
+
+
+def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Array:
+    r"""Velocity as a geophone tells it, for ground at rest before the first sample.
+
+    .. math::
+        \ddot x + 2 \zeta \omega_0 \dot x + \omega_0^2 x = v, \qquad
+        y = v - 2 \zeta \omega_0 \dot x - \omega_0^2 x
+        \quad\Leftrightarrow\quad Y/V = s^2 / (s^2 + 2 \zeta \omega_0 s + \omega_0^2)
+
+    The state equation is solved exactly for a velocity that is linear between samples
+    (first-order hold, by one matrix exponential).
+
+    Parameters
+    ----------
+    velocity : (..., n) ndarray of float, m/s
+    time_step : float, s
+
+    Returns
+    -------
+    (..., n) ndarray of float, m/s
+    """
+    omega = 2 * math.pi * geophone.natural_frequency
+    friction = 2 * geophone.damping * omega
+    system = np.zeros((4, 4))  # x, dx/dt, v, v(next) - v
+    system[0, 1] = 1.0
+    system[1] = [-(omega**2), -friction, 1.0, 0.0]
+    system[2, 3] = 1 / time_step
+    step = expm(system * time_step)[:2]
+    output = np.array(velocity, dtype=float)
+    state = np.zeros((*output.shape[:-1], 2))
+    for k in range(output.shape[-1]):
+        if k > 0:
+            before, change = velocity[..., k - 1], velocity[..., k] - velocity[..., k - 1]
+            state = state @ step[:, :2].T
+            state = state + before[..., None] * step[:, 2] + change[..., None] * step[:, 3]
+        output[..., k] -= omega**2 * state[..., 0] + friction * state[..., 1]
+    return output
+
+
+def record_drop(
+    drop: SimulatedDrop, recording: Recording, generator: np.random.Generator
+) -> RecordedDrop:
+    """One simulated drop through the instrument: wait, response, noise, quantisation."""
+    time_step = float(drop.time[1] - drop.time[0])
+    wait = round(recording.pre_trigger / time_step)
+    signals = drop.ground_velocity
+    if recording.quantity == "displacement":
+        require(recording.geophone is None, "geophone", "velocity channels", recording.quantity)
+        signals = drop.ground_displacement
+    sensors = np.pad(signals, ((0, 0), (wait, 0)))
+    load = np.pad(drop.load, (wait, 0))
+    if recording.geophone is not None:
+        sensors = geophone_output(sensors, time_step, recording.geophone)
+    noise = np.broadcast_to(np.asarray(recording.sensor_noise, dtype=float), len(sensors))
+    load = load + recording.load_noise * generator.standard_normal(load.size)
+    sensors = sensors + noise[:, None] * generator.standard_normal(sensors.shape)
+    return RecordedDrop(
+        np.arange(-wait, drop.time.size, dtype=float) * time_step,
+        _quantised(load, recording.load_resolution),
+        _quantised(sensors, recording.sensor_resolution),
+    )
+
+
+def write_traces(
+    path: Path,
+    drops: Sequence[SimulatedDrop],
+    plate: Plate,
+    poisson_ratio: float,
+    recording: Recording | None = None,
+    seed: int = 0,
+    declared: Mapping[str, str | float | int] | None = None,
+) -> Path:
+    """Trace file of one test point, and return its path.
+
+    Parameters
+    ----------
+    path : an existing file is replaced
+    drops : one or more, with equal times and offsets
+    plate : its radius and mass are declared
+    poisson_ratio : what the operator assumes
+    seed : of the noise
+    declared : further header keys, for example `bedrock_depth_m`, `device`, `site`; a value of
+        infinity is written as such. The ground that was simulated is not written.
+    """
+    recording = recording or Recording()
+    require(len(drops) > 0, "drops", "at least one", drops)
+    for drop in drops:
+        same = np.array_equal(drop.offsets, drops[0].offsets)
+        require(same, "offsets", "the same in every drop", drop.offsets)
+    header: dict[str, str | float | int] = {
+        "pfwd-traces": FORMAT_VERSION,
+        "plate_radius_m": plate.radius,
+        "plate_mass_kg": plate.mass,
+        "poisson_ratio": poisson_ratio,
+    }
+    if recording.geophone is not None:
+        header["geophone_natural_frequency_hz"] = recording.geophone.natural_frequency
+        header["geophone_damping"] = recording.geophone.damping
+    header.update(declared or {})
+    unit = "velocity_m_s" if recording.quantity == "velocity" else "displacement_m"
+    columns = ["drop", "time_s", "load_N", *(f"{unit}@{r:.4f}" for r in drops[0].offsets)]
+    generator = np.random.default_rng(seed)
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        for key, value in header.items():
+            file.write(f"# {key} = {_toml(value)}\n")
+        file.write(",".join(columns) + "\n")
+        for number, drop in enumerate(drops, start=1):
+            record = record_drop(drop, recording, generator)
+            index = np.full(record.time.size, number)
+            table = np.column_stack([index, record.time, record.load, record.sensors.T])
+            formats = ["%d", "%.9g", "%.7g", *["%.9g"] * len(record.sensors)]
+            np.savetxt(file, table, delimiter=",", fmt=formats)
+    return path
+
+
+def _quantised(signal: Array, resolution: float) -> Array:
+    return signal if resolution == 0 else np.round(signal / resolution) * resolution
+
+
+def _toml(value: str | float) -> str:
+    """One value as TOML; a JSON string is a TOML string, `inf` and `nan` are TOML floats."""
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

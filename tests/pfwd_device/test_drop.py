@@ -1,0 +1,55 @@
+"""Drop and Channel: shapes, units, and that a record stays as it was recorded."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from pfwd_device import Channel, Drop
+
+
+def a_drop() -> Drop:
+    time = np.arange(-10, 90) / 1000
+    return Drop(1, time, np.ones(100), (Channel(0.0, "velocity", np.zeros(100)),))
+
+
+def test_sampling_rate_is_samples_per_second() -> None:
+    assert a_drop().sampling_rate == pytest.approx(1000.0, rel=1e-12)
+
+
+def test_arrays_become_read_only_copies_of_floats() -> None:
+    load = np.ones(100, dtype=np.int32)
+    drop = Drop(1, np.arange(100) / 1000, load, ())
+    load[0] = 7
+    assert drop.load.dtype == np.float64
+    assert drop.load[0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        drop.load[0] = 2.0
+
+
+def test_a_drop_survives_the_trip_to_a_worker_process() -> None:
+    drop = a_drop()
+    copy = pickle.loads(pickle.dumps(drop))
+    np.testing.assert_array_equal(copy.time, drop.time)
+    assert copy.channels[0].quantity == "velocity"
+
+
+def test_a_load_of_another_length_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"drop 3: expected 100 samples .* came \[99\]"):
+        Drop(3, np.arange(100) / 1000, np.ones(99), ())
+
+
+def test_a_channel_of_another_length_is_refused() -> None:
+    channel = Channel(0.0, "velocity", np.zeros(101))
+    with pytest.raises(ValueError, match=r"came \[100, 101\]"):
+        Drop(3, np.arange(100) / 1000, np.ones(100), (channel,))
+
+
+def test_two_dimensions_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"values: expected one dimension, came shape \(2, 2\)"):
+        Channel(0.0, "velocity", np.zeros((2, 2)))
+
+
+def test_one_sample_is_no_drop() -> None:
+    with pytest.raises(ValueError, match="at least 2 samples, came 1"):
+        Drop(1, np.zeros(1), np.zeros(1), ())

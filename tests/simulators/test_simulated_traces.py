@@ -1,0 +1,170 @@
+"""Trace files of simulated drops: what is in them, and what is kept out."""
+
+import csv
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pfwd_survey.traces import read_traces
+from simulators.demo import PLATE, demo_drops, demo_ground
+from simulators.drop import SimulatedDrop
+from simulators.mesh import GroundError
+from simulators.traces import Geophone, Recording, geophone_output, record_drop, write_traces
+
+TIME_STEP = 1e-4
+
+
+@pytest.fixture
+def drop() -> SimulatedDrop:
+    """Any drop will do: a half-sine load, a velocity that follows it, no finite elements."""
+    time = np.arange(401) * TIME_STEP
+    pulse = np.where(time < 0.013, np.sin(np.pi * time / 0.013), 0.0)
+    ground = np.array([1.0, 0.3])[:, None] * pulse
+    return SimulatedDrop(
+        time, 8e3 * pulse, 8e3 * pulse, ground[0], ground[0], np.array([0.0, 0.3]), ground, ground
+    )
+
+
+def read(path: Path) -> tuple[dict[str, object], list[str], NDArray[np.float64]]:
+    """Header, column names and numbers, by nothing but TOML and CSV."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    header = [line.removeprefix("# ") for line in lines if line.startswith("# ")]
+    rows = list(csv.reader(lines[len(header) :]))
+    return tomllib.loads("\n".join(header)), rows[0], np.array(rows[1:], dtype=float)
+
+
+def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: Path) -> None:
+    declared = {"bedrock_depth_m": float("inf"), "site": 'Hill "A"', "seating_drops": 1}
+    path = write_traces(tmp_path / "t.csv", [drop, drop], PLATE, 0.35, declared=declared)
+    header, columns, table = read(path)
+    assert path.read_text(encoding="utf-8").startswith("# pfwd-traces = 1\n")
+    assert header == {
+        "pfwd-traces": 1,
+        "plate_radius_m": PLATE.radius,
+        "plate_mass_kg": PLATE.mass,
+        "poisson_ratio": 0.35,
+        **declared,
+    }
+    sensors = ["velocity_m_s@0.0000", "velocity_m_s@0.3000"]
+    assert columns == ["drop", "time_s", "load_N", *sensors]
+    first, second = table[table[:, 0] == 1], table[table[:, 0] == 2]
+    np.testing.assert_array_equal(first[:, 1:], second[:, 1:])  # no noise: equal
+    np.testing.assert_allclose(np.diff(first[:, 1]), TIME_STEP, rtol=1e-6)
+    assert first[0, 1] == pytest.approx(-0.015)
+    assert not np.any(first[first[:, 1] <= 0, 2:])
+    np.testing.assert_allclose(first[first[:, 1] > -1e-9, 3:].T, drop.ground_velocity, rtol=1e-8)
+
+
+def test_displacement_can_be_written_instead(drop: SimulatedDrop, tmp_path: Path) -> None:
+    recording = Recording(quantity="displacement", pre_trigger=0.0)
+    _, columns, table = read(write_traces(tmp_path / "t.csv", [drop], PLATE, 0.35, recording))
+    assert columns[3] == "displacement_m@0.0000"
+    np.testing.assert_allclose(table[:, 3:].T, drop.ground_displacement, rtol=1e-8)
+
+
+def test_noise_has_the_stated_size_on_each_channel(drop: SimulatedDrop) -> None:
+    recording = Recording(pre_trigger=0.5, load_noise=20.0, sensor_noise=(1e-3, 4e-3))
+    record = record_drop(drop, recording, np.random.default_rng(3))
+    before = record.time < 0
+    assert np.count_nonzero(before) == 5000
+    assert np.std(record.load[before]) == pytest.approx(20, rel=0.04)
+    np.testing.assert_allclose(np.std(record.sensors[:, before], axis=1), [1e-3, 4e-3], rtol=0.04)
+    neighbours = np.corrcoef(record.load[before][1:], record.load[before][:-1])[0, 1]
+    assert abs(neighbours) < 0.05
+
+
+def test_quantised_values_are_whole_counts(drop: SimulatedDrop) -> None:
+    recording = Recording(load_resolution=5.0, sensor_resolution=1e-3, load_noise=3.0)
+    record = record_drop(drop, recording, np.random.default_rng(0))
+    counts = record.load / 5
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert np.max(np.abs(record.sensors[:, 150:] - drop.ground_velocity)) <= 0.5e-3 + 1e-12
+
+
+@pytest.mark.parametrize("frequency", [2.0, 4.5, 30.0])
+def test_a_geophone_has_its_textbook_response(frequency: float) -> None:
+    # |s^2 / (s^2 + 2 z w0 s + w0^2)| and its phase, at s = i w, once the start has died away.
+    geophone = Geophone(natural_frequency=4.5, damping=0.6)
+    time = np.arange(0, 4, TIME_STEP * 5)
+    s, natural = 2j * np.pi * frequency, 2 * np.pi * 4.5
+    response = s**2 / (s**2 + 2 * 0.6 * natural * s + natural**2)
+    output = geophone_output(np.sin(2 * np.pi * frequency * time), TIME_STEP * 5, geophone)
+    expected = np.imag(response * np.exp(s * time))
+    late = time > 2
+    np.testing.assert_allclose(output[late], expected[late], atol=2e-3)
+
+
+def test_a_geophone_forgets_a_step_as_the_closed_form_says() -> None:
+    # Critically damped: a step of velocity reads (1 - w0 t) exp(-w0 t).
+    time = np.arange(2000) * TIME_STEP
+    natural = 2 * np.pi * 10.0
+    velocity = np.ones((1, time.size))
+    output = geophone_output(velocity, TIME_STEP, Geophone(10.0, 1.0))[0]
+    np.testing.assert_allclose(output, (1 - natural * time) * np.exp(-natural * time), atol=1e-9)
+
+
+def test_a_geophone_is_declared_and_refuses_displacement(
+    drop: SimulatedDrop, tmp_path: Path
+) -> None:
+    recording = Recording(geophone=Geophone(4.5, 0.6))
+    header, _, table = read(write_traces(tmp_path / "t.csv", [drop], PLATE, 0.35, recording))
+    assert header["geophone_natural_frequency_hz"] == 4.5
+    assert header["geophone_damping"] == 0.6
+    assert np.min(table[:, 3]) < -0.05  # the undershoot
+    wrong = Recording(quantity="displacement", geophone=Geophone(4.5, 0.6))
+    with pytest.raises(GroundError, match="geophone: expected velocity channels"):
+        record_drop(drop, wrong, np.random.default_rng(0))
+
+
+def test_a_file_needs_drops_of_one_kind(drop: SimulatedDrop, tmp_path: Path) -> None:
+    with pytest.raises(GroundError, match="drops: expected at least one"):
+        write_traces(tmp_path / "t.csv", [], PLATE, 0.35)
+
+
+@pytest.fixture(scope="module")
+def demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return demo_drops(3, 7, tmp_path_factory.mktemp("demo") / "new")
+
+
+def test_the_demonstration_is_one_point_without_the_truth(demonstration: Path) -> None:
+    header, columns, table = read(demonstration)
+    assert set(table[:, 0]) == {1, 2, 3}
+    assert columns[3:] == [f"velocity_m_s@{r:.4f}" for r in (0.0, 0.3, 0.6)]
+    assert "bedrock_depth_m" not in header
+    assert "density_kg_m3" not in header
+    ground = demo_ground(7)
+    text = demonstration.read_text(encoding="utf-8").split("drop,time_s")[0]
+    assert f"{ground.bedrock_depth:.2f}" not in text
+    assert f"{ground.layers[0].modulus / 1e6:.0f}" not in text
+    loads = [np.max(table[table[:, 0] == k, 2]) for k in (1, 2, 3)]
+    assert 8e3 < min(loads) < max(loads) < 12e3
+    assert max(loads) > 1.002 * min(loads)
+
+
+def test_the_demonstration_moves_as_soil_does(demonstration: Path) -> None:
+    _, _, table = read(demonstration)
+    first = table[table[:, 0] == 1]
+    deflection = np.cumsum(first[:, 3:], axis=0) * (first[1, 1] - first[0, 1])
+    peaks = np.max(deflection, axis=0)
+    assert 3e-4 < peaks[0] < 1e-3
+    assert np.all(np.diff(peaks) < 0)
+
+
+def test_the_demonstration_can_be_read_by_the_survey(demonstration: Path) -> None:
+    point = read_traces(demonstration)
+    assert [drop.number for drop in point.drops] == [1, 2, 3]
+    assert point.setup.plate_radius == PLATE.radius
+    assert point.setup.bedrock_depth is None
+
+
+def test_the_demonstration_repeats_itself(demonstration: Path, tmp_path: Path) -> None:
+    assert demo_drops(3, 7, tmp_path).read_bytes() == demonstration.read_bytes()
+
+
+def test_another_seed_is_another_ground() -> None:
+    moduli = [demo_ground(seed).layers[0].modulus for seed in range(40)]
+    assert np.mean(moduli) == pytest.approx(45e6, rel=0.1)
+    assert 0.05 < np.std(moduli) / np.mean(moduli) < 0.25

@@ -1,0 +1,79 @@
+"""The architecture at run time: what an import brings along, and what the wheel holds."""
+
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+
+
+@pytest.mark.parametrize(
+    ("module", "unwanted"),
+    [
+        ("pfwd_device", ["scipy", "textual", "rich", "matplotlib", "inversion", "pfwd_survey"]),
+        ("inversion", ["textual", "rich", "matplotlib", "serial", "h5py", "pfwd_device"]),
+        ("simulators", ["textual", "inversion", "pfwd_survey"]),
+        ("pfwd_survey.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
+        ("tui.cli", ["numpy", "scipy", "textual", "rich", "matplotlib", "h5py", "serial"]),
+    ],
+)
+def test_an_import_brings_nothing_along_that_it_should_not(
+    module: str, unwanted: list[str]
+) -> None:
+    # In a fresh interpreter: this one has imported everything by now.
+    code = f"import sys, {module}; print(*(set({unwanted}) & set(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.split() == []
+
+
+def test_the_wheel_holds_every_package_of_the_checkout() -> None:
+    beside = {"tests", "docs", "benchmarks", "examples", "build", "dist"}
+    folders = {path.parent.name for path in TOP.glob("*/__init__.py")} - beside
+    assert set(PACKAGES) == folders
+
+
+def test_every_package_says_that_it_is_typed() -> None:
+    for package in PACKAGES:
+        assert (TOP / package / "py.typed").is_file()
+
+
+def test_the_checks_look_at_every_package() -> None:
+    tools = PROJECT["tool"]
+    assert set(tools["mypy"]["packages"]) == set(PACKAGES)
+    assert set(tools["importlinter"]["root_packages"]) == set(PACKAGES)
+
+
+def test_no_other_distribution_ships_a_package_of_our_name() -> None:
+    # Others could use names like tui or inversion, and the later installation would win.
+    owners = packages_distributions()
+    for package in PACKAGES:
+        assert set(owners.get(package, [])) <= {"pfwd"}
+
+
+def test_no_folder_of_tests_hides_a_package() -> None:
+    assert list((TOP / "tests").rglob("__init__.py")) == []
+
+
+def test_every_requirement_has_a_reason_beside_it() -> None:
+    lines = (TOP / "pyproject.toml").read_text(encoding="utf-8").splitlines()
+    requirements = [line for line in lines if line.startswith('    "') and "<" in line]
+    assert len(requirements) > 10
+    assert [line for line in requirements if '", # ' not in line] == []
+
+
+def test_every_dependency_has_its_version_in_the_constraints() -> None:
+    text = (TOP / "constraints.txt").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    assert all(line.count("==") == 1 and " " not in line for line in lines)
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
+    wanted = PROJECT["project"]["dependencies"] + PROJECT["project"]["optional-dependencies"]["dev"]
+    names = {text.split(">=")[0].lower() for text in wanted}
+    assert names <= pinned

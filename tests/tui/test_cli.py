@@ -1,0 +1,323 @@
+"""The console command: usage, exit status, what goes to which output, and how it is stopped."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_survey.options import AnalysisOptions
+from pfwd_survey.outcome import FileOutcome
+from tui.cli import build_parser, main
+from tui.commands import bench
+from tui.commands.invert import options_from
+
+TOP = Path(__file__).resolve().parents[2]
+RESULT = {"file": "a.csv", "drop": 1, "status": "measured", "modulus_pa": 4e7, "r_squared": 0.99}
+REJECTED = {"file": "a.csv", "drop": 2, "status": "rejected", "reason": "no pulse", "warnings": []}
+
+
+class FakeAnalysis(types.ModuleType):
+    """Stands in for the analysis: hands out prepared outcomes and keeps what it was asked."""
+
+    def __init__(self, *outcomes: FileOutcome | Exception) -> None:
+        super().__init__("pfwd_survey.analysis")
+        self.outcomes = outcomes
+        self.asked: tuple[Any, ...] = ()
+        self.closed = False
+
+    def analyse_files(
+        self, paths: list[str], options: AnalysisOptions, jobs: int
+    ) -> Iterator[FileOutcome]:
+        self.asked = (paths, options, jobs)
+        try:
+            for outcome in self.outcomes:
+                if isinstance(outcome, Exception):
+                    raise outcome
+                yield outcome
+        finally:
+            self.closed = True
+
+
+def analysis(monkeypatch: pytest.MonkeyPatch, *outcomes: FileOutcome | Exception) -> FakeAnalysis:
+    fake = FakeAnalysis(*outcomes)
+    monkeypatch.setitem(sys.modules, "pfwd_survey.analysis", fake)
+    return fake
+
+
+# Usage
+
+
+def test_help_answers_in_under_300_ms() -> None:
+    def run() -> float:
+        start = time.perf_counter()
+        command = [sys.executable, "-c", "from tui.cli import main; main(['--help'])"]
+        text = subprocess.run(command, cwd=TOP, capture_output=True, check=True, text=True).stdout
+        assert "invert" in text
+        return time.perf_counter() - start
+
+    assert (
+        min(run() for _ in range(5)) < 0.3
+    )  # the best of five, for a machine that does other work
+
+
+def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out.startswith("pfwd ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["unheard-of"],
+        ["invert"],
+        ["invert", "a.csv", "--model", "sand"],
+        ["invert", "a.csv", "--bedrock-depth", "deep"],
+        ["invert", "a.csv", "--jobs", "0"],
+        ["invert", "a.csv", "--seed", "x"],
+        ["invert", "a.csv", "--plot", "a.xyz"],
+        ["invert", "a.csv", "--publ"],
+        ["demo", "--drops", "0"],
+    ],
+)
+def test_wrong_usage_is_status_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "error:" in output.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--model", "half-space", "--bedrock-depth", "1"], "expected one of the two, came both"),
+        (["--published", "--plate", "rigid-rough"], "--published and --plate rigid-rough"),
+        (["--poisson-ratio", "0.5"], "--poisson-ratio"),
+        (["--bedrock-depth", "0"], "--bedrock-depth"),
+        (["--header", "no-such.toml"], "--header no-such.toml: expected a TOML file"),
+    ],
+)
+def test_contradictions_and_ranges_are_status_2_and_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["invert", "a.csv", *arguments]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert message in output.err
+
+
+def test_every_option_reaches_the_analysis(tmp_path: Path) -> None:
+    header = tmp_path / "setup.toml"
+    header.write_text("")
+    line = (
+        "invert a.csv b.csv --model layer --bedrock-depth 1.5 --elastic --load half-sine "
+        "--plate rigid-smooth --sensors centre --joint --method least-squares --seed 7 "
+        "--plate-radius 0.1 --poisson-ratio 0.3 --density 1900 --plate-mass 12 --header"
+    )
+    options = options_from(build_parser().parse_args([*line.split(), str(header)]))
+    assert options == AnalysisOptions(
+        model="layer",
+        bedrock_depth=1.5,
+        elastic=True,
+        load="half-sine",
+        plate="rigid-smooth",
+        sensors="centre",
+        joint=True,
+        method="least-squares",
+        seed=7,
+        header=str(header),
+        plate_radius=0.1,
+        poisson_ratio=0.3,
+        density=1900.0,
+        plate_mass=12.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "depth"), [("unknown", "unknown"), ("none", "none"), ("inf", "none"), ("2", 2.0)]
+)
+def test_a_depth_may_be_a_number_or_a_word(text: str, depth: float | str) -> None:
+    options = options_from(build_parser().parse_args(["invert", "a.csv", "--bedrock-depth", text]))
+    assert options.bedrock_depth == depth
+
+
+# Output and status
+
+
+def test_json_is_one_object_a_line_and_nothing_else(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fake = analysis(
+        monkeypatch,
+        FileOutcome("a.csv", None, [{**RESULT, "modulus_sd_pa": float("nan")}, REJECTED]),
+    )
+    assert main(["invert", "a.csv", "--json", "--jobs", "2"]) == 0
+    output = capsys.readouterr()
+    assert [json.loads(line) for line in output.out.splitlines()] == [
+        {**RESULT, "modulus_sd_pa": None},
+        REJECTED,
+    ]
+    assert output.err == ""
+    assert fake.asked == (["a.csv"], AnalysisOptions(), 2)
+
+
+def test_a_refused_file_is_status_1_and_the_others_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused = FileOutcome("b.csv", "b.csv, line 3: expected \x1b[31m, came\nothing")
+    analysis(monkeypatch, refused, FileOutcome("a.csv", None, [RESULT]))
+    assert main(["invert", "b.csv", "a.csv", "--json"]) == 1
+    output = capsys.readouterr()
+    assert len(output.out.splitlines()) == 1
+    assert output.err == "pfwd: b.csv, line 3: expected \ufffd[31m, came\ufffdothing\n"
+
+
+def test_people_get_a_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    analysis(monkeypatch, FileOutcome("a.csv", None, [RESULT, REJECTED]))
+    assert main(["invert", "a.csv"]) == 0
+    text = capsys.readouterr().out
+    assert "E MPa" in text
+    assert "40.0" in text
+    assert "drop 2 rejected: no pulse" in text
+
+
+def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+    plots = types.ModuleType("pfwd_survey.plots")
+    plots.plot_outcomes = lambda *args: drawn.append(args)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pfwd_survey.plots", plots)
+    outcomes = [FileOutcome("a.csv", None, [RESULT]), FileOutcome("b.csv", "refused")]
+    analysis(monkeypatch, *outcomes)
+    assert main(["invert", "a.csv", "b.csv", "--plot", "out.PNG"]) == 1
+    assert drawn == [(outcomes, "out.PNG")]
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ZeroDivisionError("division\nby zero"), "an error nobody foresaw, please report it: Zero"),
+        (OSError(28, "No space left on device", "out.png"), "out.png: No space left on device"),
+        (MemoryError(), "an error nobody foresaw, please report it: MemoryError"),
+    ],
+)
+def test_an_unforeseen_error_is_one_line_and_no_traceback(
+    error: Exception,
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    analysis(monkeypatch, error)
+    assert main(["invert", "a.csv"]) == 1
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_the_analysis_is_ended_before_the_error_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = analysis(monkeypatch, FileOutcome("a.csv", None, [{"unprintable": object()}]))
+    ended: list[bool] = []
+    monkeypatch.setattr("tui.cli.say", lambda _message: ended.append(fake.closed))
+    assert main(["invert", "a.csv", "--json"]) == 1
+    assert ended == [True]
+
+
+def test_a_developer_may_see_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    analysis(monkeypatch, ZeroDivisionError("division by zero"))
+    monkeypatch.setenv("PFWD_DEBUG", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["invert", "a.csv"])
+
+
+# Stopping, in a process of its own, because signals and closed pipes concern the whole process
+
+ENDLESS = textwrap.dedent("""
+    import sys, time, types
+    from pfwd_survey.outcome import FileOutcome
+    from tui.cli import main
+
+    def analyse_files(paths, options, jobs):
+        try:
+            while True:
+                yield FileOutcome("a.csv", None, [{"file": "a.csv", "drop": 1}])
+                time.sleep(0.02)
+        finally:
+            print("closed", file=sys.stderr)
+
+    fake = types.ModuleType("pfwd_survey.analysis")
+    fake.analyse_files = analyse_files
+    sys.modules["pfwd_survey.analysis"] = fake
+    sys.exit(main(["invert", "a.csv", "--json"]))
+""")
+
+
+@pytest.fixture
+def endless() -> Iterator[subprocess.Popen[str]]:
+    """A running `pfwd invert` that never ends by itself and has printed its first line."""
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-c", ENDLESS]
+    with subprocess.Popen(command, cwd=TOP, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline()) == {"file": "a.csv", "drop": 1}
+        yield process
+        process.kill()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no way to send one process a signal")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_cleanly(endless: subprocess.Popen[str], number: int) -> None:
+    endless.send_signal(number)
+    out, err = endless.communicate(timeout=20)
+    assert endless.returncode == 0
+    assert all(json.loads(line) for line in out.splitlines())
+    assert err == "closed\npfwd: stopped\n"
+
+
+def test_a_reader_who_leaves_ends_it_cleanly(endless: subprocess.Popen[str]) -> None:
+    assert endless.stdout is not None
+    assert endless.stderr is not None
+    endless.stdout.close()
+    assert endless.wait(timeout=20) == 0
+    assert endless.stderr.read() == "closed\n"
+
+
+# Benchmarks
+
+
+def test_benchmarks_outside_a_checkout_are_status_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(bench, "TOP", tmp_path)
+    assert main(["bench", "speed", "--json"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_benchmarks_get_their_arguments_and_hand_back_their_status(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "benchmarks"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "__main__.py").write_text("import sys; print(sys.argv[1:]); sys.exit(5)")
+    decoy = tmp_path / "elsewhere" / "benchmarks"
+    decoy.mkdir(parents=True)
+    (decoy / "__init__.py").write_text("raise SystemExit('the wrong folder')")
+    monkeypatch.setattr(bench, "TOP", tmp_path)
+    monkeypatch.chdir(decoy.parent)
+    assert main(["bench", "--json", "speed", "-n", "3"]) == 5
+    assert capfd.readouterr().out.strip() == "['--json', 'speed', '-n', '3']"

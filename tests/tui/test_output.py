@@ -1,0 +1,46 @@
+"""Lines for machines and text from elsewhere."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tui.output import clean, json_line
+
+
+def test_json_knows_numpy_and_no_infinity() -> None:
+    record = {
+        "array": np.array([1.5, np.nan]),
+        "scalar": np.float64(2.5),
+        "count": np.int64(3),
+        "truth": np.bool_(True),
+        "nested": {"inf": float("inf"), "pair": (1, float("-inf"))},
+        "none": None,
+        "text": "km 12\n\x1b",
+    }
+    line = json_line(record)
+    assert "\n" not in line
+    assert line.isascii()
+    assert json.loads(line) == {
+        "array": [1.5, None],
+        "scalar": 2.5,
+        "count": 3,
+        "truth": True,
+        "nested": {"inf": None, "pair": [1, None]},
+        "none": None,
+        "text": "km 12\n\x1b",
+    }
+
+
+@pytest.mark.parametrize(
+    "hostile", ["\x1b]0;owned\x07", "\x9b31m", "a\0b", "a\r\nb", "\u202eabc", "\ud800", "\x7f"]
+)
+def test_nothing_that_steers_a_terminal_is_left(hostile: str) -> None:
+    text = clean(hostile)
+    assert text.isprintable()
+    assert len(text) == len(hostile)
+
+
+def test_plain_text_and_mark_up_stay_as_they_are() -> None:
+    for text in ("Ring road km 12 · point 7", "[red]x[/blue]", "50 µm ± 2 %"):
+        assert clean(text) == text

@@ -1,0 +1,69 @@
+"""``pfwd invert``: modulus per drop."""
+
+import argparse
+import contextlib
+import os
+
+from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.options import AnalysisOptions
+from pfwd_survey.outcome import FileOutcome
+from tui.format import result_lines
+from tui.output import json_line, say
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse the files and print what was found; 1 when a file was refused, otherwise 0."""
+    options = options_from(args)
+    from pfwd_survey.analysis import analyse_files
+
+    refused = False
+    kept: list[FileOutcome] = []
+    # Closed at once when the printing stops, so that its workers end and do not linger.
+    with contextlib.closing(analyse_files(args.files, options, args.jobs)) as outcomes:
+        for outcome in outcomes:
+            refused |= outcome.error is not None
+            show(outcome, as_json=args.json)
+            if args.plot:
+                kept.append(outcome)
+    if args.plot:
+        from pfwd_survey.plots import plot_outcomes
+
+        plot_outcomes(kept, args.plot)
+    return 1 if refused else 0
+
+
+def options_from(args: argparse.Namespace) -> AnalysisOptions:
+    """The options of the command line, checked.
+
+    Raises
+    ------
+    OptionError
+    """
+    if args.header is not None and not os.path.isfile(args.header):
+        raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
+    return AnalysisOptions(
+        model=args.model,
+        bedrock_depth=args.bedrock_depth,
+        elastic=args.elastic,
+        load=args.load,
+        plate=args.plate,
+        sensors=args.sensors,
+        joint=args.joint,
+        method=args.method,
+        published=args.published,
+        seed=args.seed,
+        header=args.header,
+        plate_radius=args.plate_radius,
+        poisson_ratio=args.poisson_ratio,
+        density=args.density,
+        plate_mass=args.plate_mass,
+    )
+
+
+def show(outcome: FileOutcome, *, as_json: bool) -> None:
+    """Print the results of a file to standard output, and why it was refused to standard error."""
+    if outcome.error is not None:
+        say(outcome.error)
+    lines = map(json_line, outcome.results) if as_json else result_lines(outcome.results)
+    for line in lines:
+        print(line, flush=True)

@@ -1,0 +1,186 @@
+"""Results as text for people: units shown, numbers never cut, nothing of a terminal's mark-up."""
+
+import itertools
+import math
+import numbers
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from tui.output import clean
+
+Result = Mapping[str, Any]
+NOTHING = "-"
+
+
+def result_lines(results: Sequence[Result]) -> list[str]:
+    """The results of ``pfwd invert`` as lines of text.
+
+    Parameters
+    ----------
+    results : sequence of mapping
+        One a drop, with the keys of ``pfwd invert --json``, SI units.
+
+    Returns
+    -------
+    list of str
+        For every file a line with what the numbers rest on, a table of the ground, a table of the
+        pulse and the fit, the rejected drops and the warnings. The tables are made for 80 columns.
+    """
+    lines = []
+    for file, group in itertools.groupby(results, key=lambda result: result.get("file")):
+        of_file = list(group)
+        lines.append(clean(file))
+        used = [result for result in of_file if result.get("status") != "rejected"]
+        for settings, same in itertools.groupby(used, key=_settings):
+            rows = list(same)
+            lines += [f"  {line}" for line in settings]
+            lines += _table(_GROUND, rows)
+            lines += _table(_PULSE, rows)
+            lines += _search_lines(rows)
+        lines += [
+            f"  drop {_text(result, 'drop')} rejected: {_text(result, 'reason')}"
+            for result in of_file
+            if result.get("status") == "rejected"
+        ]
+        lines += _warning_lines(of_file)
+    return lines
+
+
+def _settings(result: Result) -> tuple[str, ...]:
+    """What the numbers of a drop rest on; equal for drops that can share a table."""
+    return (
+        f"plate radius {_fixed(_number(result, 'plate_radius_m'), 3)} m, {_text(result, 'plate')}; "
+        f"Poisson's ratio {_short(_number(result, 'poisson_ratio'))}; "
+        f"peak-method factor {_short(_number(result, 'peak_factor'))}",
+        f"model {_text(result, 'model')}, load {_text(result, 'load')}, "
+        f"method {_text(result, 'method')}, seed {_text(result, 'seed')}",
+    )
+
+
+def _search_lines(rows: Iterable[Result]) -> list[str]:
+    """What went wrong with a search; nothing for a drop whose search went well."""
+    lines = []
+    for row in rows:
+        bounds = ", ".join(map(clean, row.get("at_bound") or ()))
+        faults = [] if row.get("converged") else ["NOT CONVERGED"]
+        faults += [f"AT BOUND: {bounds}"] if bounds else []
+        if faults:
+            lines.append(f"  drop {_text(row, 'drop')}: {'; '.join(faults)}")
+    return lines
+
+
+def _warning_lines(results: Iterable[Result]) -> list[str]:
+    drops: dict[str, list[str]] = {}
+    for result in results:
+        for warning in result.get("warnings") or ():
+            drops.setdefault(clean(warning), []).append(_text(result, "drop"))
+    return [
+        f"  warning, drop{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}: {warning}"
+        for warning, numbers in drops.items()
+    ]
+
+
+def _table(columns: Mapping[str, Callable[[Result], str]], rows: Sequence[Result]) -> list[str]:
+    cells = [list(columns), *([show(row) for show in columns.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return [
+        "  " + "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
+        for row in cells
+    ]
+
+
+def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[Result], str]:
+    """Shows ``<key>_<unit>`` over `scale` with its standard deviation."""
+
+    def show(result: Result) -> str:
+        value = _number(result, f"{key}_{unit}", scale=scale)
+        deviation = _number(result, f"{key}_sd_{unit}", scale=scale)
+        if value is None:
+            return NOTHING
+        if deviation is None:
+            # Whatever has a value but no deviation was given, except the modulus, which never is.
+            return _short(value) if key == "modulus" else f"{_short(value)} given"
+        # Never more digits than the value is worth, however small the noise of its fit.
+        decimals = min(_decimals(deviation or value, digits=2), _decimals(value, digits=4))
+        least = 10.0**-decimals
+        if 0.0 < deviation < 0.5 * least:
+            return f"{value:.{decimals}f} ±<{least:.{decimals}f}"
+        return f"{value:.{decimals}f} ± {deviation:.{decimals}f}"
+
+    return show
+
+
+def _interval(result: Result) -> str:
+    ends = result.get("modulus_interval_pa")
+    if ends is None or not all(map(_is_number, ends)):
+        return NOTHING
+    low, high = (end / 1e6 for end in ends)
+    decimals = _decimals((high - low) / 2, digits=2)
+    return f"{low:.{decimals}f} to {high:.{decimals}f}"
+
+
+def _peak_load(result: Result) -> str:
+    pressure = _number(result, "half_sine", "peak_pressure_pa")
+    radius = _number(result, "plate_radius_m")
+    if pressure is None or radius is None:
+        return NOTHING
+    return _short(pressure * math.pi * radius**2 / 1e3)
+
+
+def _value(*path: str, scale: float = 1.0) -> Callable[[Result], str]:
+    return lambda result: _short(_number(result, *path, scale=scale))
+
+
+_GROUND: dict[str, Callable[[Result], str]] = {
+    "drop": lambda result: _text(result, "drop"),
+    "E MPa": _with_deviation("modulus", "pa", 1e6),
+    "95 % MPa": _interval,
+    "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
+    "ρ kg/m³": _with_deviation("density", "kg_m3"),
+    "bedrock m": _with_deviation("bedrock_depth", "m"),
+}
+_PULSE: dict[str, Callable[[Result], str]] = {
+    "drop": lambda result: _text(result, "drop"),
+    "kind": lambda result: _text(result, "status"),
+    "kN": _peak_load,
+    "kPa": _value("half_sine", "peak_pressure_pa", scale=1e3),
+    "ms": _value("half_sine", "duration_s", scale=1e-3),
+    "peak E MPa": _value("peak_modulus_pa", scale=1e6),
+    "R²": lambda result: _fixed(_number(result, "r_squared"), 4),
+    "residual %": _value("residual_rms_over_peak", scale=1e-2),
+    "contact %": _value("contact_residual_rms_over_peak", scale=1e-2),
+}
+
+
+def _number(result: Result, *path: str, scale: float = 1.0) -> float | None:
+    """A number of the result over `scale`; None when there is none or it is not finite."""
+    value: Any = result
+    for key in path:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return float(value) / scale if _is_number(value) else None
+
+
+def _is_number(value: Any) -> bool:
+    # Real and not float: numpy's numbers are welcome.
+    return isinstance(value, numbers.Real) and math.isfinite(value)
+
+
+def _text(result: Result, key: str) -> str:
+    value = result.get(key)
+    return NOTHING if value is None else clean(value)
+
+
+def _short(value: float | None) -> str:
+    """Three digits that count, or all digits before the point when there are more."""
+    return NOTHING if value is None else _fixed(value, _decimals(value, digits=3))
+
+
+def _fixed(value: float | None, decimals: int) -> str:
+    return NOTHING if value is None else f"{value:.{decimals}f}"
+
+
+def _decimals(value: float, digits: int) -> int:
+    """Decimals that show so many digits that count, at most six."""
+    if value == 0:
+        return 0
+    return min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
