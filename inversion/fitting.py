@@ -156,7 +156,7 @@ def _fit_published(
 
     def inverse_fitness(points: FloatArray) -> FloatArray:
         observed, predicted = misfit.centre(points)
-        result: FloatArray = 1.0 / published_fitness(observed, predicted)
+        result: FloatArray = 1.0 / published_fitness(observed, predicted, tempered=True)
         return result
 
     size = len(space.fitted)

@@ -21,12 +21,10 @@ IntArray = NDArray[np.intp]
 # Score of the fittest individual of a population, the 100 of Eq. 17.
 _FULL_SCORE = 100.0
 
-# Floor of the contrast fitness in parts of the median: with a tenth the selection is too even
-# (rotated Rastrigin in four genes found in 42 instead of 50 of 100 searches), the best alone
-# (0) is no better.
+# Floor of the contrast fitness in parts of the median; from 0.003 to 0.3 makes no difference.
 _CONTRAST = 0.03
 
-# A differential child is made from its parent and three others.
+# A differential child is made from its parent, the selected one and two others.
 SMALLEST_POPULATION = 4
 
 # Breeder mutation: steps of range * 2^(-20 u), from half of the box down to 5e-7 of it.
@@ -42,26 +40,22 @@ _CROSSOVER_REACH = 0.25
 class Role:
     """How one population makes its differential children.
 
-    Different roles side by side are what makes the populations more than one large one: some
-    spread, some follow the coordinates, some close in.
+    Different roles side by side make the populations more than parts of one large one.
 
     Parameters
     ----------
     pull : float, 0 <= value <= 1
-        Part of the way from the base towards a parent selected on the scaled fitness.
+        Part of the way towards a second parent, selected on the scaled fitness.
     weight : pair of float, lowest and highest
         Each child draws the weight of its difference vector between these.
     crossover_rate : float, 0 < value <= 1
         Probability that a gene comes from the mutant.  Small values search along coordinates,
         values near one do not mind a rotation of the axes.
-    own_base : bool
-        The child starts from its own parent; otherwise from another individual.
     """
 
-    pull: float = 0.0
+    pull: float = 0.5
     weight: tuple[float, float] = (0.2, 0.9)
     crossover_rate: float = 0.9
-    own_base: bool = False
 
     def __post_init__(self) -> None:
         # Within these, children leave the box by less than its width, which reflect() undoes.
@@ -88,7 +82,6 @@ class RoleTable:
         self.lowest_weight = _column([role.weight[0] for role in roles])
         self.weight_range = _column([role.weight[1] - role.weight[0] for role in roles])
         self.crossover_rate = _column([role.crossover_rate for role in roles])
-        self.own_base = _column([float(role.own_base) for role in roles]) > 0.0
 
 
 def _column(values: list[float]) -> FloatArray:
@@ -252,30 +245,29 @@ def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator)
 
 
 def differential_children(
-    genes: FloatArray, attractors: FloatArray, roles: RoleTable, rng: np.random.Generator
+    ring: FloatArray, selected: FloatArray, roles: RoleTable, rng: np.random.Generator
 ) -> FloatArray:
     r"""One child (p, n, d) of each individual, by differences of others.
 
-    .. math:: v = b + K (s - b) + F (x_1 - x_2)
+    .. math:: v = x + K (s - x) + F (x_1 - x_2)
 
-    with b another individual (or the parent itself, by role), s the selected attractor and
-    :math:`x_1, x_2` two more individuals; each gene of v replaces the parent's with the role's
-    probability, one of them always.  Differential evolution, Storn and Price (1997), Journal of
-    Global Optimization 11, with the parent selected as in the paper.
+    with s the selected parent and :math:`x_1, x_2` two other individuals; each gene of v replaces
+    that of x with the role's probability, one of them always.  Differential evolution, Storn and
+    Price (1997), Journal of Global Optimization 11, with the second parent selected as in the
+    paper.
 
     Parameters
     ----------
-    genes : (p, n + 3, d) ndarray of float
-        The populations in random order, the first three individuals repeated at the end: the
-        three neighbours of an individual are then others, drawn without a search.
-    attractors : (p, n, d) ndarray of float
+    ring : (p, n + 2, d) ndarray of float
+        The populations in random order, the first two individuals repeated at the end: the two
+        neighbours of an individual are then others, drawn without a search.
+    selected : (p, n, d) ndarray of float
     roles : RoleTable
     """
-    parents = genes[:, :-3]
+    parents = ring[:, :-2]
     populations, count, size = parents.shape
-    base = np.where(roles.own_base, parents, genes[:, 3:])
     weight = roles.lowest_weight + roles.weight_range * rng.random((populations, count, 1))
-    mutant = base + roles.pull * (attractors - base) + weight * (genes[:, 1:-2] - genes[:, 2:-1])
+    mutant = parents + roles.pull * (selected - parents) + weight * (ring[:, 1:-1] - ring[:, 2:])
     crossed = rng.random((populations, count, size)) < roles.crossover_rate
     # The order is random, so the gene that is always crossed may follow the position.
     crossed |= (np.arange(count)[:, None] - np.arange(size)) % size == 0

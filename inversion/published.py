@@ -453,7 +453,10 @@ def published_displacement(
 
 
 def published_fitness(
-    measured: ArrayLike, predicted: ArrayLike, relative_floor: float = 1e-6
+    measured: ArrayLike,
+    predicted: ArrayLike,
+    relative_floor: float = 1e-6,
+    tempered: bool = False,
 ) -> FloatArray:
     r"""Fitness of predicted displacements, Eq. 16, the larger the better.
 
@@ -474,6 +477,10 @@ def published_fitness(
         One row for each individual.
     relative_floor : float, > 0
         Least difference that counts, over the measured peak.
+    tempered : bool
+        Let the difference of the peaks count as no smaller than that of the shapes. A search
+        needs it: with the flaw, 8,000 evaluations on a clean drop of 35 MPa ended at 23 MPa with
+        the right peak and 19 % of it left as residual.
 
     Returns
     -------
@@ -500,6 +507,8 @@ def published_fitness(
     floor = relative_floor * measured.max()
     rms = np.sqrt(np.mean((predicted - measured) ** 2, axis=-1))
     peak = np.abs(predicted.max(axis=-1) - measured.max())
+    if tempered:
+        peak = np.maximum(peak, rms)
     fitness: FloatArray = 1 / np.maximum(rms, floor) + 1 / np.maximum(peak, floor)
     return fitness
 

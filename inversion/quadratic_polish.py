@@ -45,8 +45,9 @@ _LARGEST_STRETCH = 30.0
 _WIDEST_RADIUS = 0.1
 _FINEST_RADIUS = 1e-10
 
-# Curvatures below this part of the steepest are rounding.
+# Curvatures below these parts of the steepest and of the slope are rounding.
 _SMALLEST_CURVATURE = 1e-10
+_SMALLEST_CURVATURE_OF_SLOPE = 1e-12
 
 # Differences of a design smaller than this part of the misfit are rounding.
 _FLAT = 1e-14
@@ -277,7 +278,11 @@ def bounded_newton_step(
     unit = np.eye(size)
     curvature, axes = np.linalg.eigh(hessians)
     curvature = np.abs(curvature)
-    least = _SMALLEST_CURVATURE * curvature.max(axis=1, keepdims=True)
+    # On a plain slope the step is long, not infinite.
+    least = np.maximum(
+        _SMALLEST_CURVATURE * curvature.max(axis=1, keepdims=True),
+        _SMALLEST_CURVATURE_OF_SLOPE * np.abs(gradients).max(axis=1, keepdims=True),
+    )
     curvature = np.maximum(curvature, np.maximum(least, np.finfo(float).tiny))
     hessians = (axes * curvature[:, None, :]) @ np.swapaxes(axes, 1, 2)
     rows = np.arange(count)

@@ -157,10 +157,23 @@ def build_surrogate(
         return _build(problem, depth, progress or (lambda fraction: None), threads)
 
 
+def _half_space_alone(
+    problem: PlateProblem, half_space: HalfSpace, threads: int, tell: Progress
+) -> Surrogate:
+    no_poles = np.zeros(0, dtype=np.complex128)
+    no_echo = np.zeros((1, len(problem.offsets), 0))
+    surrogate = Surrogate(problem, *half_space, no_poles, np.zeros(1), no_echo, float("nan"))
+    error = check_surrogate(surrogate, threads)
+    tell(1.0)
+    return replace(surrogate, largest_error=error)
+
+
 def _build(problem: PlateProblem, depth: float | None, tell: Progress, threads: int) -> Surrogate:
     sampler = _Sampler(problem, threads)
     half_space = _fit_half_space(problem, sampler)
     tell(0.1)
+    if depth is not None and np.isinf(depth):
+        return _half_space_alone(problem, half_space, threads, tell)
     nodes = _depth_nodes(problem) if depth is None else np.array([1.0 / depth])
     shallowest = 1.0 / np.max(nodes)
     poles = _choose_echo_poles(sampler, shallowest, half_space)

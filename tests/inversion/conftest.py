@@ -13,7 +13,9 @@ _SOURCES = ("kernel", "contact", "rational", "laplace", "surrogate", "library")
 
 
 @pytest.fixture(scope="session")
-def library(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> SurrogateLibrary:
+def library(
+    pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory
+) -> SurrogateLibrary:
     """Surrogates built by the code as it stands, kept from one run of the tests to the next."""
     package = Path(inversion.__file__).parent
     digest = hashlib.sha256()

@@ -79,9 +79,7 @@ def exact(point: Point) -> mp.matrix:
 def computed(point: Point) -> Compliance:
     """What the package says at one point."""
     depth = np.array([point.depth])
-    return layer_compliance(
-        np.array([point.xi]), np.array([point.z]), point.poisson_ratio, depth
-    )
+    return layer_compliance(np.array([point.xi]), np.array([point.z]), point.poisson_ratio, depth)
 
 
 def draw_points(count: int, bounded: bool, seed: int) -> list[Point]:

@@ -173,16 +173,17 @@ def test_finds_the_minimum_off_the_centre_whatever_the_seed(
 
 def test_scouts_find_a_narrow_basin_that_the_populations_leave() -> None:
     def two_basins(points: FloatArray) -> FloatArray:
-        narrow = 4.0 * np.linalg.norm((points - [-3.5, -3.5, 0.0]) / [1.0, 1.0, 4.0], axis=1)
+        narrow = 4.0 * np.linalg.norm((points - [-3.5, -3.5, 0.0]) / [1.6, 1.6, 4.0], axis=1)
         wide = 1.0 + 0.2 * np.linalg.norm(points - [2.0, 1.0, 1.0], axis=1)
         return np.minimum(narrow, wide)
 
+    # The narrow basin is 1 % of the box.
     one_round = SearchSettings(rounds=1)
     without = replace(one_round, scout_evaluations=0)
     found = [run(search_of(two_basins, seed=s, settings=one_round)).misfit < 0.1 for s in range(8)]
     missed = [run(search_of(two_basins, seed=s, settings=without)).misfit > 0.9 for s in range(8)]
-    assert all(found)
-    assert any(missed)
+    assert sum(found) >= 7
+    assert sum(missed) >= 2
 
 
 def test_search_without_polish_leaves_the_candidates_to_the_caller() -> None:
@@ -297,7 +298,7 @@ def test_small_budgets_are_kept(generations: int) -> None:
 
 
 def test_wrong_shape_of_the_objective_raises() -> None:
-    search = search_of(lambda points: points)
+    search = search_of(lambda points: points, settings=replace(SHORT, sample_factor=1))
     with pytest.raises(ModelError, match=r"shape \(80,\).*came \(80, 3\).*one number per row"):
         search.next()
 
@@ -445,7 +446,7 @@ def test_children_of_every_kind_stay_in_the_unit_box_and_leave_the_parents_alone
     seed: int, size: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    genes = np.round(rng.random((4, 23, size)))  # corners: as far out as parents can be
+    genes = np.round(rng.random((4, 22, size)))  # corners: as far out as parents can be
     before = genes.copy()
     parents = genes[:, :20]
     sure = np.ones(4)
@@ -486,9 +487,9 @@ def test_mutation_changes_about_the_given_part_of_the_genes() -> None:
 
 def test_every_differential_child_differs_from_its_parent() -> None:
     rng = np.random.default_rng(0)
-    genes = rng.random((4, 23, 3))
+    genes = rng.random((4, 22, 3))
     rare = RoleTable((Role(crossover_rate=1e-9),) * 4)
-    children = operators.differential_children(genes, genes[:, 3:], rare, rng)
+    children = operators.differential_children(genes, genes[:, 2:], rare, rng)
     np.testing.assert_array_equal((children != genes[:, :20]).sum(axis=2), 1)
 
 

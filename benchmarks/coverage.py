@@ -1,0 +1,395 @@
+"""The stated intervals against the truth of finite-element drops over the whole parameter range.
+
+Every drop is simulated by axisymmetric finite elements that share nothing with the forward model,
+written with noise as a trace file that does not hold the truth, read back and inverted by least
+squares.  The same drops, free of noise and at their true parameters, give the forward model's own
+error, from which the inversion's error floor is taken.
+"""
+
+import argparse
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from inversion import (
+    Grounds,
+    Instrument,
+    InversionError,
+    InversionResult,
+    PlateProblem,
+    Record,
+    Settings,
+    SurrogateLibrary,
+    invert,
+)
+from inversion.forward import ForwardModel
+from inversion.laplace import FULL_BAND_HZ
+from inversion.record import CONTACT_END_FRACTION
+from inversion.threads import single_threaded_blas
+from pfwd_survey import read_traces, record_of
+from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.mesh import Ground, Plate, Resolution
+from simulators.traces import Recording, write_traces
+
+Group = Literal["depth declared", "depth unknown", "three sensors"]
+GROUPS: tuple[Group, ...] = ("depth declared", "depth unknown", "three sensors")
+
+TIME_STEP = 2e-4
+_SPEED = 4.0  # m/s, of the hammer
+_DEEPEST_DEFLECTION = 0.020  # m, what a geophone's stroke and the small strains allow
+# Sensors in plate radii; one layout for each Poisson's ratio keeps the surrogates few.
+_OFFSET_RATIOS = {
+    0.1: (0.0, 3.0, 6.0),
+    0.25: (0.0, 2.0, 4.0),
+    0.35: (0.0, 2.0, 4.0),
+    0.45: (0.0, 2.0, 4.0),
+    0.49: (0.0, 3.0, 6.0),
+}
+TARGET_COVERAGE, TARGET_HALF_WIDTH = 0.95, 0.03
+
+
+@dataclass(frozen=True)
+class Case:
+    """The truth of one drop and how it is recorded, all SI."""
+
+    number: int
+    group: Group
+    modulus: float
+    viscosity: float
+    density: float
+    depth: float
+    poisson_ratio: float
+    radius: float
+    plate_mass: float
+    pulse: float
+    pressure: float
+    quantity: Literal["velocity", "displacement"]
+    noise: float
+    pre_trigger: float
+
+    @property
+    def ground(self) -> Ground:
+        """The simulated ground."""
+        return Ground.uniform(
+            self.modulus, self.viscosity, self.density, self.poisson_ratio, self.depth
+        )
+
+    @property
+    def plate(self) -> Plate:
+        """The plate, bonded to the ground."""
+        return Plate(self.radius, self.plate_mass)
+
+    @property
+    def hammer(self) -> Hammer:
+        """What makes a half-sine of this pulse and mean pressure on unyielding ground."""
+        peak = self.pressure * math.pi * self.radius**2
+        mass = peak * self.pulse / (math.pi * _SPEED)
+        return Hammer(mass, mass * (math.pi / self.pulse) ** 2, _SPEED)
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Distances of the sensors, m."""
+        ratios = _OFFSET_RATIOS[self.poisson_ratio] if self.group == "three sensors" else (0.0,)
+        return tuple(ratio * self.radius for ratio in ratios)
+
+    @property
+    def problem(self) -> PlateProblem:
+        """The surrogate the inversion will want."""
+        ratios = _OFFSET_RATIOS[self.poisson_ratio] if self.group == "three sensors" else (0.0,)
+        return PlateProblem("rigid-rough", self.poisson_ratio, ratios)
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Forward model at the truth less finite elements, free of noise, over the sensor's peak."""
+
+    contact_rms: float
+    contact_max: float
+    whole_rms: float
+    whole_max: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the inversion said of one case, and what the truth says of it; SI and fractions."""
+
+    case: Case
+    modulus: float
+    low: float
+    high: float
+    depth: float
+    explained: bool
+    at_bound: tuple[str, ...]
+    depth_not_unique: bool
+    window_residual: float
+    model_error: ModelError
+    fault: str = ""
+
+    @property
+    def error(self) -> float:
+        """Of the modulus, relative."""
+        return self.modulus / self.case.modulus - 1.0
+
+    @property
+    def half_width(self) -> float:
+        """Of the interval, over the modulus that was found."""
+        return (self.high - self.low) / (2.0 * self.modulus)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the truth lies in the interval."""
+        return self.low <= self.case.modulus <= self.high
+
+
+def draw_case(number: int, seed: int = 0) -> Case:
+    """One case of the range; the groups take turns."""
+    rng = np.random.default_rng([seed, number])
+    while True:
+        radius = round(float(rng.uniform(0.1, 0.3)), 2)
+        size = (radius**2 - 0.1**2) / (0.3**2 - 0.1**2)
+        case = Case(
+            number=number,
+            group=GROUPS[number % len(GROUPS)],
+            modulus=math.exp(rng.uniform(math.log(5e6), math.log(1e9))),
+            viscosity=float(rng.uniform(0.0, 300e3)),
+            density=float(rng.uniform(1200.0, 2600.0)),
+            depth=radius * math.exp(rng.uniform(math.log(2.0), math.log(60.0))),
+            poisson_ratio=float(rng.choice(list(_OFFSET_RATIOS))),
+            radius=radius,
+            plate_mass=round(float(np.clip((5 + 35 * size) * rng.uniform(0.8, 1.2), 5, 40)), 1),
+            pulse=float(rng.uniform(8e-3, 30e-3)),
+            pressure=float(rng.uniform(50e3, 150e3)),
+            quantity="velocity" if rng.uniform() < 0.5 else "displacement",
+            noise=float(rng.uniform(0.001, 0.003)),
+            pre_trigger=float(rng.uniform(0.010, 0.020)),
+        )
+        if rng.uniform() < 0.1:
+            case = Case(**{**asdict(case), "depth": math.inf})
+        static = math.pi / 2 * (1 - case.poisson_ratio**2) * case.pressure * radius / case.modulus
+        if static < _DEEPEST_DEFLECTION:
+            return case
+
+
+def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
+    """The drop by finite elements, free of noise."""
+    pulse = case.hammer.pulse_duration
+    simulator = DropSimulator(
+        case.ground,
+        case.plate,
+        case.offsets,
+        max(0.03, round(2.5 * pulse, 3)),
+        TIME_STEP,
+        pulse,
+        resolution or Resolution(),
+    )
+    return simulator.run(case.hammer)
+
+
+def recorded(case: Case, drop: SimulatedDrop) -> Record:
+    """The drop as the inversion gets it: through a trace file with noise and without the truth."""
+    motion = drop.ground_velocity if case.quantity == "velocity" else drop.ground_displacement
+    recording = Recording(
+        quantity=case.quantity,
+        pre_trigger=case.pre_trigger,
+        load_noise=case.noise * float(np.max(drop.load)),
+        sensor_noise=case.noise * float(np.max(np.abs(motion[0]))),
+    )
+    declared = {"bedrock_depth_m": case.depth} if case.group == "depth declared" else {}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drop.csv"
+        write_traces(path, [drop], case.plate, case.poisson_ratio, recording, case.number, declared)
+        point = read_traces(path)
+    return record_of(point.drops[0], point.setup)
+
+
+def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelError:
+    """The forward model at the true parameters against the finite elements."""
+    model = ForwardModel(
+        library.get(case.problem, case.depth / case.radius),
+        Instrument(case.radius, case.plate_mass),
+        drop.time,
+        drop.load,
+        drop.time[1:],
+        FULL_BAND_HZ,
+    )
+    truth = (case.modulus, case.viscosity, case.density, 1.0 / case.depth)
+    predicted = model.displacement(Grounds(*(np.array([value]) for value in truth)))[0]
+    observed = drop.ground_displacement[:, 1:]
+    peaks = np.max(np.abs(observed), axis=1)
+    # As the inversion weighs them: a far sensor that hardly moves counts less.
+    left = (predicted - observed) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
+    loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
+    contact = left[:, : int(loaded[-1]) + 1]
+
+    def rms(part: np.ndarray) -> float:
+        return float(np.max(np.sqrt(np.mean(part**2, axis=1))))
+
+    return ModelError(
+        rms(contact), float(np.max(np.abs(contact))), rms(left), float(np.max(np.abs(left)))
+    )
+
+
+def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Outcome:
+    """Write, read, invert, and only then compare with the truth."""
+    own = model_error(case, drop, library)
+    try:
+        result = invert(recorded(case, drop), Settings(method="least-squares"), library)
+    except InversionError as err:
+        nan = math.nan
+        return Outcome(case, nan, nan, nan, nan, False, (), False, nan, own, str(err))
+    return _outcome(case, result, own)
+
+
+def _outcome(case: Case, result: InversionResult, own: ModelError) -> Outcome:
+    return Outcome(
+        case=case,
+        modulus=result.subgrade.modulus.value,
+        low=result.modulus_interval[0],
+        high=result.modulus_interval[1],
+        depth=result.subgrade.bedrock_depth.value,
+        explained=result.explained,
+        at_bound=result.at_bound,
+        depth_not_unique=any(text.startswith("depth not unique") for text in result.warnings),
+        window_residual=result.window_residual_rms_over_peak,
+        model_error=own,
+    )
+
+
+def simulate_and_analyse(case: Case) -> Outcome:
+    """One case in a process of its own."""
+    with single_threaded_blas():
+        return analyse(case, simulate(case), SurrogateLibrary())
+
+
+def _build(problem: PlateProblem) -> None:
+    with single_threaded_blas():
+        SurrogateLibrary().get(problem, None)
+
+
+def run(arguments: list[str]) -> int:
+    """Print coverage, widths and errors; 0, 1 where the target is missed, 2 for wrong usage."""
+    parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
+    parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
+    parser.add_argument("--refined", type=int, default=0, help="cheap cases on a halved mesh (0)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    try:
+        options = parser.parse_args(arguments)
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    report = Reporter(arguments)
+    cases = [draw_case(number, options.seed) for number in range(options.cases)]
+    # Spawned on every platform alike: a forked copy of a threaded process may hang.
+    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+        # First, so that the workers find them in the cache instead of each building them.
+        list(pool.map(_build, dict.fromkeys(case.problem for case in cases)))
+        outcomes = list(pool.map(simulate_and_analyse, cases))
+        refined = list(pool.map(_refinement, _cheapest(cases, options.refined)))
+    return summarise(report, outcomes, refined)
+
+
+def summarise(
+    report: Reporter, outcomes: Sequence[Outcome], refined: Sequence[tuple[int, float, float]] = ()
+) -> int:
+    """Print the tables of a campaign; 0, or 1 where the target is missed."""
+    report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
+    for group in GROUPS:
+        _summary(report, group, [o for o in outcomes if o.case.group == group])
+    met = _summary(report, "all", outcomes)
+    report.title("forward model at the truth against finite elements (over the peak)")
+    for name in ModelError.__dataclass_fields__:
+        values = [getattr(o.model_error, name) for o in outcomes]
+        report.record(model_error=name, **_quantiles(values))
+    if refined:
+        report.title("the finite elements' own error: halved mesh and step (over the peak)")
+    for number, difference, remaining in refined:
+        report.record(
+            refined_case=number, largest_change=difference, model_against_refined=remaining
+        )
+    report.title("truth outside of the interval")
+    for outcome in outcomes:
+        if not outcome.covered:
+            report.record(**_failure(outcome))
+    return 0 if met else 1
+
+
+def _summary(report: Reporter, group: str, outcomes: Sequence[Outcome]) -> bool:
+    if not outcomes:
+        return True
+    sound = [o for o in outcomes if not o.fault]
+    covered = sum(o.covered for o in outcomes) / len(outcomes)
+    width = statistics.median(o.half_width for o in sound)
+    errors = [abs(o.error) for o in sound]
+    report.record(
+        group=group,
+        drops=len(outcomes),
+        covered=covered,
+        median_half_width=width,
+        median_error=float(np.median(errors)),
+        error_90=float(np.quantile(errors, 0.9)),
+        worst_error=max(errors),
+        mean_error=statistics.mean(o.error for o in sound),
+        explained=sum(o.explained for o in outcomes),
+        depth_not_unique=sum(o.depth_not_unique for o in outcomes),
+        faults=len(outcomes) - len(sound),
+    )
+    return covered >= TARGET_COVERAGE and width <= TARGET_HALF_WIDTH
+
+
+def _quantiles(values: Iterable[float]) -> dict[str, float]:
+    data = np.array(list(values))
+    return {
+        "median": float(np.median(data)),
+        "at_90": float(np.quantile(data, 0.9)),
+        "at_95": float(np.quantile(data, 0.95)),
+        "largest": float(np.max(data)),
+    }
+
+
+def _failure(outcome: Outcome) -> dict[str, object]:
+    values = {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in asdict(outcome.case).items()
+    }
+    return {
+        "failure": values.pop("number"),
+        "error": outcome.error,
+        "half_width": outcome.half_width,
+        "found_depth": outcome.depth if math.isfinite(outcome.depth) else None,
+        "explained": outcome.explained,
+        "residual": outcome.window_residual,
+        "model_error": outcome.model_error.contact_rms,
+        "at_bound": list(outcome.at_bound),
+        "fault": outcome.fault,
+    } | values
+
+
+def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
+    """Cases with the fewest waves in the ground, whose refined meshes stay affordable."""
+
+    def waves(case: Case) -> float:
+        speed = case.ground.layers[0].shear_speed(math.pi / case.pulse)
+        depth = min(case.depth, 20.0)
+        return depth * (3.0 + depth) / (speed * case.pulse) ** 2
+
+    return sorted(cases, key=waves)[:count]
+
+
+def _refinement(case: Case) -> tuple[int, float, float]:
+    """Number, largest change of the displacement by refining, and the model's error after it."""
+    with single_threaded_blas():
+        coarse, fine = simulate(case), simulate(case, Resolution().refined())
+        change = np.abs(fine.ground_displacement - coarse.ground_displacement)
+        peak = np.max(np.abs(fine.ground_displacement), axis=1)
+        own = model_error(case, fine, SurrogateLibrary())
+    return case.number, float(np.max(change / peak[:, None])), own.whole_max

@@ -1,0 +1,164 @@
+"""The random part of the uncertainty against many noisy copies of one finite-element drop.
+
+The drop is recorded without noise once and with noise many times.  How often a copy's modulus lies
+within one and two of its own stated standard deviations from the modulus of the clean record says
+whether the stated deviation is right: 68 and 95 % for normal errors.
+"""
+
+import argparse
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from inversion import Instrument, Record, Sensor, Settings, SurrogateLibrary, invert
+from inversion.kernel import FloatArray
+from inversion.threads import single_threaded_blas
+from simulators.drop import DropSimulator, Hammer
+from simulators.mesh import Ground, Plate
+
+_PLATE = Plate(radius=0.15, mass=15.0)
+_HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
+_DEPTH, _POISSON_RATIO = 1.2, 0.35
+_OFFSETS = (0.0, 0.3, 0.6)
+_DURATION, _TIME_STEP, _PRE_TRIGGER = 0.05, 2e-4, 0.02
+_NOISE = 0.005  # of the peak of each kind of channel
+_CORRELATION = 0.8  # between successive samples
+
+Quantity = Literal["velocity", "displacement"]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One row of the result."""
+
+    noise: Literal["white", "correlated"]
+    quantity: Quantity
+    sensors: int
+    depth_known: bool
+
+    @property
+    def name(self) -> str:
+        """For the report."""
+        depth = "known" if self.depth_known else "unknown"
+        return f"{self.noise}, {self.quantity}, {self.sensors} sensor(s), depth {depth}"
+
+
+SETUPS = (
+    Setup("white", "velocity", 1, True),
+    Setup("correlated", "velocity", 1, True),
+    Setup("white", "displacement", 1, True),
+    Setup("correlated", "displacement", 1, True),
+    Setup("white", "velocity", 3, False),
+)
+
+
+def clean_record(quantity: Quantity) -> Record:
+    """The drop without noise, all sensors, as the trace file would hold it."""
+    ground = Ground.uniform(45e6, 54e3, 1900.0, _POISSON_RATIO, _DEPTH)
+    simulator = DropSimulator(
+        ground, _PLATE, _OFFSETS, _DURATION, _TIME_STEP, _HAMMER.pulse_duration
+    )
+    drop = simulator.run(_HAMMER)
+    wait = round(_PRE_TRIGGER / _TIME_STEP)
+    motion = drop.ground_velocity if quantity == "velocity" else drop.ground_displacement
+    return Record(
+        time=np.arange(-wait, drop.time.size) * _TIME_STEP,
+        load=np.pad(drop.load, (wait, 0)),
+        sensors=tuple(
+            Sensor(offset, quantity, np.pad(values, (wait, 0)))
+            for offset, values in zip(_OFFSETS, motion, strict=True)
+        ),
+        instrument=Instrument(_PLATE.radius, _PLATE.mass),
+        poisson_ratio=_POISSON_RATIO,
+        bedrock_depth=_DEPTH,
+    )
+
+
+def noise_of(
+    rng: np.random.Generator, kind: Literal["white", "correlated"], count: int
+) -> FloatArray:
+    """Unit noise, white or autoregressive of first order."""
+    white = rng.standard_normal(count)
+    if kind == "white":
+        return white
+    result = np.empty(count)
+    result[0] = white[0]
+    for k in range(1, count):
+        result[k] = _CORRELATION * result[k - 1] + math.sqrt(1 - _CORRELATION**2) * white[k]
+    return result
+
+
+def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.Generator) -> Record:
+    """A copy with noise on the load and on every sensor."""
+    count = record.time.size
+    level = _NOISE * float(np.max(np.abs(record.sensors[0].values)))
+    return replace(
+        record,
+        load=record.load + _NOISE * float(np.max(record.load)) * noise_of(rng, kind, count),
+        sensors=tuple(
+            replace(sensor, values=sensor.values + level * noise_of(rng, kind, count))
+            for sensor in record.sensors
+        ),
+    )
+
+
+def run(arguments: list[str]) -> int:
+    """Print the shares within one and two standard deviations; 0, or 2 for wrong usage."""
+    parser = argparse.ArgumentParser(prog="pfwd bench noise", description=__doc__)
+    parser.add_argument("--cases", type=int, default=200, help="noisy copies of the drop (200)")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise (0)")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    try:
+        options = parser.parse_args(arguments)
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    report = Reporter(arguments)
+    library = SurrogateLibrary()
+    clean: dict[Quantity, Record] = {q: clean_record(q) for q in ("velocity", "displacement")}
+    report.title(f"{options.cases} copies with noise of {100 * _NOISE:g} % of the peak")
+    with single_threaded_blas():
+        for setup in SETUPS:
+            record = clean[setup.quantity]
+            record = replace(record, sensors=record.sensors[: setup.sensors])
+            _report(report, setup, record, options.cases, options.seed, library)
+    return 0
+
+
+def _report(
+    report: Reporter,
+    setup: Setup,
+    record: Record,
+    copies: int,
+    seed: int,
+    library: SurrogateLibrary,
+) -> None:
+    depth: float | Literal["unknown"] = _DEPTH if setup.depth_known else "unknown"
+    settings = Settings(method="least-squares", bedrock_depth=depth)
+    reference = invert(record, settings, library).subgrade.modulus.value
+    ratios, shifts, deviations = [], [], []
+    for number in range(copies):
+        rng = np.random.default_rng([seed, number])
+        found = invert(noisy(record, setup.noise, rng), settings, library).subgrade.modulus
+        assert found.deviation is not None  # the modulus is always fitted
+        shifts.append(found.value / reference - 1.0)
+        deviations.append(found.deviation / found.value)
+        ratios.append((found.value - reference) / found.deviation)
+    report.record(setup=setup.name, copies=copies, **_shares(ratios, shifts, deviations))
+
+
+def _shares(
+    ratios: Sequence[float], shifts: Sequence[float], deviations: Sequence[float]
+) -> dict[str, float]:
+    return {
+        "within_1_sd": float(np.mean(np.abs(ratios) <= 1.0)),
+        "within_2_sd": float(np.mean(np.abs(ratios) <= 2.0)),
+        "stated_deviation": statistics.median(deviations),
+        "actual_deviation": float(np.std(shifts)),
+        "mean_shift": statistics.mean(shifts),
+        "rms_of_ratio": float(np.sqrt(np.mean(np.square(ratios)))),
+    }

@@ -1,0 +1,392 @@
+"""The 48 cases of the published study by finite elements, inverted by its method and by this one.
+
+Ground, hammer and plate are those of the study; its errors stand beside ours where its transcribed
+tables are at hand.  A ladder of variants, each one step away from the one before, then shows what
+the published method's systematic error is made of.
+"""
+
+import argparse
+import csv
+import math
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+from benchmarks.output import Reporter
+from inversion import InversionResult, Record, Settings, SurrogateLibrary, invert
+from inversion.threads import single_threaded_blas
+from pfwd_survey import read_traces, record_of
+from pfwd_survey.analysis import settings_of
+from pfwd_survey.options import AnalysisOptions
+from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.mesh import Ground, Plate
+from simulators.traces import Recording, write_traces
+
+MODULI = (30e6, 40e6, 50e6, 60e6)
+VISCOSITIES = (0.0, 54e3, 134e3)
+DEPTHS = (0.5, 1.0, 2.0, 3.0)
+POISSON_RATIO = 0.35
+# The study does not say how heavy its plate is.  Its Table 1 (837.6 um and a mean pressure of
+# 146.5 kPa on 30 MPa, 54 kPa s, 1 m) asks for 25 to 35 kg.
+PLATE = Plate(radius=0.15, mass=30.0)
+HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
+_DURATION, _TIME_STEP = 0.04, 2.5e-4
+_TABLES = Path(__file__).resolve().parents[2] / "shared" / "seed"
+
+Depth = Literal["given", "unknown", "none"]
+
+PUBLISHED, HALF_SPACE, ELASTIC = "published", "published, half-space", "published, elastic"
+PEAK, KNOWN, UNKNOWN = "peak values", "default, depth known", "default, depth unknown"
+METHODS = (PUBLISHED, HALF_SPACE, ELASTIC, PEAK, KNOWN, UNKNOWN)
+# Each rung one change away from the one above it, least squares from the second on.
+LADDER = (
+    "1 published (genetic search on its own fitness)",
+    "2 least squares on the same model and data",
+    "3 load as recorded instead of the half-sine",
+    "4 contact force as load (plate mass accounted for)",
+    "5 deflection averaged over the contact instead of r = 0",
+    "6 bonded rigid plate: this project, depth given",
+)
+# Columns of the study's tables with its error in per cent.
+_PRINTED = {
+    PUBLISHED: (3, "bedrock_model_error_pct"),
+    HALF_SPACE: (3, "half_space_error_pct"),
+    ELASTIC: (5, "elastic_error_pct"),
+    PEAK: (4, "peak_method_error_pct"),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One ground of the study, SI."""
+
+    modulus: float
+    viscosity: float
+    depth: float
+
+    @property
+    def key(self) -> tuple[float, float, float]:
+        """As the tables name it: kPa s, m, MPa."""
+        return self.viscosity / 1e3, self.depth, self.modulus / 1e6
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A modulus (Pa) with its relative error and the coefficient of determination."""
+
+    modulus: float
+    error: float
+    r_squared: float | None
+    covered: bool | None
+
+
+@dataclass(frozen=True)
+class CaseReport:
+    """Everything found about one case."""
+
+    case: Case
+    peak_deflection: float
+    peak_contact_pressure: float
+    methods: dict[str, Finding]
+    ladder: dict[str, Finding]
+
+
+def all_cases() -> list[Case]:
+    """The study's 48, in the order of its tables."""
+    return [Case(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
+
+
+def simulate(case: Case) -> SimulatedDrop:
+    """The drop by finite elements: plate bonded, Kelvin-Voigt in shear and volume."""
+    ground = Ground.uniform(
+        case.modulus, case.viscosity, poisson_ratio=POISSON_RATIO, bedrock_depth=case.depth
+    )
+    simulator = DropSimulator(ground, PLATE, (0.0,), _DURATION, _TIME_STEP, HAMMER.pulse_duration)
+    return simulator.run(HAMMER)
+
+
+def study(case: Case) -> CaseReport:
+    """Simulate one case and invert it in every way."""
+    with single_threaded_blas():
+        return examine(case, simulate(case), SurrogateLibrary())
+
+
+def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseReport:
+    """Invert one simulated drop in every way."""
+    published = _published(case, drop, library)
+    known = _invert(case, drop, library, AnalysisOptions(), case.depth)
+    unknown = _invert(case, drop, library, AnalysisOptions(bedrock_depth="unknown"), case.depth)
+    results = {
+        PUBLISHED: published,
+        HALF_SPACE: _published(case, drop, library, bedrock_depth="none"),
+        ELASTIC: _published(case, drop, library, bedrock_depth=case.depth, elastic=True),
+        KNOWN: known,
+        UNKNOWN: unknown,
+    }
+    methods = {name: _finding(case, result) for name, result in results.items()}
+    peak = known.peak.modulus
+    methods[PEAK] = Finding(peak, peak / case.modulus - 1.0, None, None)
+    rungs = [published, *_steps(case, drop, library), known]
+    area = math.pi * PLATE.radius**2
+    return CaseReport(
+        case,
+        float(drop.plate_displacement.max()),
+        float(drop.contact_force.max()) / area,
+        methods,
+        {name: _finding(case, rung) for name, rung in zip(LADDER, rungs, strict=True)},
+    )
+
+
+def _published(
+    case: Case, drop: SimulatedDrop, library: SurrogateLibrary, **choices: Any
+) -> InversionResult:
+    options = AnalysisOptions(published=True, **({"bedrock_depth": case.depth} | choices))
+    return _invert(case, drop, library, options, None)
+
+
+def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterable[InversionResult]:
+    """Rungs two to five of the ladder."""
+    options = AnalysisOptions(published=True, bedrock_depth=case.depth)
+    record, settings = _through_file(drop, PLATE, options, None)
+    settings = replace(settings, method="least-squares")
+    yield invert(record, settings, library)
+    settings = replace(settings, load="measured")
+    yield invert(record, settings, library)
+    on_ground = replace(drop, load=drop.contact_force)
+    record, _ = _through_file(on_ground, replace(PLATE, mass=0.0), options, None)
+    yield invert(record, settings, library)
+    yield invert(record, replace(settings, plate="averaged"), library)
+
+
+def _invert(
+    case: Case,
+    drop: SimulatedDrop,
+    library: SurrogateLibrary,
+    options: AnalysisOptions,
+    declared_depth: float | None,
+) -> InversionResult:
+    record, settings = _through_file(drop, PLATE, options, declared_depth)
+    return invert(record, settings, library)
+
+
+def _through_file(
+    drop: SimulatedDrop, plate: Plate, options: AnalysisOptions, declared_depth: float | None
+) -> tuple[Record, Settings]:
+    """Record and settings as the command line would have them."""
+    declared = {} if declared_depth is None else {"bedrock_depth_m": declared_depth}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drop.csv"
+        recording = Recording(quantity="displacement")
+        write_traces(path, [drop], plate, POISSON_RATIO, recording, declared=declared)
+        point = read_traces(path)
+    record = record_of(point.drops[0], point.setup, options)
+    return record, settings_of(options, point.setup)
+
+
+def _finding(case: Case, result: InversionResult) -> Finding:
+    modulus = result.subgrade.modulus.value
+    low, high = result.modulus_interval
+    return Finding(
+        modulus, modulus / case.modulus - 1.0, result.r_squared, low <= case.modulus <= high
+    )
+
+
+def run(arguments: list[str]) -> int:
+    """Print both sides' errors and the ladder, draw the figures if asked; 0, or 2 for usage."""
+    parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
+    parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
+    parser.add_argument("--tables", type=Path, default=_TABLES, help="the study's tables as CSV")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    try:
+        options = parser.parse_args(arguments)
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    cases = all_cases()
+    cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
+    _build_surrogates()
+    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+        reports = list(pool.map(study, cases))
+    summarise(Reporter(arguments), reports, printed_errors(options.tables))
+    if options.figures is not None:
+        draw(options.figures, reports, printed_errors(options.tables))
+    return 0
+
+
+def _build_surrogates() -> None:
+    """Once, so that the workers find them in the cache instead of each building them."""
+    from inversion import PlateProblem
+
+    library = SurrogateLibrary()
+    with single_threaded_blas():
+        for plate in ("published", "averaged", "rigid-rough"):
+            library.get(PlateProblem(plate, POISSON_RATIO), None)  # type: ignore[arg-type]
+
+
+Printed = dict[str, dict[tuple[float, float, float], float]]
+
+
+def printed_errors(folder: Path) -> Printed:
+    """The study's errors (fractions) by method and case; empty where its tables are absent."""
+    found: Printed = {}
+    for method, (number, column) in _PRINTED.items():
+        path = folder / f"table{number}.csv"
+        if path.is_file():
+            with path.open(encoding="utf-8") as file:
+                found[method] = {
+                    _key(row): float(row[column]) / 100 for row in csv.DictReader(file)
+                }
+    return found
+
+
+def _key(row: dict[str, str]) -> tuple[float, float, float]:
+    return float(row["viscosity_kPa_s"]), float(row["bedrock_m"]), float(row["modulus_MPa"])
+
+
+def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed) -> None:
+    """Every case, then means by viscosity and depth, then the ladder."""
+    report.title("error of the modulus by case, %")
+    for one in reports:
+        viscosity, depth, modulus = one.case.key
+        errors = {name: 100 * one.methods[name].error for name in METHODS}
+        report.record(
+            viscosity_kpa_s=viscosity,
+            depth_m=depth,
+            modulus_mpa=modulus,
+            peak_um=1e6 * one.peak_deflection,
+            contact_kpa=one.peak_contact_pressure / 1e3,
+            **errors,
+        )
+    selections: list[tuple[str, Callable[[Case], bool]]] = [("all", lambda case: True)]
+    selections += [(f"{n / 1e3:g} kPa s", _with("viscosity", n)) for n in VISCOSITIES]
+    selections += [(f"{h:g} m", _with("depth", h)) for h in DEPTHS]
+    report.title("mean error, %, ours and the study's")
+    for name, chosen in selections:
+        part = [one for one in reports if chosen(one.case)]
+        for method in METHODS:
+            if part:
+                report.record(cases=name, method=method, **_means(part, method, printed))
+    report.title("what the published method's error is made of: mean error by rung, %")
+    for rung in LADDER:
+        report.record(rung=rung, **_rung(reports, rung))
+
+
+def _with(name: str, value: float) -> Callable[[Case], bool]:
+    return lambda case: getattr(case, name) == value
+
+
+def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[str, Any]:
+    findings = [one.methods[method] for one in part]
+    values: dict[str, Any] = {
+        "mean": 100 * statistics.mean(f.error for f in findings),
+        "largest": 100 * max(abs(f.error) for f in findings),
+    }
+    covered = [f.covered for f in findings if f.covered is not None]
+    if covered and method in (KNOWN, UNKNOWN):
+        values["covered"] = sum(covered) / len(covered)
+    table = printed.get(method, {})
+    theirs = [table[one.case.key] for one in part if one.case.key in table]
+    if theirs:
+        values |= {"printed_mean": 100 * statistics.mean(theirs), "printed_cases": len(theirs)}
+    return values
+
+
+def _rung(reports: Sequence[CaseReport], rung: str) -> dict[str, float]:
+    values = {}
+    for name, chosen in [
+        ("all", VISCOSITIES),
+        *((f"{n / 1e3:g} kPa s", (n,)) for n in VISCOSITIES),
+    ]:
+        errors = [one.ladder[rung].error for one in reports if one.case.viscosity in chosen]
+        if errors:
+            values[name] = 100 * statistics.mean(errors)
+    values["largest"] = 100 * max(abs(one.ladder[rung].error) for one in reports)
+    return values
+
+
+def draw(folder: Path, reports: Sequence[CaseReport], printed: Printed) -> None:
+    """Write the two figures."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _draw_depths(folder / "validation-depth.png", reports, printed)
+    _draw_fits(folder / "validation-fits.png")
+
+
+# Distinguishable without colour vision and, by their marks, in print.
+_STYLES = {
+    PUBLISHED: ("#b8500f", "o"),
+    HALF_SPACE: ("#7b3f8c", "s"),
+    ELASTIC: ("#8a6d00", "^"),
+    PEAK: ("#444444", "D"),
+    KNOWN: ("#0b3c5d", "v"),
+    UNKNOWN: ("#3d7a2a", "x"),
+}
+
+
+def _draw_depths(path: Path, reports: Sequence[CaseReport], printed: Printed) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    axes = figure.subplots(1, len(VISCOSITIES), sharey=True)
+    for axis, viscosity in zip(axes, VISCOSITIES, strict=True):
+        part = [one for one in reports if one.case.viscosity == viscosity]
+        for method, (colour, mark) in _STYLES.items():
+            ours = _by_depth(part, lambda one, m=method: one.methods[m].error)  # type: ignore[misc]
+            axis.plot(*ours, color=colour, marker=mark, label=method)
+            table = printed.get(method, {})
+            known = [one for one in part if one.case.key in table]
+            theirs = _by_depth(known, lambda one, t=table: t[one.case.key])  # type: ignore[misc]
+            axis.plot(*theirs, color=colour, marker=mark, ls=":", alpha=0.6, mfc="none")
+        axis.axhline(0.0, color="black", lw=0.6)
+        axis.set_title(f"{viscosity / 1e3:g} kPa s")
+        axis.set_xlabel("bedrock depth, m")
+    axes[0].set_ylabel("error of the modulus, mean of four moduli, %")
+    axes[0].set_ylim(-5, 60)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    figure.savefig(path, dpi=110)
+
+
+def _by_depth(
+    part: Sequence[CaseReport], error: Callable[[CaseReport], float]
+) -> tuple[list[float], list[float]]:
+    depths = [h for h in DEPTHS if any(one.case.depth == h for one in part)]
+    means = [statistics.mean(error(one) for one in part if one.case.depth == h) for h in depths]
+    return depths, [100 * mean for mean in means]
+
+
+def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
+    """Measured and fitted displacement of one case, and what each method leaves."""
+    from matplotlib.figure import Figure
+
+    library = SurrogateLibrary()
+    drop = simulate(case)
+    shown = {
+        PUBLISHED: _published(case, drop, library),
+        HALF_SPACE: _published(case, drop, library, bedrock_depth="none"),
+        ELASTIC: _published(case, drop, library, elastic=True),
+        KNOWN: _invert(case, drop, library, AnalysisOptions(), case.depth),
+    }
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    for method, result in shown.items():
+        history, colour = result.history, _STYLES[method][0]
+        modulus = result.subgrade.modulus.value / 1e6
+        time = 1e3 * history.time
+        upper.plot(time, 1e6 * history.predicted[0], color=colour, label=f"{method}: {modulus:.1f}")
+        lower.plot(time, 1e6 * history.residual[0], color=colour)
+    first = shown[KNOWN].history
+    upper.plot(
+        1e3 * first.time, 1e6 * first.observed[0], "k.", ms=3, label="finite elements: 40 MPa"
+    )
+    lower.axvline(1e3 * first.contact_end, color="black", lw=0.6, ls=":")
+    upper.set_ylabel("displacement, µm")
+    lower.set_ylabel("model - data, µm")
+    lower.set_xlabel("time, ms; dotted: end of the contact")
+    upper.legend(title="modulus, MPa", frameon=False)
+    figure.savefig(path, dpi=110)
