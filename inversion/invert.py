@@ -202,6 +202,7 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
             "centre sensor: expected a downward (positive) deflection, found none; check its "
             "polarity and whether it is alive"
         )
+    deflection = float(drop.peak_displacement[0])
     radius = record.instrument.plate_radius
     return peak_modulus(drop.peak_load, deflection, radius, record.poisson_ratio)
 

@@ -24,6 +24,7 @@ _TAIL_IN_CONTACTS = 0.0
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
 _LEAST_BASELINE_SAMPLES = 8
+_SETTLED_S = 2.0e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ class PreparedDrop:
     noise : (n_sensors,) ndarray of float, m: rms of the displacement noise over the window,
         from the record before the pulse (integrated and correlated as it is)
     quantisation : (n_sensors,) ndarray of float, m: rms error of the displacement from it
-    peak_load, peak_displacement : float N and (n_sensors,) ndarray m
+    peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
     window_end : float, s, on ``time``: last sample the fit uses
     tail_end : float, s, on ``time``: last sample before a second contact or the record's end
@@ -209,7 +210,11 @@ def prepare(record: Record) -> PreparedDrop:
     contact_end, window_end, tail_end = _windows(load[first:], peak - first, step)
     window = slice(0, int(np.searchsorted(own_time, window_end)))
     channels = tuple(
-        ChannelNoise(_noise(s.values[:baseline]), s.quantity == "velocity", baseline)
+        ChannelNoise(
+            _noise(s.values[:baseline]),
+            s.quantity == "velocity",
+            baseline if s.quantity == "velocity" else _settled_samples(first, step),
+        )
         for s in record.sensors
     )
     count = max(2, window.stop)
@@ -227,7 +232,8 @@ def prepare(record: Record) -> PreparedDrop:
         noise=noise,
         quantisation=quantum / np.sqrt(12.0),
         peak_load=float(load[peak]),
-        peak_displacement=np.max(np.abs(displacement[:, : max(window.stop, 2)]), axis=1),
+        # Downward and before a second contact; a far sensor peaks after the load has ended.
+        peak_displacement=_peaks(displacement[:, : round(tail_end / step) + 1]),
         contact_end=contact_end,
         window_end=window_end,
         tail_end=tail_end,
@@ -288,14 +294,27 @@ def _start_index(load: FloatArray, peak: int, step: float) -> int:
 
 
 def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> FloatArray:
-    values = sensor.values - (sensor.values[:baseline].mean() if baseline else 0.0)
     if sensor.quantity == "displacement":
-        # An integrated channel has no zero of its own: it is zero when the pulse begins.
-        return np.asarray(sensor.values[first:] - sensor.values[first])
+        # An integrated channel may have drifted: it is zero just before the pulse begins.
+        settled = _settled_samples(first, step)
+        rest = sensor.values[first - settled : first].mean() if settled else sensor.values[first]
+        return np.asarray(sensor.values[first:] - rest)
+    values = sensor.values - (sensor.values[:baseline].mean() if baseline else 0.0)
     moving = values[first:]
     result = np.zeros(moving.size)
     result[1:] = np.cumsum(0.5 * step * (moving[1:] + moving[:-1]))
     return result
+
+
+def _settled_samples(first: int, step: float) -> int:
+    """Samples before the start over which a displacement channel's zero is averaged."""
+    return min(first, max(1, round(_SETTLED_S / step)))
+
+
+def _peaks(displacement: FloatArray) -> FloatArray:
+    """Largest downward displacement of each sensor; of a reversed one the largest of any sign."""
+    downward = displacement.max(axis=1)
+    return np.where(downward > 0.0, downward, np.abs(displacement).max(axis=1))
 
 
 def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:

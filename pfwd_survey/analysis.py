@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -88,7 +88,12 @@ class DropAnalysis:
     fault: str | None = None
 
 
-def record_of(drop: Drop, setup: Setup, options: AnalysisOptions | None = None) -> Record:
+def record_of(
+    drop: Drop,
+    setup: Setup,
+    options: AnalysisOptions | None = None,
+    without: Collection[float] = (),
+) -> Record:
     """The inversion's record of a drop: its arrays and what the setup declares.
 
     Parameters
@@ -97,6 +102,7 @@ def record_of(drop: Drop, setup: Setup, options: AnalysisOptions | None = None) 
     setup : Setup
     options : AnalysisOptions, optional
         ``published`` reads the load as the contact force, as the paper does: without plate mass.
+    without : collection of float, offsets of channels that take no part
     """
     mass = setup.plate_mass or 0.0
     if options is not None and options.published:
@@ -113,7 +119,9 @@ def record_of(drop: Drop, setup: Setup, options: AnalysisOptions | None = None) 
     return Record(
         time=drop.time,
         load=drop.load,
-        sensors=tuple(Sensor(c.offset, c.quantity, c.values) for c in drop.channels),
+        sensors=tuple(
+            Sensor(c.offset, c.quantity, c.values) for c in drop.channels if c.offset not in without
+        ),
         instrument=instrument,
         poisson_ratio=ASSUMED_POISSON_RATIO if ratio is None else ratio,
         density=setup.density,
@@ -153,7 +161,7 @@ def analyse_point(
     settings = settings_of(options, point.setup)
     screenings = screen_point(point)
     records = {
-        index: record_of(drop, point.setup, options)
+        index: record_of(drop, point.setup, options, found.dead)
         for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
         if found.status != "rejected"
     }

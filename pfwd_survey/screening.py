@@ -87,6 +87,8 @@ class Screening:
     """Why it was rejected; None when it was not."""
     warnings: tuple[str, ...] = ()
     """What should be known of a drop that was not rejected."""
+    dead: tuple[float, ...] = ()
+    """Offsets of the extra channels that measured nothing, m; they take no part in the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,8 @@ def screen(drop: Drop, setup: Setup) -> Screening:
     if reason:
         return Screening("rejected", reason)
     status: Status = "seating" if drop.number <= setup.seating_drops else "measured"
-    return Screening(status, None, tuple(_warnings(pulse, drop)))
+    dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
+    return Screening(status, None, tuple(_warnings(pulse, drop)), dead)
 
 
 def screen_point(point: TracePoint) -> tuple[Screening, ...]:
@@ -296,11 +299,9 @@ def _warnings(pulse: _Pulse, drop: Drop) -> list[str]:
 
 def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[str]:
     name = f"{channel.quantity} at {channel.offset:g} m"
-    if not _is_centre(channel):
-        # A far sensor moves when the wave has come, which may be after the load has gone.
-        fault = _silent(channel, drop, pulse.start, pulse.load.size)
-        if fault:
-            return [f"dead extra channel: {name}, {fault}"]
+    fault = _dead_extra(channel, pulse, drop)
+    if fault:
+        return [f"dead extra channel: {name}, {fault}; left out"]
     found = []
     values = channel.values[:-1]
     clipped = clipped_samples(values) + clipped_samples(-values)
@@ -314,6 +315,14 @@ def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[str]:
     if _is_centre(channel) and moved[pulse.start :].mean() < 0:
         found.append(f"polarity suspect: {name} moves upward under the load")
     return found
+
+
+def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
+    """Why a channel beside the centre one measured nothing; None when it did."""
+    if _is_centre(channel):
+        return None
+    # A far sensor moves when the wave has come, which may be after the load has gone.
+    return _silent(channel, drop, pulse.start, pulse.load.size)
 
 
 def _kilonewton(load: float) -> str:
