@@ -298,6 +298,11 @@ def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> _Momen
     return _Moments.of(problem, rule, _LAYOUT_STEP**layout)
 
 
+def forget_layouts() -> None:
+    """Free what is kept of the layouts, some hundred megabytes for many offset sensors."""
+    _moments.cache_clear()
+
+
 def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
     """Full symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
     rows, columns = np.triu_indices(n)

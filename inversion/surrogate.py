@@ -25,7 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from inversion.contact import PlateProblem, QuadratureRule, compliance_of_layout, layouts
+from inversion.contact import (
+    PlateProblem,
+    QuadratureRule,
+    compliance_of_layout,
+    forget_layouts,
+    layouts,
+)
 from inversion.errors import ModelError
 from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
@@ -153,8 +159,11 @@ def build_surrogate(
     threads : int
         Threads that evaluate the reference (numpy releases the interpreter's lock).
     """
-    with single_threaded_blas():
-        return _build(problem, depth, progress or (lambda fraction: None), threads)
+    try:
+        with single_threaded_blas():
+            return _build(problem, depth, progress or (lambda fraction: None), threads)
+    finally:
+        forget_layouts()
 
 
 def _half_space_alone(
@@ -425,6 +434,10 @@ _EVERY_DEPTH = (
     _Row(35.0, 0.5, 0.03, 0.5, 400.0),
     _Row(100.0, 0.15, 0.014, 0.8, 60.0),
     _Row(300.0, 0.04, 0.005, 1.2, 25.0),
+    # Deep bases: no echo is left there, and the sum has to stay at rest.
+    _Row(12.0, 1.0, 0.12, 200.0, 4000.0),
+    _Row(35.0, 0.5, 0.12, 400.0, 4000.0),
+    _Row(100.0, 0.15, 0.12, 60.0, 4000.0),
 )
 _ROUNDS = 7
 _ADDED_A_ROUND = 10
