@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.kernel import FloatArray
 from inversion.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
@@ -154,10 +155,9 @@ def _fit_published(
     """The paper's search: its operators, its fitness (Eq. 16), no polish."""
     misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
 
-    def inverse_fitness(points: FloatArray) -> FloatArray:
+    def inverse_fitness(points: NDArray[np.float64]) -> NDArray[np.float64]:
         observed, predicted = misfit.centre(points)
-        result: FloatArray = 1.0 / published_fitness(observed, predicted, tempered=True)
-        return result
+        return np.asarray(1.0 / published_fitness(observed, predicted, tempered=True))
 
     size = len(space.fitted)
     search = MultiPopulationSearch(
@@ -177,9 +177,11 @@ def _fit_published(
 
 def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
     settings = SearchSettings(polish_evaluations=0)
-    search = MultiPopulationSearch(
-        misfit.objective, np.zeros(size), np.ones(size), rng, settings=settings
-    )
+
+    def objective(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(misfit.objective(points), dtype=np.float64)
+
+    search = MultiPopulationSearch(objective, np.zeros(size), np.ones(size), rng, settings=settings)
     while search.has_next():
         search.next()
     return np.asarray(search.result().parameters)

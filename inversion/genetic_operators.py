@@ -125,10 +125,13 @@ def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
 def contrast_fitness(misfit: FloatArray) -> FloatArray:
     r"""Fitness (p, n) that tells the best apart at every stage of a search.
 
-    .. math:: Q = \frac{1}{f - f_{\min} + c \, \mathrm{median}(f - f_{\min})}, \quad c = 0.03
+    .. math:: Q = \frac{1}{(f - f_{\min}) / m + c}, \quad c = 0.03
 
-    within each population.  The form of Eq. 16 with a floor that follows the population, so that
-    neither an offset nor the unit of the misfit changes the selection.
+    within each population, m the median of :math:`f - f_{\min}`.  The form of Eq. 16 with a
+    floor that follows the population, so that neither an offset nor the unit of the misfit
+    changes the selection.  With Q = -f instead, which favours the best less, the rotated
+    Rastrigin function in four genes is found 68 instead of 105 times in 200 searches
+    (benchmarks/search.py).
     """
     finite = np.isfinite(misfit)
     if not finite.all():
@@ -137,8 +140,7 @@ def contrast_fitness(misfit: FloatArray) -> FloatArray:
         misfit = np.where(finite, misfit, np.where(np.isfinite(worst), worst, 0.0))
     excess = misfit - misfit.min(axis=1, keepdims=True)
     middle = np.partition(excess, excess.shape[1] // 2, axis=1)[:, excess.shape[1] // 2, None]
-    floor = _CONTRAST * middle
-    return np.asarray(1.0 / np.where(floor > 0.0, excess + floor, 1.0))
+    return np.asarray(1.0 / (excess / np.where(middle > 0.0, middle, 1.0) + _CONTRAST))
 
 
 def scale_fitness(fitness: FloatArray) -> FloatArray:

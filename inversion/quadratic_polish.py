@@ -41,6 +41,9 @@ _DESIGN_AFTER_FAILURE = 0.25
 # Most by which one iteration may stretch one axis of the design against another.
 _LARGEST_STRETCH = 30.0
 
+# Thinnest design, in parts of its length.
+_THINNEST = 1e-8
+
 # Widest design, and the one at which the minimum counts as found, in parts of the box.
 _WIDEST_RADIUS = 0.1
 _FINEST_RADIUS = 1e-10
@@ -258,7 +261,12 @@ def _principal_axes(directions: FloatArray, hessians: FloatArray) -> FloatArray:
     least = np.where(steepest > 0.0, steepest / _LARGEST_STRETCH**2, 1.0)
     lengths = 1.0 / np.sqrt(np.maximum(curvature, least))
     middle = np.sort(lengths, axis=1)[:, lengths.shape[1] // 2, None]
-    return np.asarray(directions @ (axes * (lengths / middle)[:, None, :]))
+    stretched = directions @ (axes * (lengths / middle)[:, None, :])
+    # The same ellipsoid by its own axes, which stay at right angles however often it is
+    # stretched, so that the directions can always be inverted.
+    own_axes, own_lengths, _ = np.linalg.svd(stretched)
+    own_lengths = np.maximum(own_lengths, _THINNEST * own_lengths[:, :1])
+    return np.asarray(own_axes * own_lengths[:, None, :])
 
 
 def bounded_newton_step(

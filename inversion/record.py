@@ -314,7 +314,8 @@ def _settled_samples(first: int, step: float) -> int:
 def _peaks(displacement: FloatArray) -> FloatArray:
     """Largest downward displacement of each sensor; of a reversed one the largest of any sign."""
     downward = displacement.max(axis=1)
-    return np.where(downward > 0.0, downward, np.abs(displacement).max(axis=1))
+    largest: FloatArray = np.abs(displacement).max(axis=1)
+    return np.where(downward > 0.0, downward, largest)
 
 
 def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:
