@@ -283,13 +283,14 @@ class _Sampler:
             ``scale`` is what an error of the echo is measured in.
         """
         p = y / depths[:, None]
-        total = self._evaluate(p.ravel(), np.repeat(depths, y.size))
-        total = total.reshape(depths.size, y.size, -1)
         unbounded = np.swapaxes(evaluate(p, *half_space), 1, 2)
-        times = depths[:, None, None]
         # Outside of the range of its fit the half-space's sum is worth nothing, and no drop
         # gets there: keep the echo at rest.
-        total = np.where((np.abs(p) > _LARGEST_P)[..., None], unbounded, total)
+        within = np.abs(p) <= _LARGEST_P
+        depth_of = np.broadcast_to(depths[:, None], p.shape)
+        total = unbounded.copy()
+        total[within] = self._evaluate(p[within], depth_of[within])
+        times = depths[:, None, None]
         return (total - unbounded) * times, self.scale(p, unbounded, total) * times
 
     def scale(self, p: ComplexArray, unbounded: ComplexArray, total: ComplexArray) -> FloatArray:
