@@ -11,7 +11,7 @@ import math
 import statistics
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,6 +32,7 @@ from inversion import (
     invert,
 )
 from inversion.forward import ForwardModel
+from inversion.kernel import FloatArray
 from inversion.laplace import FULL_BAND_HZ
 from inversion.record import CONTACT_END_FRACTION
 from inversion.threads import single_threaded_blas
@@ -112,10 +113,14 @@ class Case:
 class ModelError:
     """Forward model at the truth less finite elements, free of noise, over the sensor's peak."""
 
-    contact_rms: float
-    contact_max: float
-    whole_rms: float
-    whole_max: float
+    plate_rms: float
+    """Of the plate to the end of the contact."""
+    plate_largest: float
+    """Of the plate over the whole record."""
+    far_rms: float | None
+    """Of the worst sensor on the ground to the end of the contact; none: there is none."""
+    far_largest: float | None
+    """Of the sensors on the ground over the whole record."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +178,7 @@ def draw_case(number: int, seed: int = 0) -> Case:
             pre_trigger=float(rng.uniform(0.010, 0.020)),
         )
         if rng.uniform() < 0.1:
-            case = Case(**{**asdict(case), "depth": math.inf})
+            case = replace(case, depth=math.inf)
         static = math.pi / 2 * (1 - case.poisson_ratio**2) * case.pressure * radius / case.modulus
         if static < _DEEPEST_DEFLECTION:
             return case
@@ -213,6 +218,21 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
 
 def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelError:
     """The forward model at the true parameters against the finite elements."""
+    peaks = np.max(np.abs(drop.ground_displacement), axis=1)
+    # As the inversion weighs them: a far sensor that hardly moves counts less.
+    left = _difference(case, drop, library) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
+    loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
+    rms = np.sqrt(np.mean(left[:, : int(loaded[-1]) + 1] ** 2, axis=1))
+    largest = np.max(np.abs(left), axis=1)
+    if rms.size == 1:
+        return ModelError(float(rms[0]), float(largest[0]), None, None)
+    return ModelError(
+        float(rms[0]), float(largest[0]), float(np.max(rms[1:])), float(np.max(largest[1:]))
+    )
+
+
+def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> FloatArray:
+    """Forward model at the truth less the simulated displacement, (n_sensors, n - 1), m."""
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
         Instrument(case.radius, case.plate_mass),
@@ -223,19 +243,8 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
     )
     truth = (case.modulus, case.viscosity, case.density, 1.0 / case.depth)
     predicted = model.displacement(Grounds(*(np.array([value]) for value in truth)))[0]
-    observed = drop.ground_displacement[:, 1:]
-    peaks = np.max(np.abs(observed), axis=1)
-    # As the inversion weighs them: a far sensor that hardly moves counts less.
-    left = (predicted - observed) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
-    loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
-    contact = left[:, : int(loaded[-1]) + 1]
-
-    def rms(part: np.ndarray) -> float:
-        return float(np.max(np.sqrt(np.mean(part**2, axis=1))))
-
-    return ModelError(
-        rms(contact), float(np.max(np.abs(contact))), rms(left), float(np.max(np.abs(left)))
-    )
+    result: FloatArray = predicted - drop.ground_displacement[:, 1:]
+    return result
 
 
 def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Outcome:
@@ -279,7 +288,7 @@ def run(arguments: list[str]) -> int:
     """Print coverage, widths and errors; 0, 1 where the target is missed, 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
-    parser.add_argument("--refined", type=int, default=0, help="cheap cases on a halved mesh (0)")
+    parser.add_argument("--refined", type=int, default=0, help="cases on a halved mesh too (0)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
@@ -299,7 +308,7 @@ def run(arguments: list[str]) -> int:
 
 
 def summarise(
-    report: Reporter, outcomes: Sequence[Outcome], refined: Sequence[tuple[int, float, float]] = ()
+    report: Reporter, outcomes: Sequence[Outcome], refined: Sequence[dict[str, object]] = ()
 ) -> int:
     """Print the tables of a campaign; 0, or 1 where the target is missed."""
     report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
@@ -308,14 +317,14 @@ def summarise(
     met = _summary(report, "all", outcomes)
     report.title("forward model at the truth against finite elements (over the peak)")
     for name in ModelError.__dataclass_fields__:
-        values = [getattr(o.model_error, name) for o in outcomes]
-        report.record(model_error=name, **_quantiles(values))
+        found = [getattr(o.model_error, name) for o in outcomes]
+        values = [value for value in found if value is not None]
+        if values:
+            report.record(model_error=name, drops=len(values), **_quantiles(values))
     if refined:
         report.title("the finite elements' own error: halved mesh and step (over the peak)")
-    for number, difference, remaining in refined:
-        report.record(
-            refined_case=number, largest_change=difference, model_against_refined=remaining
-        )
+    for record in refined:
+        report.record(**record)
     report.title("truth outside of the interval")
     for outcome in outcomes:
         if not outcome.covered:
@@ -324,9 +333,9 @@ def summarise(
 
 
 def _summary(report: Reporter, group: str, outcomes: Sequence[Outcome]) -> bool:
-    if not outcomes:
-        return True
     sound = [o for o in outcomes if not o.fault]
+    if not sound:
+        return not outcomes
     covered = sum(o.covered for o in outcomes) / len(outcomes)
     width = statistics.median(o.half_width for o in sound)
     errors = [abs(o.error) for o in sound]
@@ -368,28 +377,40 @@ def _failure(outcome: Outcome) -> dict[str, object]:
         "found_depth": outcome.depth if math.isfinite(outcome.depth) else None,
         "explained": outcome.explained,
         "residual": outcome.window_residual,
-        "model_error": outcome.model_error.contact_rms,
+        "model_error": outcome.model_error.plate_rms,
         "at_bound": list(outcome.at_bound),
         "fault": outcome.fault,
     } | values
 
 
 def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
-    """Cases with the fewest waves in the ground, whose refined meshes stay affordable."""
+    """Cases of three sensors with the fewest waves in the ground: their meshes stay affordable."""
 
     def waves(case: Case) -> float:
         speed = case.ground.layers[0].shear_speed(math.pi / case.pulse)
         depth = min(case.depth, 20.0)
         return depth * (3.0 + depth) / (speed * case.pulse) ** 2
 
-    return sorted(cases, key=waves)[:count]
+    chosen = [case for case in cases if case.group == "three sensors"]
+    return sorted(chosen, key=waves)[:count]
 
 
-def _refinement(case: Case) -> tuple[int, float, float]:
-    """Number, largest change of the displacement by refining, and the model's error after it."""
+def _refinement(case: Case) -> dict[str, object]:
+    """Change by refining, and the model's difference before and after, over each sensor's peak."""
     with single_threaded_blas():
         coarse, fine = simulate(case), simulate(case, Resolution().refined())
-        change = np.abs(fine.ground_displacement - coarse.ground_displacement)
-        peak = np.max(np.abs(fine.ground_displacement), axis=1)
-        own = model_error(case, fine, SurrogateLibrary())
-    return case.number, float(np.max(change / peak[:, None])), own.whole_max
+        library = SurrogateLibrary()
+        before, after = (_difference(case, drop, library) for drop in (coarse, fine))
+    change = np.abs(fine.ground_displacement - coarse.ground_displacement)[:, 1:]
+    peaks = np.max(np.abs(fine.ground_displacement), axis=1)
+
+    def largest(values: FloatArray) -> list[float]:
+        return [round(float(value), 6) for value in np.max(np.abs(values), axis=1) / peaks]
+
+    return {
+        "refined_case": case.number,
+        "offsets": [round(offset, 4) for offset in case.offsets],
+        "change": largest(change),
+        "model_before": largest(before),
+        "model_after": largest(after),
+    }

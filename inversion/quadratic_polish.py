@@ -112,7 +112,7 @@ class QuadraticPolish:
 
     def keep_best(self) -> None:
         """Go on with the best minimum only; between iterations."""
-        best = self.misfits.argmin()[None]
+        best = np.array([self.misfits.argmin()])
         self.points, self.misfits = self.points[best], self.misfits[best]
         self.converged, self._directions = self.converged[best], self._directions[best]
 
@@ -140,7 +140,8 @@ class QuadraticPolish:
         # The design moves away from a face it would cross; a step may still end on it.
         margin = np.minimum(np.abs(offsets).max(axis=1), 0.5)
         centres = np.clip(self.points[self._active], margin, 1.0 - margin)
-        return np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
+        points: FloatArray = np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
+        return points
 
     def _begin_iteration(self, values: FloatArray) -> None:
         starts, start_misfits = self.points.copy(), self.misfits.copy()
@@ -230,7 +231,8 @@ class _Iteration:
             ],
             axis=1,
         )
-        return np.clip(self._centres[:, None, :] + offsets, 0.0, 1.0)
+        points: FloatArray = np.clip(self._centres[:, None, :] + offsets, 0.0, 1.0)
+        return points
 
 
 def _derivatives(

@@ -127,12 +127,22 @@ def test_sensors_keep_their_order() -> None:
     drop = prepare(Record(time, PEAK * half_sine(time), sensors, Instrument(0.15)))
     assert drop.offsets == pytest.approx([0.6, 0.0, 0.3])
     _, right = swing(drop.time + drop.start)
-    window = slice(0, drop.window.stop)
     for row, factor in enumerate((0.1, 1.0, -0.5)):
         assert drop.displacement[row] == pytest.approx(factor * right, abs=1e-6)
-        assert drop.peak_displacement[row] == pytest.approx(
-            abs(factor) * np.max(right[window]), rel=1e-2
-        )
+        assert drop.peak_displacement[row] == pytest.approx(abs(factor) * right.max(), rel=1e-3)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="its largest downward value is taken, however small; residuals over it explode",
+)
+def test_peak_of_a_sensor_that_rises() -> None:
+    # Far from the plate on shallow rock the ground rises, and hardly sinks.
+    time = time_axis()
+    _, displacement = swing(time)
+    lifted = -displacement + 1e-3 * np.interp(time, [0.0, 1e-3, 2e-3], [0, 5e-4, 0])
+    drop = prepare(make_record(lifted, "displacement"))
+    assert drop.peak_displacement[0] == pytest.approx(displacement.max(), rel=1e-2)
 
 
 # --- windows -------------------------------------------------------------------------------------
@@ -231,10 +241,6 @@ def test_noise_of_a_short_pre_trigger() -> None:
     assert 0.7 < stated_over_true(drops_of_noise(white, "velocity", 0.02)) < 1.15
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the displacement's zero is one noisy sample, its noise is stated as if it were a mean",
-)
 def test_white_noise_of_a_displacement() -> None:
     drops = drops_of_noise(white, "displacement", 0.2)
     assert stated_over_true(drops) == pytest.approx(1, abs=0.15)
@@ -293,7 +299,9 @@ def weighted_displacement(quantity: Quantity) -> tuple[Array, Array]:
     native = native_rows(rows, channel, drop.step)
     before, first = channel.baseline_samples, time.size - drop.time.size
     assert before > 8
-    through = native[:, :before] @ values[:before] + native[:, before:] @ values[first:]
+    # A velocity's zero is taken early in the quiet, a displacement's just before the pulse.
+    zero = values[:before] if quantity == "velocity" else values[first - before : first]
+    through = native[:, :before] @ zero + native[:, before:] @ values[first:]
     return rows @ drop.displacement[0], through
 
 
@@ -302,10 +310,6 @@ def test_native_rows_are_the_adjoint_for_a_velocity() -> None:
     assert through == pytest.approx(direct, rel=1e-10)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the displacement's zero is one noisy sample, its noise is stated as if it were a mean",
-)
 def test_native_rows_are_the_adjoint_for_a_displacement() -> None:
     direct, through = weighted_displacement("displacement")
     assert through == pytest.approx(direct, rel=1e-10)
@@ -360,10 +364,10 @@ def test_time_steps_must_be_even() -> None:
 
 @pytest.mark.parametrize("level", [0.0, -3.0])
 def test_load_without_a_pulse(level: float) -> None:
-    with pytest.raises(RecordError, match="load: expected a positive pulse .*found none"):
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
         prepare(make_record(load=np.full(500, level)))
 
 
 def test_load_of_the_wrong_polarity() -> None:
-    with pytest.raises(RecordError, match="load: expected a positive pulse .*found none"):
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
         prepare(make_record(load=-PEAK * half_sine(time_axis())))

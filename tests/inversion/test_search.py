@@ -615,6 +615,27 @@ def test_polish_survives_a_region_that_cannot_be_evaluated() -> None:
     assert misfit < 1e-9
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_polish_survives_what_no_quadratic_describes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    place, turn = rng.random(3), rotation(seed)
+    weights = 10.0 ** rng.uniform(-12.0, 12.0, 3)
+    nasty: list[Objective] = [
+        lambda points: np.abs(points - place) @ weights,
+        lambda points: np.sqrt(((points - place) @ turn) ** 2 @ weights),
+        lambda points: np.floor(9.0 * points).sum(axis=1),
+        lambda points: np.sign(points[:, 0] - place[0]) * 1e300,
+        lambda points: 1e15 + sphere(points - place),
+        lambda points: np.where(np.floor(50.0 * points).sum(axis=1) % 3 == 0, np.inf, 1.0),
+        lambda points: sphere(points - place) + 0.01 * rng.random(len(points)),
+    ]
+    for objective in nasty:
+        best, misfit, used = polish(objective, rng.random(3), np.zeros(3), np.ones(3), 2000)
+        assert np.isfinite(best).all()
+        assert not np.isnan(misfit)
+        assert used <= 2000
+
+
 def test_polish_of_a_constant_ends_at_once() -> None:
     _, misfit, used = polish(
         lambda points: np.ones(len(points)), np.full(2, 0.5), np.zeros(2), np.ones(2), 1000

@@ -131,10 +131,8 @@ def test_one_depth(one_depth: Surrogate) -> None:
     ("plate", "poisson_ratio"),
     [("rigid-rough", 0.35), ("rigid-rough", 0.25), ("rigid-rough", 0.45), ("published", 0.35)],
 )
-def test_every_depth_of_other_plates(
-    plate: PlateModel, poisson_ratio: float, library: SurrogateLibrary
-) -> None:
-    surrogate = library.get(PlateProblem(plate, poisson_ratio), None)
+def test_every_depth_of_other_plates(plate: PlateModel, poisson_ratio: float) -> None:
+    surrogate = build_surrogate(PlateProblem(plate, poisson_ratio))
     errors = [error_of(surrogate, case)[0] for case in draw_cases(40, DAMPED, seed=4)]
     assert max(errors) < 1e-3
     assert np.median(errors) < 1e-4
@@ -198,7 +196,7 @@ def test_nothing_moves_before_the_load(
     phi = every_depth.compliance(p[None], np.array([1 / depth]))[0]
     moved = ((phi * half_sine(0.0133, start) / shear) @ SYNTHESIS).real[0]
     # A band of 1600 Hz blurs the start itself over about a millisecond.
-    before = np.abs(moved[TIME < start - 1.5e-3])
+    before = np.abs(moved[start - 1.5e-3 > TIME])
     assert np.max(before) < 1e-4 * np.max(moved)
 
 
@@ -289,7 +287,7 @@ def test_depths_outside_the_tables_are_refused(
     p = np.array([[0.1 + 0.5j]])
     with pytest.raises(ModelError, match=r"bedrock depth: expected at least 1\.6 .*got 1\.5"):
         every_depth.compliance(p, np.array([1 / 1.5]))
-    with pytest.raises(ModelError, match="built for 5 plate radii alone, got 5.1"):
+    with pytest.raises(ModelError, match=r"built for 5 plate radii alone, got 5\.1"):
         one_depth.compliance(p, np.array([1 / 5.1]))
 
 

@@ -1,0 +1,409 @@
+"""Inversion of drops computed by finite elements, which share nothing with the forward model.
+
+A frictionless plate, so that the surrogate of the other tests serves here too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+
+from inversion import (
+    Instrument,
+    InversionResult,
+    ModelError,
+    Record,
+    RecordError,
+    Sensor,
+    Settings,
+    SurrogateLibrary,
+    Value,
+    invert,
+    invert_joint,
+)
+from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.mesh import Ground, Plate
+
+Array = NDArray[Any]
+
+MODULUS, VISCOSITY, DENSITY, DEPTH = 40e6, 40e3, 1900.0, 0.9
+POISSON_RATIO = 0.35
+PLATE = Plate(radius=0.15, mass=10.6, contact="smooth")
+HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
+STEP = 2e-4
+NOISE = 0.002  # of the largest load and the largest plate velocity
+
+LEAST_SQUARES = Settings(plate="rigid-smooth", method="least-squares")
+GENETIC = replace(LEAST_SQUARES, method="mpga")
+
+
+@pytest.fixture(scope="module")
+def drop() -> SimulatedDrop:
+    ground = Ground.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, DEPTH)
+    simulator = DropSimulator(ground, PLATE, (0.0, 0.3), 0.04, STEP, HAMMER.pulse_duration)
+    return simulator.run(HAMMER)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The drop, recorded again and again with other noise, and what inverts it."""
+
+    drop: SimulatedDrop
+    library: SurrogateLibrary
+
+    def record(
+        self,
+        seed: int | None = None,
+        pre_trigger: float = 0.02,
+        bedrock_depth: float | None = DEPTH,
+    ) -> Record:
+        """The plate's velocity and the load; without noise where there is no seed."""
+        drop, quiet = self.drop, np.zeros(round(pre_trigger / STEP))
+        time = STEP * np.arange(-quiet.size, drop.time.size)
+        load = np.concatenate([quiet, drop.load])
+        velocity = np.concatenate([quiet, drop.plate_velocity])
+        if seed is not None:
+            rng = np.random.default_rng(seed)
+            load = load + NOISE * drop.load.max() * rng.standard_normal(time.size)
+            largest = np.abs(drop.plate_velocity).max()
+            velocity = velocity + NOISE * largest * rng.standard_normal(time.size)
+        return Record(
+            time=time,
+            load=load,
+            sensors=(Sensor(0.0, "velocity", velocity),),
+            instrument=Instrument(PLATE.radius, PLATE.mass),
+            poisson_ratio=POISSON_RATIO,
+            bedrock_depth=bedrock_depth,
+        )
+
+    def invert(self, record: Record, settings: Settings = LEAST_SQUARES) -> InversionResult:
+        return invert(record, settings, self.library)
+
+
+@pytest.fixture(scope="module")
+def bench(drop: SimulatedDrop, library: SurrogateLibrary) -> Bench:
+    return Bench(drop, library)
+
+
+def deviation(value: Value) -> float:
+    assert value.deviation is not None
+    return value.deviation
+
+
+# --- what is found -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bedrock_depth", [DEPTH, None])
+def test_truth_is_found_without_noise(bedrock_depth: float | None, bench: Bench) -> None:
+    result = bench.invert(bench.record(bedrock_depth=bedrock_depth))
+    ground = result.subgrade
+    # The finite elements are good to about a thousandth.
+    assert ground.modulus.value == pytest.approx(MODULUS, rel=3e-3)
+    assert ground.viscosity.value == pytest.approx(VISCOSITY, rel=0.01)
+    assert ground.density.value == pytest.approx(DENSITY, rel=0.01)
+    assert ground.bedrock_depth.value == pytest.approx(DEPTH, rel=0.01)
+    assert result.r_squared > 0.9999
+    assert result.explained
+    assert result.converged
+    assert result.at_bound == ()
+    assert result.warnings == ()
+    assert result.model == "layer"
+
+
+@pytest.mark.parametrize("bedrock_depth", [DEPTH, None])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_truth_is_in_the_interval(seed: int, bedrock_depth: float | None, bench: Bench) -> None:
+    result = bench.invert(bench.record(seed, bedrock_depth=bedrock_depth))
+    low, high = result.modulus_interval
+    assert low < MODULUS < high
+    assert (high - low) / MODULUS < 0.03
+    assert deviation(result.subgrade.modulus) < 0.002 * MODULUS
+    if bedrock_depth is None:
+        assert result.depth_interval is not None
+        assert result.depth_interval[0] < DEPTH < result.depth_interval[1]
+        assert result.modulus_depth_correlation is not None
+        assert -1 <= result.modulus_depth_correlation <= 1
+    else:
+        assert result.depth_interval is None
+        assert result.modulus_depth_correlation is None
+        assert result.subgrade.bedrock_depth == Value(DEPTH, None)
+
+
+def test_displacement_and_velocity_tell_the_same(bench: Bench) -> None:
+    record = bench.record()
+    quiet = np.zeros(record.time.size - bench.drop.time.size)
+    values = np.concatenate([quiet, bench.drop.plate_displacement]) + 1e-4
+    other = replace(record, sensors=(Sensor(0.0, "displacement", values),))
+    one, two = (bench.invert(some).subgrade.modulus.value for some in (record, other))
+    assert two == pytest.approx(one, rel=2e-3)
+
+
+def test_centre_sensor_alone(bench: Bench) -> None:
+    record = bench.record(1)
+    quiet = np.zeros(record.time.size - bench.drop.time.size)
+    far = Sensor(0.3, "velocity", np.concatenate([quiet, bench.drop.ground_velocity[1]]))
+    # Farthest first: the order of the sensors is the recorder's.
+    both = replace(record, sensors=(far, *record.sensors))
+    alone = bench.invert(both, replace(LEAST_SQUARES, all_sensors=False))
+    assert alone.history.offsets == pytest.approx([0.0])
+    assert alone.subgrade.modulus.value == bench.invert(record).subgrade.modulus.value
+    with pytest.raises(RecordError, match=r"centre sensor alone: .*nearest is at 0\.3 m"):
+        bench.invert(replace(record, sensors=(far,)), replace(LEAST_SQUARES, all_sensors=False))
+
+
+@pytest.mark.slow
+def test_all_sensors(bench: Bench) -> None:
+    record = bench.record(1)
+    quiet = np.zeros(record.time.size - bench.drop.time.size)
+    far = Sensor(0.3, "velocity", np.concatenate([quiet, bench.drop.ground_velocity[1]]))
+    result = bench.invert(replace(record, sensors=(far, *record.sensors)))
+    assert result.history.offsets == pytest.approx([0.0, 0.3])
+    assert result.subgrade.modulus.value == pytest.approx(MODULUS, rel=5e-3)
+    assert result.explained
+
+
+@pytest.mark.slow
+def test_rock_shallower_than_the_tables(library: SurrogateLibrary) -> None:
+    ground = Ground.uniform(MODULUS, VISCOSITY, DENSITY, POISSON_RATIO, 0.2)
+    simulator = DropSimulator(ground, PLATE, (), 0.04, STEP, HAMMER.pulse_duration)
+    bench = Bench(simulator.run(HAMMER), library)
+    result = bench.invert(bench.record(bedrock_depth=0.2))
+    assert result.subgrade.modulus.value == pytest.approx(MODULUS, rel=5e-3)
+
+
+def test_declared_geophone_is_part_of_the_model(bench: Bench) -> None:
+    record = bench.record()
+    natural, damping = 2 * np.pi * 4.5, 0.56
+    geophone = signal.TransferFunction([1.0, 0, 0], [1.0, 2 * damping * natural, natural**2])
+    time = record.time - record.time[0]
+    shown = signal.lsim(geophone, record.sensors[0].values, time)[1]
+    raw = replace(record, sensors=(Sensor(0.0, "velocity", shown),))
+    declared = replace(
+        raw,
+        instrument=Instrument(
+            PLATE.radius, PLATE.mass, geophone_natural_frequency=4.5, geophone_damping=damping
+        ),
+    )
+    assert bench.invert(declared).subgrade.modulus.value == pytest.approx(MODULUS, rel=5e-3)
+    assert bench.invert(raw).subgrade.modulus.value > 1.1 * MODULUS
+
+
+# --- models --------------------------------------------------------------------------------------
+
+
+def test_half_space_can_be_forced(bench: Bench) -> None:
+    result = bench.invert(bench.record(1), replace(LEAST_SQUARES, bedrock_depth=math.inf))
+    assert result.model == "half-space"
+    assert result.subgrade.bedrock_depth == Value(math.inf, None)
+    # Rock at 0.9 m passes for stiffer ground, and the residual tells.
+    assert result.subgrade.modulus.value > 1.01 * MODULUS
+    assert not result.explained
+    assert any("residual not explained" in warning for warning in result.warnings)
+
+
+def test_declared_depth_wins_over_nothing_and_settings_over_both(bench: Bench) -> None:
+    wrong = bench.record(1, bedrock_depth=5.0)
+    assert bench.invert(wrong).subgrade.bedrock_depth.value == 5.0
+    fitted = bench.invert(wrong, replace(LEAST_SQUARES, bedrock_depth="unknown"))
+    assert fitted.subgrade.bedrock_depth.value == pytest.approx(DEPTH, rel=0.02)
+    told = bench.invert(wrong, replace(LEAST_SQUARES, bedrock_depth=1.1))
+    assert told.subgrade.bedrock_depth == Value(pytest.approx(1.1), None)
+
+
+def test_elastic_ground(bench: Bench) -> None:
+    result = bench.invert(bench.record(1), replace(LEAST_SQUARES, elastic=True))
+    assert result.subgrade.viscosity == Value(0.0, None)
+    assert not result.explained
+
+
+def test_declared_density_is_kept(bench: Bench) -> None:
+    result = bench.invert(replace(bench.record(1), density=DENSITY))
+    assert result.subgrade.density == Value(pytest.approx(DENSITY), None)
+    assert result.subgrade.modulus.value == pytest.approx(MODULUS, rel=5e-3)
+
+
+@pytest.mark.parametrize("load", ["half-sine", "half-sine-equal-area"])
+def test_load_can_be_a_half_sine(load: Any, bench: Bench) -> None:
+    result = bench.invert(bench.record(1), replace(LEAST_SQUARES, load=load))
+    assert result.load == "half-sine"
+    fit = result.half_sine if load == "half-sine" else result.half_sine_equal_area
+    assert np.max(result.history.model_load) == pytest.approx(fit.peak_load, rel=1e-3)
+    assert result.subgrade.modulus.value == pytest.approx(MODULUS, rel=0.25)
+
+
+def test_peak_modulus_comes_along(bench: Bench) -> None:
+    result = bench.invert(bench.record())
+    load, moved = bench.drop.load.max(), bench.drop.plate_displacement.max()
+    right = (1 - POISSON_RATIO**2) * load / (2 * PLATE.radius * moved)
+    assert result.peak.modulus == pytest.approx(right, rel=2e-3)
+
+
+def test_histories(bench: Bench) -> None:
+    history = bench.invert(bench.record(1)).history
+    assert history.residual == pytest.approx(history.predicted - history.observed)
+    assert history.observed.shape == history.predicted.shape == (1, history.time.size)
+    truth = np.interp(history.time, bench.drop.time, bench.drop.plate_displacement)
+    assert np.max(np.abs(history.predicted[0] - truth)) < 5e-3 * np.max(truth)
+    assert history.contact_end <= history.window_end <= history.time[-1] + 1e-9
+
+
+# --- methods -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bedrock_depth", [DEPTH, None])
+def test_genetic_search_and_least_squares_agree(bedrock_depth: float | None, bench: Bench) -> None:
+    record = bench.record(1, bedrock_depth=bedrock_depth)
+    squares, genetic = (bench.invert(record, settings) for settings in (LEAST_SQUARES, GENETIC))
+    assert (squares.method, genetic.method) == ("least-squares", "mpga")
+    assert genetic.subgrade.modulus.value == pytest.approx(squares.subgrade.modulus.value, rel=1e-3)
+    assert genetic.forward_solves > squares.forward_solves
+
+
+def test_same_seed_same_result(bench: Bench) -> None:
+    record = bench.record(1)
+    one, two = (bench.invert(record, replace(GENETIC, seed=5)) for _ in range(2))
+    assert one.subgrade == two.subgrade
+    assert one.forward_solves == two.forward_solves
+    assert one.seed == 5
+    assert np.array_equal(one.history.predicted, two.history.predicted)
+
+
+def test_published_method_spends_what_the_paper_does(bench: Bench) -> None:
+    settings = replace(
+        LEAST_SQUARES, method="published", load="half-sine-equal-area", all_sensors=False
+    )
+    result = bench.invert(bench.record(1), settings)
+    # Four populations of twenty over a hundred generations, and one solve for the report.
+    assert 8000 <= result.forward_solves <= 8001
+    # No polish, a half-sine for the load: near, not true.
+    assert result.subgrade.modulus.value == pytest.approx(MODULUS, rel=0.2)
+    assert bench.invert(bench.record(1), settings).subgrade == result.subgrade
+
+
+# --- several drops -------------------------------------------------------------------------------
+
+
+def test_two_drops_together_halve_the_variance(bench: Bench) -> None:
+    records = [bench.record(seed, pre_trigger=0.1) for seed in (1, 2)]
+    alone = [bench.invert(record) for record in records]
+    joint = invert_joint(records, LEAST_SQUARES, bench.library)
+    assert joint[0].subgrade == joint[1].subgrade
+    deviations = [deviation(result.subgrade.modulus) for result in alone]
+    expected = math.sqrt(np.mean(np.square(deviations)) / 2)
+    assert deviation(joint[0].subgrade.modulus) == pytest.approx(expected, rel=0.1)
+    moduli = sorted(result.subgrade.modulus.value for result in alone)
+    assert moduli[0] < joint[0].subgrade.modulus.value < moduli[1]
+    for result, record in zip(joint, records, strict=True):
+        assert result.history.load.max() == pytest.approx(record.load.max(), rel=2e-3)
+
+
+def test_drops_that_do_not_belong_together_are_refused(bench: Bench) -> None:
+    record = bench.record(1)
+    others = [
+        replace(record, instrument=Instrument(PLATE.radius, 12.0)),
+        replace(record, poisson_ratio=0.3),
+        replace(record, density=1800.0),
+        replace(record, bedrock_depth=None),
+        replace(record, sensors=(Sensor(0.3, "velocity", record.load),)),
+    ]
+    for other in others:
+        with pytest.raises(RecordError, match="joint inversion: expected drops of one device"):
+            invert_joint([record, other], LEAST_SQUARES, bench.library)
+    with pytest.raises(RecordError, match="expected at least one record, got none"):
+        invert_joint([], LEAST_SQUARES, bench.library)
+
+
+# --- how well it is known ------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason="slow noise is underestimated from a short pre-trigger: 0.55 and 0.81 were found",
+)
+def test_standard_deviation_is_that_of_the_noise(bench: Bench) -> None:
+    exact = bench.invert(bench.record()).subgrade.modulus.value
+    found = [bench.invert(bench.record(1000 + seed)).subgrade.modulus for seed in range(200)]
+    off = np.array([abs(value.value - exact) / deviation(value) for value in found])
+    # 68 and 95 %, give or take two and a half standard deviations of 200 trials.
+    assert 0.60 < np.mean(off < 1) < 0.76
+    assert 0.91 < np.mean(off < 2) < 0.98
+
+
+def test_standard_deviation_has_the_right_size(bench: Bench) -> None:
+    exact = bench.invert(bench.record()).subgrade.modulus.value
+    found = [
+        bench.invert(bench.record(2000 + seed, pre_trigger=0.1)).subgrade.modulus
+        for seed in range(30)
+    ]
+    spread = math.sqrt(np.mean([(value.value - exact) ** 2 for value in found]))
+    stated = math.sqrt(np.mean([deviation(value) ** 2 for value in found]))
+    # Thirty drops know the spread to 13 %.
+    assert 0.6 < stated / spread < 1.5
+
+
+def test_more_noise_means_wider_intervals(bench: Bench) -> None:
+    quiet = bench.record(1)
+    noisy = replace(
+        quiet,
+        sensors=(
+            Sensor(
+                0.0,
+                "velocity",
+                quiet.sensors[0].values
+                + 0.02
+                * np.abs(bench.drop.plate_velocity).max()
+                * np.random.default_rng(9).standard_normal(quiet.time.size),
+            ),
+        ),
+    )
+    one, other = bench.invert(quiet), bench.invert(noisy)
+    assert deviation(other.subgrade.modulus) > 3 * deviation(one.subgrade.modulus)
+    widths = [result.modulus_interval[1] - result.modulus_interval[0] for result in (one, other)]
+    assert widths[1] > 1.5 * widths[0]
+
+
+def test_granted_model_error_widens_the_interval(bench: Bench) -> None:
+    plain = bench.invert(bench.record(1))
+    granted = bench.invert(replace(bench.record(1), model_floor=2e-5))
+    widths = [r.modulus_interval[1] - r.modulus_interval[0] for r in (plain, granted)]
+    assert widths[1] > 5 * widths[0]
+    assert granted.noise_rms == pytest.approx(2e-5, rel=0.02)
+
+
+# --- errors --------------------------------------------------------------------------------------
+
+
+def test_sensor_that_never_moves_down(bench: Bench) -> None:
+    record = bench.record()
+    upward = np.minimum(-record.sensors[0].values, 0.0)
+    for values in (upward, np.zeros(record.time.size)):
+        with pytest.raises(RecordError, match="centre sensor: expected a downward"):
+            bench.invert(replace(record, sensors=(Sensor(0.0, "velocity", values),)))
+
+
+@pytest.mark.xfail(
+    strict=True, reason="the rebound of a reversed sensor is downward and taken for its deflection"
+)
+def test_sensor_of_the_wrong_polarity(bench: Bench) -> None:
+    record = bench.record()
+    reversed_sensor = Sensor(0.0, "velocity", -record.sensors[0].values)
+    with pytest.raises(RecordError, match="centre sensor: expected a downward"):
+        bench.invert(replace(record, sensors=(reversed_sensor,)))
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0])
+def test_depth_must_be_positive(depth: float, bench: Bench) -> None:
+    with pytest.raises(ModelError, match="bedrock depth: expected a value > 0 m or inf"):
+        bench.invert(bench.record(bedrock_depth=depth))
+
+
+def test_incompressible_ground_is_refused(bench: Bench) -> None:
+    with pytest.raises(ModelError, match=r"Poisson's ratio: expected 0 <= value < 0\.5"):
+        bench.invert(replace(bench.record(), poisson_ratio=0.5))
