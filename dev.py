@@ -1,7 +1,8 @@
 """Sets up the environment and runs the program or its checks; needs nothing but Python 3.11.
 
     python3 dev.py demo [ARGS]   set up if needed, then `pfwd demo ARGS`
-    python3 dev.py test [ARGS]   set up if needed, then every check; ARGS go to pytest
+    python3 dev.py test [ARGS]   set up if needed, then every check and the everyday tests; ARGS
+                                 go to pytest (-m "" for the slow tests as well)
     python3 dev.py check         set up if needed, then the static checks alone
 
 The environment is the folder .venv beside this file, or the one that PFWD_VENV names.
@@ -58,7 +59,8 @@ def set_up() -> None:
 
 def tests(arguments: list[str]) -> tuple[bool, str]:
     """Run pytest, show what it prints, and return whether it passed and its counts in words."""
-    command = [str(PYTHON), "-m", "pytest", "-n", "2", "-q", *arguments]
+    chosen = [] if "-m" in arguments else ["-m", "not slow"]
+    command = [str(PYTHON), "-m", "pytest", "-n", "2", "-q", *chosen, *arguments]
     last = ""
     pipe = {"stdout": subprocess.PIPE, "encoding": "utf-8", "errors": "replace"}
     with subprocess.Popen(command, cwd=TOP, **pipe) as process:

@@ -70,11 +70,17 @@ def half_space_compliance(
     -------
     Compliance of (k, n) arrays
     """
-    c = velocity_ratio_squared(poisson_ratio)
-    square, column = xi * xi, z[:, None]
-    alpha = np.sqrt(square + c * column)
-    beta = np.sqrt(square + column)
+    column = z[:, None]
+    alpha, beta, c = _vertical_wavenumbers(xi, column, poisson_ratio)
     return _unbounded(xi, column, c, alpha, beta, shear)
+
+
+def _vertical_wavenumbers(
+    xi: FloatArray, z: ComplexArray, poisson_ratio: float
+) -> tuple[ComplexArray, ComplexArray, float]:
+    """alpha (P wave), beta (S wave) and the velocity ratio squared."""
+    c = velocity_ratio_squared(poisson_ratio)
+    return np.sqrt(xi * xi + c * z), np.sqrt(xi * xi + z), c
 
 
 def _unbounded(
@@ -121,10 +127,8 @@ def layer_compliance(
     -------
     Compliance of (k, n) arrays
     """
-    c = velocity_ratio_squared(poisson_ratio)
-    square, column = xi * xi, z[:, None]
-    alpha = np.sqrt(square + c * column)
-    beta = np.sqrt(square + column)
+    column = z[:, None]
+    alpha, beta, c = _vertical_wavenumbers(xi, column, poisson_ratio)
     limited = np.flatnonzero(np.isfinite(depth))
     felt = 0
     if limited.size:
