@@ -132,20 +132,31 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = _promising(_distinct(tried.points, tried.cost))
     polished = fit_batch(whole.residual, np.stack([m.point for m in chosen]), iterations=15)
-    solves += whole.solves
     found = _distinct(polished.points, polished.cost)
     if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
-        return replace(fit, solves=solves)
-    rest = _distinct(tried.points, tried.cost)
+        return replace(fit, solves=solves + whole.solves)
+    profile = _profile_again(fit, rough)
     return replace(
         fit,
         best=found[0],
         others=found[1:],
-        profile=rest,
+        profile=profile,
         converged=bool(polished.converged[polished.best]),
-        solves=solves,
+        solves=fit.solves + rough.solves + whole.solves,
         misfit=whole,
         drops=longer,
+    )
+
+
+def _profile_again(fit: GroundFit, misfit: Misfit) -> tuple[Minimum, ...]:
+    """The depths of a profile, fitted to another window: what it allows may be another part."""
+    if not fit.profile:
+        return ()
+    column = misfit.space.index(DEPTH)
+    starts = np.stack([m.point for m in fit.profile])
+    again = fit_batch(misfit.residual, starts, iterations=5, tolerance=1e-3, frozen=column)
+    return tuple(
+        Minimum(point, float(cost)) for point, cost in zip(again.points, again.cost, strict=True)
     )
 
 

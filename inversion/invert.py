@@ -196,8 +196,8 @@ def _weigh(record: Record, settings: Settings, surrogate: Surrogate) -> WeighedD
 
 
 def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
-    deflection = float(drop.displacement[0].max())
-    if not deflection > 0.0:
+    contact = drop.displacement[0, drop.time <= drop.contact_end]
+    if not contact.mean() > 0.0:
         raise RecordError(
             "centre sensor: expected a downward (positive) deflection, found none; check its "
             "polarity and whether it is alive"

@@ -8,6 +8,7 @@ import logging
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,17 @@ _LOG = logging.getLogger(__name__)
 # Part of every key: a change of poles, nodes or samples makes old files useless, not wrong.
 _FORMAT = 1
 _SHIPPED = Path(__file__).parent / "tables"
+# What numpy and zipfile raise on a file that is cut, flipped or of another kind.
+_DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 # Told what is being built and how far it is, 0 to 1.
 BuildProgress = Callable[[str, float], None]
@@ -73,7 +85,7 @@ class SurrogateLibrary:
             try:
                 if path.is_file():
                     return load_surrogate(path.read_bytes(), problem)
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            except _DAMAGE as error:
                 _LOG.warning("surrogate cache %s cannot be read (%s); building again", path, error)
         return None
 
@@ -83,9 +95,13 @@ class SurrogateLibrary:
             self._folder.mkdir(parents=True, exist_ok=True)
             # Under another name first: a reader never sees half a file.
             handle, temporary = tempfile.mkstemp(dir=self._folder, suffix=".part")
-            with os.fdopen(handle, "wb") as file:
-                file.write(dump_surrogate(surrogate))
-            os.replace(temporary, path)
+            try:
+                with os.fdopen(handle, "wb") as file:
+                    file.write(dump_surrogate(surrogate))
+                os.replace(temporary, path)
+            except OSError:
+                Path(temporary).unlink(missing_ok=True)
+                raise
         except OSError as error:
             _LOG.warning("surrogate cache %s cannot be written (%s)", path, error)
 

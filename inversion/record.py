@@ -25,6 +25,8 @@ _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
 _LEAST_BASELINE_SAMPLES = 8
 _SETTLED_S = 2.0e-3
+# A sensor whose downward motion is less than this part of its largest is one that rises.
+_SINKS = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,7 @@ class NoiseModel:
 
     Parameters
     ----------
-    autocovariance : (m,) ndarray, lag 0 first, in the channel's unit squared; tapered to zero
+    autocovariance : (m,) ndarray, lag 0 first, in the channel's unit squared
     samples : int, number of samples it was estimated from; 0: none, the noise is not known
     """
 
@@ -312,10 +314,14 @@ def _settled_samples(first: int, step: float) -> int:
 
 
 def _peaks(displacement: FloatArray) -> FloatArray:
-    """Largest downward displacement of each sensor; of a reversed one the largest of any sign."""
+    """Largest downward displacement of each sensor.
+
+    Far from the plate on shallow rock the ground rises and hardly sinks: there the largest of any
+    sign.
+    """
     downward = displacement.max(axis=1)
     largest: FloatArray = np.abs(displacement).max(axis=1)
-    return np.where(downward > 0.0, downward, largest)
+    return np.where(downward > _SINKS * largest, downward, largest)
 
 
 def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:
@@ -331,20 +337,28 @@ def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, fl
 
 
 def _noise(quiet: FloatArray) -> NoiseModel:
-    """Autocovariance of the quiet part, straight line removed, tapered over a quarter of it.
+    r"""First-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of the quiet part.
 
-    The straight line goes because drift is an effect, not noise; the variance is divided by the
-    degrees of freedom that are left.
+    A straight line is taken off first, because drift is an effect, not noise.  That takes slow
+    noise along, so variance and correlation are corrected for it (Kendall's bias of a detrended
+    series, :math:`\rho - (2 + 4 \rho)/n`; variance lost to two parameters that each average
+    :math:`(1 + \rho)/(1 - \rho)` correlated samples).  A sample autocovariance instead would lose
+    the slow part that integration raises most.
     """
     count = quiet.size
     if count < _LEAST_BASELINE_SAMPLES:
         return NoiseModel(np.zeros(1), 0)
     place = np.arange(count) - 0.5 * (count - 1)
     left = quiet - quiet.mean() - place * (place @ quiet) / (place @ place)
-    lags = max(1, count // 4)
-    full = np.array([left[: count - k] @ left[k:] for k in range(lags)]) / (count - 2)
-    taper = 1.0 - np.arange(lags) / lags
-    return NoiseModel(full * taper, count)
+    power = float(left @ left)
+    if power == 0.0:
+        return NoiseModel(np.zeros(1), count)
+    found = float(left[1:] @ left[:-1]) / power
+    correlation = float(np.clip((found + 2.0 / count) / (1.0 - 4.0 / count), 0.0, 0.98))
+    memory = (1.0 + correlation) / (1.0 - correlation)
+    variance = power / count / max(0.3, 1.0 - 2.0 * memory / count)
+    lags = 1 if correlation == 0.0 else 1 + int(np.ceil(np.log(1e-3) / np.log(correlation)))
+    return NoiseModel(variance * correlation ** np.arange(lags), count)
 
 
 def _quantum(values: FloatArray) -> float:

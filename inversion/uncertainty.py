@@ -141,7 +141,8 @@ def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, fl
     parameter = space.fitted[column]
     reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
     places = [m.point[column] for m in (fit.best, *_equivalent(fit))]
-    ends = np.array([min(places) - reach, max(places) + reach])
+    # Nothing is claimed outside of what was searched.
+    ends = np.clip([min(places) - reach, max(places) + reach], 0.0, 1.0)
     low, high = parameter.value(ends)
     return float(low), float(high)
 

@@ -84,7 +84,7 @@ def contains(interval: tuple[float, float], value: float) -> bool:
     return interval[0] * (1 - MESH_ERROR) <= value <= interval[1] * (1 + MESH_ERROR)
 
 
-# The two whose surrogates are built fastest; the others are among the slow tests.
+# Two of the eight, because each needs a surrogate of its own; all are among the slow tests.
 @pytest.mark.parametrize("truth", [TRUTHS[3], TRUTHS[6]], ids=lambda truth: truth.name)
 def test_known_depth(truth: Truth, bench: Bench) -> None:
     result = bench.invert(truth, depth_known=True)
@@ -110,7 +110,6 @@ def test_known_depth_of_all_eight(bench: Bench) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_unknown_depth_of_all_eight(bench: Bench) -> None:
     results = [(bench.invert(truth, depth_known=False), truth) for truth in TRUTHS]
     errors = [abs(error_of(*pair)) for pair in results]
@@ -126,8 +125,6 @@ def test_unknown_depth_of_all_eight(bench: Bench) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", TRUTHS, ids=lambda truth: truth.name)
 def test_residuals_are_small(truth: Truth, bench: Bench) -> None:
-    if truth.name == "fe_05":
-        pytest.xfail("the far sensors rise, and residuals are taken over how far they sink")
     result = bench.invert(truth, depth_known=True)
     assert result.residual_rms_over_peak < 0.02
     assert result.contact_residual_rms_over_peak < 0.02

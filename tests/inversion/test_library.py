@@ -111,10 +111,6 @@ def test_a_damaged_file_is_built_again(
     assert len(builder.asked) == 1
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="zlib.error, NotImplementedError and RuntimeError of a damaged archive are not caught",
-)
 def test_a_file_cut_or_flipped_anywhere_is_built_again(tmp_path: Path, builder: Builder) -> None:
     SurrogateLibrary(tmp_path).get(CENTRE, None)
     path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
@@ -175,7 +171,6 @@ def test_a_folder_that_cannot_be_written_is_survived(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.xfail(strict=True, reason="the part written so far stays behind")
 def test_a_full_disk_leaves_nothing_behind(
     tmp_path: Path, builder: Builder, monkeypatch: pytest.MonkeyPatch
 ) -> None:

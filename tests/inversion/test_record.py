@@ -132,10 +132,6 @@ def test_sensors_keep_their_order() -> None:
         assert drop.peak_displacement[row] == pytest.approx(abs(factor) * right.max(), rel=1e-3)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="its largest downward value is taken, however small; residuals over it explode",
-)
 def test_peak_of_a_sensor_that_rises() -> None:
     # Far from the plate on shallow rock the ground rises, and hardly sinks.
     time = time_axis()

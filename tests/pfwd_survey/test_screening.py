@@ -211,8 +211,8 @@ def test_a_suspect_deflection_is_warned_of(make_drop: MakeDrop, quantity: str, u
 def test_a_dead_extra_channel_is_warned_of(make_drop: MakeDrop) -> None:
     drop = changed(make_drop(offsets=(0.0, 0.3, 0.6)), extra=lambda v: np.zeros_like(v))
     assert warned(drop) == (
-        "dead extra channel: displacement at 0.3 m, constant at 0",
-        "dead extra channel: displacement at 0.6 m, constant at 0",
+        "dead extra channel: displacement at 0.3 m, constant at 0; left out",
+        "dead extra channel: displacement at 0.6 m, constant at 0; left out",
     )
 
 
