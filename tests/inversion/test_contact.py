@@ -277,7 +277,8 @@ def change_by_refinement(
         arguments = (plate, poisson_ratio, modulus, viscosity, depth)
         plain, refined = history(*arguments), history(*arguments, rule=REFINED)
         changes.append(np.abs(plain - refined).max(axis=1) / np.abs(refined[0]).max())
-    return np.max(changes, axis=0)
+    largest: Array = np.max(changes, axis=0)
+    return largest
 
 
 # The published plate's integrand falls more slowly, like xi^-3.

@@ -219,6 +219,9 @@ def test_infinite_depth_is_the_half_space_beside_shallow_layers() -> None:
     alone = layer_compliance(XI, z[1:], 0.35, np.array([2.0]))
     half_space = half_space_compliance(XI, z, 0.35)
     for both, own, unbounded in zip(mixed, alone, half_space, strict=True):
+        assert both is not None
+        assert own is not None
+        assert unbounded is not None
         assert np.array_equal(both[0], unbounded[0])
         assert both[1] == pytest.approx(own[0], rel=1e-12)
     assert mixed.ww[1] != pytest.approx(half_space.ww[1], rel=1e-3)

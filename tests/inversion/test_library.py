@@ -164,7 +164,7 @@ def test_a_folder_that_cannot_be_written_is_survived(
     def refuse(**_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(library_module.tempfile, "mkstemp", refuse)
+    monkeypatch.setattr("inversion.library.tempfile.mkstemp", refuse)
     with caplog.at_level(logging.WARNING):
         SurrogateLibrary(tmp_path).get(CENTRE, None)
     assert "cannot be written" in caplog.text
@@ -177,7 +177,7 @@ def test_a_full_disk_leaves_nothing_behind(
     def refuse(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(library_module.os, "replace", refuse)
+    monkeypatch.setattr("inversion.library.os.replace", refuse)
     SurrogateLibrary(tmp_path).get(CENTRE, None)
     assert list(tmp_path.iterdir()) == []
 
