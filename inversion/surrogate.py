@@ -225,10 +225,11 @@ def check_surrogate(surrogate: Surrogate, threads: int = 2) -> float:
     wanted = np.arange(1, 401) * (_CHECK_DURATION_S / 400)
     synthesis = transform.synthesis(wanted)
     nodes = surrogate.inverse_depths
-    ratios = nodes if nodes.size == 1 else 0.5 * (nodes[:-1] + nodes[1:])[1::4]
+    between = 0.5 * (nodes[:-1] + nodes[1:])[1::4]
+    ratios = nodes if nodes.size == 1 else between[between < 0.5]
     sampler = _Sampler(surrogate.problem, threads)
     worst = 0.0
-    for ratio in ratios[ratios < 0.5]:
+    for ratio in ratios:
         for delay, relaxation in _CHECK_GROUNDS:
             softening = 1.0 + relaxation * s
             p = delay * s / np.sqrt(softening)
@@ -351,8 +352,9 @@ def _fit_half_space(problem: PlateProblem, sampler: _Sampler) -> HalfSpace:
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.7)),
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.3)),
     ]
-    if max(problem.offsets) > 1.0:
-        # The travel time to an offset sensor needs narrower resonances.
+    if max(problem.offsets) > 1.0 or not problem.driving_point:
+        # Travel times, to an offset sensor or from the plate's edge to its centre, need narrower
+        # resonances.
         poles.append(np.geomspace(0.1, 30.0, 40) * np.exp(1j * (np.pi / 2 + 0.12)))
     pole_set = np.concatenate(poles)
     values = sampler.total(p, np.inf)

@@ -11,7 +11,7 @@ error is taken to be as large as the residual says.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from inversion.laplace import FULL_BAND_HZ, DampedTransform
 from inversion.least_squares import jacobian
 from inversion.misfit import WeighedDrop
 from inversion.parameters import DEPTH, MODULUS
-from inversion.record import native_rows
+from inversion.record import NoiseModel, native_rows
 
 # Two-sided 95 % of a normal distribution.
 _NORMAL_95 = 1.96
@@ -105,15 +105,20 @@ def _sensor_noise(
     drop = item.drop
     channel = drop.channels[sensor]
     quantum: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
+    full = np.zeros((weights.shape[0], int(rows[-1]) + 1))
+    full[:, rows] = weights
     if channel.model.samples:
-        full = np.zeros((weights.shape[0], int(rows[-1]) + 1))
-        full[:, rows] = weights
         quantum += channel.model.quadratic_form(native_rows(full, channel, drop.step))
         return quantum
-    # No record before the pulse: what is rough in the residual is taken for white noise.
-    rough = np.diff(left, 2)
-    white = float(np.mean(rough**2)) / 6.0
-    quantum += weights @ weights.T * white
+    # No record before the pulse: what is rough in the residual of the channel itself is taken for
+    # white noise; a velocity over several steps is the mean of as many samples.
+    stride = int(rows[1] - rows[0])
+    native = np.diff(left) / (stride * drop.step) if channel.integrates else left
+    white = float(np.mean(np.diff(native, 2) ** 2)) / 6.0 * (stride if channel.integrates else 1)
+    model = NoiseModel(np.array([white]), native.size)
+    quantum += model.quadratic_form(
+        native_rows(full, replace(channel, baseline_samples=0), drop.step)
+    )
     return quantum
 
 

@@ -344,6 +344,14 @@ def test_standard_deviation_has_the_right_size(bench: Bench) -> None:
     assert 0.6 < stated / spread < 1.5
 
 
+def test_standard_deviation_without_pre_trigger(bench: Bench) -> None:
+    known, guessed = (
+        deviation(bench.invert(bench.record(1, pre_trigger=some)).subgrade.modulus)
+        for some in (0.1, 0.0)
+    )
+    assert known / 3 < guessed < 3 * known
+
+
 def test_more_noise_means_wider_intervals(bench: Bench) -> None:
     quiet = bench.record(1)
     noisy = replace(
