@@ -199,9 +199,9 @@ def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
 
 
 def _plain_starts(space: ParameterSpace) -> FloatArray:
-    """Three starts around the peak-method modulus, with little and with much viscosity."""
-    middle = np.full((3, len(space.fitted)), 0.6)
-    for name, factors in ((MODULUS, (0.5, 0.5, 0.38)), (VISCOSITY, (0.06, 0.3, 0.15))):
+    """Two starts around the peak-method modulus, with little and with much viscosity."""
+    middle = np.full((2, len(space.fitted)), 0.6)
+    for name, factors in ((MODULUS, (0.5, 0.4)), (VISCOSITY, (0.06, 0.25))):
         column = space.index(name)
         if column is not None:
             middle[:, column] = factors

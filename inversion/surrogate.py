@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,12 +127,18 @@ class Surrogate:
             return result
         ratio = inverse_depth[echo]
         if ratio.size > 1 and np.ptp(ratio) == 0.0:
-            coefficients = self.echo_at(ratio[:1])[0]
+            coefficients = _echo_at_one(self, float(ratio[0]))
         else:
             coefficients = self.echo_at(ratio)
         y = p[echo] / ratio[:, None]
         result[echo] += ratio[:, None, None] * evaluate(y, self.echo_poles, coefficients, single)
         return result
+
+
+@lru_cache(maxsize=8)
+def _echo_at_one(surrogate: Surrogate, inverse_depth: float) -> FloatArray:
+    """Echo coefficients of a depth that is given, which every solve of a fit asks for again."""
+    return surrogate.echo_at(np.array([inverse_depth]))[0]
 
 
 # --- building -------------------------------------------------------------------------------
