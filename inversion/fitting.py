@@ -125,7 +125,9 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     allowed = fit.best.cost + _CONTACT_ALLOWS
     points = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
     order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
-    tried = fit_batch(rough.residual, points[order], iterations=8, tolerance=1e-3)
+    # A lone candidate is polished at once; several are brought to their minima first.
+    several = 8 if order.size > 1 else 0
+    tried = fit_batch(rough.residual, points[order], iterations=several, tolerance=1e-3)
     solves = fit.solves + rough.solves
     if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
         return replace(fit, solves=solves)

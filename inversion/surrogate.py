@@ -138,7 +138,8 @@ class Surrogate:
 @lru_cache(maxsize=8)
 def _echo_at_one(surrogate: Surrogate, inverse_depth: float) -> FloatArray:
     """Echo coefficients of a depth that is given, which every solve of a fit asks for again."""
-    return surrogate.echo_at(np.array([inverse_depth]))[0]
+    result: FloatArray = surrogate.echo_at(np.array([inverse_depth]))[0]
+    return result
 
 
 # --- building -------------------------------------------------------------------------------
