@@ -1,0 +1,75 @@
+"""What the driver hands on, in the order in which it happened."""
+
+import datetime
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device.identity import Identity
+from pfwd_device.wire.messages import Event, Refusal, Status
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """The instrument answers; also after each time that it was lost."""
+
+    url: str
+    """The port."""
+    identity: Identity
+    """What it says of itself."""
+    time_utc: datetime.datetime
+    """When, by the host."""
+    again: bool
+    """Whether this instrument was connected before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnected:
+    """The instrument is lost; the driver keeps trying to have it back."""
+
+    reason: str
+    """One sentence, with what to try."""
+    time_utc: datetime.datetime
+    """When, by the host."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamBegan:
+    """The samples that follow belong to a new run of the sampler: its index begins anew."""
+
+    stream: int
+    """Number of the run."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Samples:
+    """Consecutive samples, following the last ones or a gap without overlap."""
+
+    stream: int
+    """Number of the run of the sampler."""
+    first: int
+    """Index of the first sample within the stream."""
+    counts: NDArray[np.int32]
+    """(n, channels), as the converter gave them."""
+    shunt: bool
+    """The calibration shunt is on: these are no measurement."""
+    received: float
+    """Monotonic clock of the host when the last of them had come, s."""
+    time_utc: datetime.datetime
+    """The same by the calendar."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Samples that never came."""
+
+    stream: int
+    """Number of the run of the sampler."""
+    first: int
+    """Index of the first missing sample."""
+    length: int
+    """How many."""
+
+
+Item = Connected | Disconnected | StreamBegan | Samples | Gap | Status | Event | Refusal

@@ -1,0 +1,129 @@
+"""What an instrument says of itself: its channels, their calibration, its plate."""
+
+import datetime
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+from pfwd_device.errors import SetupError
+
+MOST_CHANNELS = 8
+FASTEST_SAMPLING = 50_000.0
+"""Hz; per channel."""
+LONGEST_NAME = 32
+"""Characters of a name or a version."""
+
+
+class Role(StrEnum):
+    """What a channel measures."""
+
+    LOAD = "load"
+    """Force of the load cell."""
+    GEOPHONE = "geophone"
+    """Velocity, with the response of the geophone."""
+    DISPLACEMENT = "displacement"
+    """Displacement, as of an integrated accelerometer or a laser."""
+    UNUSED = "unused"
+    """Nothing that is looked at."""
+
+
+UNIT_OF_ROLE = {Role.LOAD: "N", Role.GEOPHONE: "m/s", Role.DISPLACEMENT: "m", Role.UNUSED: "V"}
+"""SI unit of the calibrated values."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelIdentity:
+    """One channel: what it measures, where, and how its volts become SI values."""
+
+    name: str
+    """As printed on the instrument, at most 32 characters."""
+    role: Role
+    """What it measures."""
+    offset: float = 0.0
+    """Distance from the plate centre, m, >= 0; 0 is the centre (and the load cell)."""
+    sensitivity: float = 1.0
+    """V per N, V per m/s or V per m; not 0. A sensor that is mounted upside down has a negative
+    one: downward is positive."""
+    zero: float = 0.0
+    """Volts at rest."""
+    natural_frequency: float | None = None
+    """Of the geophone, Hz, > 0; None: its record needs no correction."""
+    damping: float | None = None
+    """Damping ratio of the geophone, > 0; given with the natural frequency or not at all."""
+    shunt: float | None = None
+    """What the calibration shunt of the load cell simulates, N; None: there is none."""
+    calibrated: datetime.date | None = None
+    """Date of the calibration."""
+    due: datetime.date | None = None
+    """Date on which the calibration expires."""
+
+    def __post_init__(self) -> None:
+        where = f"channel {self.name!r}"
+        _require(len(self.name) <= LONGEST_NAME, where, f"a name up to {LONGEST_NAME} letters", "")
+        _require(0 <= self.offset < math.inf, where, "offset >= 0 m", self.offset)
+        sound = self.sensitivity != 0 and math.isfinite(self.sensitivity)
+        _require(sound, where, "a finite sensitivity other than 0", self.sensitivity)
+        _require(math.isfinite(self.zero), where, "a finite zero, V", self.zero)
+        for name in ("natural_frequency", "damping", "shunt"):
+            value = getattr(self, name)
+            sound = value is None or (value > 0 and math.isfinite(value))
+            _require(sound, where, f"{name} > 0", value)
+        both = (self.natural_frequency is None) == (self.damping is None)
+        _require(both, where, "natural_frequency and damping together", "one of them")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What an instrument is. None: not said."""
+
+    serial_number: str
+    """Unique to the instrument, at most 32 characters."""
+    model: str
+    """Name of the product, at most 32 characters."""
+    firmware: str
+    """Version of what runs in it, at most 32 characters."""
+    sampling_rate: float
+    """Samples per second and channel as configured now, Hz, > 0."""
+    adc_bits: int
+    """Bits of the converter, 8 to 24; counts run from -2^(bits-1) to 2^(bits-1) - 1."""
+    adc_range: float
+    """Volts at full scale, > 0: the converter covers -range to +range."""
+    channels: tuple[ChannelIdentity, ...]
+    """1 to 8, in the order of the samples."""
+    plate_radius: float | None = None
+    """Radius of the load plate, m, > 0."""
+    plate_mass: float | None = None
+    """Mass between load cell and ground, kg, >= 0."""
+    centre_sensor: Literal["plate", "ground"] = "plate"
+    """What the sensor at offset 0 stands on."""
+    protocol_version: int = 1
+    """Version that was agreed on."""
+
+    def __post_init__(self) -> None:
+        where = f"identity of {self.serial_number!r}"
+        for name in ("serial_number", "model", "firmware"):
+            short = len(getattr(self, name)) <= LONGEST_NAME
+            _require(short, where, f"{name} up to {LONGEST_NAME} letters", "more")
+        rate = self.sampling_rate
+        fits = 0 < rate <= FASTEST_SAMPLING
+        _require(fits, where, f"sampling_rate > 0 and <= {FASTEST_SAMPLING:g} Hz", rate)
+        _require(8 <= self.adc_bits <= 24, where, "adc_bits from 8 to 24", self.adc_bits)
+        _require(0 < self.adc_range < math.inf, where, "adc_range > 0 V", self.adc_range)
+        count = len(self.channels)
+        _require(1 <= count <= MOST_CHANNELS, where, f"1 to {MOST_CHANNELS} channels", count)
+        radius, mass = self.plate_radius, self.plate_mass
+        _require(radius is None or 0 < radius < math.inf, where, "plate_radius > 0 m", radius)
+        _require(mass is None or 0 <= mass < math.inf, where, "plate_mass >= 0 kg", mass)
+        seat = self.centre_sensor
+        _require(seat in ("plate", "ground"), where, 'centre_sensor "plate" or "ground"', seat)
+
+    @property
+    def volts_per_count(self) -> float:
+        """V."""
+        return self.adc_range / (1 << (self.adc_bits - 1))
+
+
+def _require(holds: bool, where: str, expected: str, came: object) -> None:
+    if not holds:
+        raise SetupError(f"{where}: expected {expected}, came {came}")

@@ -1,0 +1,33 @@
+"""Text from an instrument or a file, made harmless at the edge where it comes in."""
+
+import unicodedata
+
+LONGEST_TEXT = 64
+"""Characters; names and serial numbers are shorter, and a screen has no room for more."""
+
+
+def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
+    """Text of bounded length without control characters, which become U+FFFD.
+
+    Escape sequences could rename a terminal's window, overrides of the writing direction could
+    make a line read as another.
+
+    Parameters
+    ----------
+    text : str or bytes
+        Bytes are read as UTF-8; what is none becomes U+FFFD.
+    limit : int
+        Longest result, characters.
+
+    Examples
+    --------
+    >>> clean(b"PFWD-7\\x1b[31m")
+    'PFWD-7\N{REPLACEMENT CHARACTER}[31m'
+    """
+    if isinstance(text, bytes):
+        text = text.decode("utf-8", "replace")
+    text = unicodedata.normalize("NFC", text[: 4 * limit])[:limit]
+    return "".join(
+        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(letter)[0] == "C" else letter
+        for letter in text
+    )

@@ -1,0 +1,89 @@
+"""The identity of an instrument as a payload. Byte tables in docs/protocol.md."""
+
+import struct
+
+from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
+from pfwd_device.wire.fields import BYTE, Reader, day, day_of, or_nan, or_none, text
+
+_CONVERTER = struct.Struct("<dBdddBB")
+_CHANNEL = struct.Struct("<BddddddII")
+_ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
+_SEATS = ("plate", "ground")
+
+
+def pack_identity(identity: Identity) -> bytes:
+    """The payload that carries an identity."""
+    converter = _CONVERTER.pack(
+        identity.sampling_rate,
+        identity.adc_bits,
+        identity.adc_range,
+        or_nan(identity.plate_radius),
+        or_nan(identity.plate_mass),
+        _SEATS.index(identity.centre_sensor),
+        len(identity.channels),
+    )
+    names = (identity.serial_number, identity.model, identity.firmware)
+    channels = map(_pack_channel, identity.channels)
+    version = BYTE.pack(identity.protocol_version)
+    return b"".join([version, *map(text, names), converter, *channels])
+
+
+def _pack_channel(channel: ChannelIdentity) -> bytes:
+    return text(channel.name) + _CHANNEL.pack(
+        _ROLES.index(channel.role),
+        channel.offset,
+        channel.sensitivity,
+        channel.zero,
+        or_nan(channel.natural_frequency),
+        or_nan(channel.damping),
+        or_nan(channel.shunt),
+        day(channel.calibrated),
+        day(channel.due),
+    )
+
+
+def read_identity(payload: bytes) -> Identity:
+    """The identity in a payload.
+
+    Raises
+    ------
+    struct.error, ValueError
+        If the payload is too short or a value is outside of its range (`SetupError`).
+    """
+    reader = Reader(payload)
+    (version,) = reader.fields(BYTE)
+    serial_number, model, firmware = (reader.text(LONGEST_NAME) for _ in range(3))
+    rate, bits, volts, radius, mass, seat, count = reader.fields(_CONVERTER)
+    return Identity(
+        serial_number=serial_number,
+        model=model,
+        firmware=firmware,
+        sampling_rate=rate,
+        adc_bits=bits,
+        adc_range=volts,
+        plate_radius=or_none(radius),
+        plate_mass=or_none(mass),
+        centre_sensor="ground" if seat == 1 else "plate",
+        channels=tuple(_read_channel(reader) for _ in range(count)),
+        protocol_version=version,
+    )
+
+
+def _read_channel(reader: Reader) -> ChannelIdentity:
+    name = reader.text(LONGEST_NAME)
+    role, offset, sensitivity, zero, frequency, damping, shunt, calibrated, due = reader.fields(
+        _CHANNEL
+    )
+    return ChannelIdentity(
+        name=name,
+        # A role of a newer version is nothing that this program could use.
+        role=_ROLES[role] if role < len(_ROLES) else Role.UNUSED,
+        offset=offset,
+        sensitivity=sensitivity,
+        zero=zero,
+        natural_frequency=or_none(frequency),
+        damping=or_none(damping),
+        shunt=or_none(shunt),
+        calibrated=day_of(calibrated),
+        due=day_of(due),
+    )
