@@ -27,6 +27,7 @@ from inversion.record import Sensor
 from pfwd_device import Drop
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.header import Setup
+from pfwd_survey.missing import whole_part
 from pfwd_survey.options import AnalysisOptions
 from pfwd_survey.outcome import FileOutcome
 from pfwd_survey.screening import Screening, screen_point
@@ -160,9 +161,10 @@ def analyse_point(
     """Screen and invert the drops of one point, in their order."""
     settings = settings_of(options, point.setup)
     screenings = screen_point(point)
+    drops = [whole_part(drop)[0] for drop in point.drops]
     records = {
         index: record_of(drop, point.setup, options, found.dead)
-        for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+        for index, (drop, found) in enumerate(zip(drops, screenings, strict=True))
         if found.status != "rejected"
     }
     together = [i for i in records if screenings[i].status == "measured"] if options.joint else []
@@ -181,6 +183,38 @@ def analyse_point(
         DropAnalysis(drop, screenings[i], found_results.get(i), faults.get(i))
         for i, drop in enumerate(point.drops)
     ]
+
+
+def analyse_drop(
+    drop: Drop,
+    setup: Setup,
+    screening: Screening,
+    options: AnalysisOptions,
+    library: SurrogateLibrary,
+) -> DropAnalysis:
+    """Invert one drop whose screening is known, as it comes from the instrument."""
+    if screening.status == "rejected":
+        return DropAnalysis(drop, screening, None)
+    settings = settings_of(options, setup)
+    try:
+        record = record_of(whole_part(drop)[0], setup, options, screening.dead)
+        (result,) = invert_joint([record], settings, library)
+    except InversionError as error:
+        return DropAnalysis(drop, screening, None, str(error))
+    return DropAnalysis(drop, screening, result)
+
+
+def load_surrogate(
+    drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary
+) -> None:
+    """Have the response table ready that drops like this one need.
+
+    Raises
+    ------
+    InversionError
+    """
+    record = record_of(drop, setup, options)
+    library.get(*surrogate_request(record, settings_of(options, setup)))
 
 
 def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
@@ -244,8 +278,7 @@ def _read(path: str, options: AnalysisOptions) -> TracePoint:
 def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> None:
     try:
         point = _read(path, options)
-        record = record_of(point.drops[0], point.setup, options)
-        library.get(*surrogate_request(record, settings_of(options, point.setup)))
+        load_surrogate(point.drops[0], point.setup, options, library)
     except (SurveyError, InversionError):
         # The worker meets the same fault and reports it with the file.
         return

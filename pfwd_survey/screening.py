@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_survey.clipping import clipped_samples
 from pfwd_survey.header import Setup
+from pfwd_survey.missing import whole_part
 from pfwd_survey.signals import displacement_of, quiet_samples, remove_offset
 from pfwd_survey.traces import TracePoint
 
@@ -125,13 +126,41 @@ def screen(drop: Drop, setup: Setup) -> Screening:
     -------
     Screening
     """
+    drop, reason, incomplete = whole_part(drop)
+    if reason:
+        return Screening("rejected", reason)
     pulse = _find_pulse(drop)
     reason = _load_fault(pulse, drop) or _centre_fault(pulse, drop)
     if reason:
         return Screening("rejected", reason)
     status: Status = "seating" if drop.number <= setup.seating_drops else "measured"
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
-    return Screening(status, None, tuple(_warnings(pulse, drop)), dead)
+    warnings = [incomplete] if incomplete else []
+    return Screening(status, None, (*warnings, *_warnings(pulse, drop)), dead)
+
+
+def screen_next(drop: Drop, setup: Setup, largest: float) -> tuple[Screening, float]:
+    """Status of a drop as it comes, judged by its record and by the drops before it.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : Setup
+    largest : float
+        Largest peak load of this point's drops before that were not rejected, N; 0: there are none.
+
+    Returns
+    -------
+    screening : Screening
+    largest : float
+        The same with this drop, N.
+    """
+    found = screen(drop, setup)
+    if found.status == "rejected":
+        return found, largest
+    peak = _peak_load(drop)
+    largest = max(largest, peak)
+    return _compare(found, peak, largest), largest
 
 
 def screen_point(point: TracePoint) -> tuple[Screening, ...]:
@@ -150,13 +179,19 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
         In the order of the drops.
     """
     found = [screen(drop, point.setup) for drop in point.drops]
-    peaks = [_find_pulse(drop).peak for drop in point.drops]
-    sound = [peak for peak, one in zip(peaks, found, strict=True) if one.status != "rejected"]
-    largest = max(sound, default=0.0)
+    peaks = [
+        0.0 if one.status == "rejected" else _peak_load(drop)
+        for drop, one in zip(point.drops, found, strict=True)
+    ]
+    largest = max(peaks, default=0.0)
     return tuple(
         one if one.status == "rejected" else _compare(one, peak, largest)
         for one, peak in zip(found, peaks, strict=True)
     )
+
+
+def _peak_load(drop: Drop) -> float:
+    return _find_pulse(whole_part(drop)[0]).peak
 
 
 def _compare(one: Screening, peak: float, largest: float) -> Screening:

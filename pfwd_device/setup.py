@@ -1,0 +1,282 @@
+"""What a setup file says of the instrument: link, channels with calibration, detection.
+
+Whatever it says wins over what the instrument says of itself. An instrument that says nothing (the
+ASCII lines of a microcontroller) is described by it completely.
+"""
+
+import dataclasses
+import datetime
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from pfwd_device.acquisition.detection import DetectionSettings
+from pfwd_device.errors import SetupError
+from pfwd_device.identity import (
+    FASTEST_SAMPLING,
+    LONGEST_NAME,
+    ChannelIdentity,
+    Identity,
+    Role,
+)
+from pfwd_device.text import clean
+from pfwd_device.wire.ascii_lines import AsciiDialect
+from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.dialect import Dialect
+
+DIALECTS = ("pfwd", "ascii")
+MOST_COLUMNS = 64
+
+Table = Mapping[str, Any]
+
+
+class _Rule(NamedTuple):
+    """How one key is checked and where its value goes."""
+
+    attribute: str
+    expected: str
+    accepts: Callable[[Any], bool]
+
+
+def _number(low: float, high: float = math.inf, *, or_low: bool = False) -> Callable[[Any], bool]:
+    """Accepts finite numbers above `low`, up to `high`; `or_low`: that one too."""
+
+    def accepts(value: Any) -> bool:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        return (low < value or (or_low and low == value)) and value <= high and value < math.inf
+
+    return accepts
+
+
+def _whole(low: int, high: int) -> Callable[[Any], bool]:
+    return lambda value: type(value) is int and low <= value <= high
+
+
+def _word(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME
+
+
+def _one_of(*words: str) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, str) and value in words
+
+
+def _date(value: Any) -> bool:
+    return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
+
+
+_TEXT = f"text of 1 to {LONGEST_NAME} letters"
+_DATE = "a date as 2026-05-31, without quotation marks"
+
+LINK_KEYS = {
+    "dialect": _Rule("dialect", '"pfwd" or "ascii"', _one_of(*DIALECTS)),
+    "baud_rate": _Rule("baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)),
+    "sampling_rate_hz": _Rule(
+        "sampling_rate",
+        f"a number > 0 up to {FASTEST_SAMPLING:g}, in Hz",
+        _number(0, FASTEST_SAMPLING),
+    ),
+}
+INSTRUMENT_KEYS = {
+    "serial_number": _Rule("serial_number", _TEXT, _word),
+    "model": _Rule("model", _TEXT, _word),
+    "adc_bits": _Rule("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
+    "adc_range_v": _Rule("adc_range", "a number > 0, in V", _number(0)),
+}
+CHANNEL_KEYS = {
+    "name": _Rule("name", _TEXT, _word),
+    "role": _Rule("role", " or ".join(f'"{role}"' for role in Role), _one_of(*Role)),
+    "column": _Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
+    "resolution": _Rule("resolution", "a number > 0: what one count stands for", _number(0)),
+    "offset_m": _Rule("offset", "a number >= 0, in m", _number(0, or_low=True)),
+    "sensitivity": _Rule(
+        "sensitivity",
+        "a number other than 0, in V per N, V per m/s or V per m",
+        lambda value: _number(-math.inf)(value) and value != 0,
+    ),
+    "zero_v": _Rule("zero", "a finite number, in V", _number(-math.inf)),
+    "natural_frequency_hz": _Rule("natural_frequency", "a number > 0, in Hz", _number(0)),
+    "damping": _Rule("damping", "a number > 0", _number(0)),
+    "shunt_n": _Rule("shunt", "a number > 0, in N", _number(0)),
+    "calibrated": _Rule("calibrated", _DATE, _date),
+    "due": _Rule("due", _DATE, _date),
+}
+DETECTION_KEYS = {
+    key: _Rule(attribute, f"a number > 0{unit}", _number(0))
+    for key, attribute, unit in (
+        ("threshold_n", "threshold", ", in N"),
+        ("noise_factor", "noise_factor", ""),
+        ("hysteresis", "hysteresis", " and < 1"),
+        ("confirm_s", "confirm", ", in s"),
+        ("pre_trigger_s", "pre_trigger", ", in s"),
+        ("post_trigger_s", "post_trigger", ", in s"),
+        ("rebound_window_s", "rebound_window", ", in s"),
+        ("rebound_pre_trigger_s", "rebound_pre_trigger", ", in s"),
+        ("rebound_post_trigger_s", "rebound_post_trigger", ", in s"),
+    )
+}
+TABLES = {
+    "link": LINK_KEYS,
+    "instrument": INSTRUMENT_KEYS,
+    "channels": CHANNEL_KEYS,
+    "detection": DETECTION_KEYS,
+}
+"""The tables of a setup file that speak of the instrument, and their keys."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSetup:
+    """What is declared about the instrument; empty: the instrument says it all."""
+
+    dialect: str = "pfwd"
+    """"pfwd" or "ascii"."""
+    baud_rate: int = 115_200
+    """Of a serial port; a USB port with its own protocol ignores it."""
+    sampling_rate: float | None = None
+    """Asked of the instrument, Hz; with ASCII lines: what it does."""
+    instrument: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `Identity` that win over the instrument's own."""
+    channels: tuple[Mapping[str, Any], ...] = ()
+    """Fields of `ChannelIdentity` by channel, with "name", and "column" of the ASCII lines."""
+    detection: DetectionSettings = field(default_factory=DetectionSettings)
+    """When a drop begins and how much of it is kept."""
+
+    def apply(self, identity: Identity) -> Identity:
+        """The identity with what the file says in place of what the instrument says.
+
+        Raises
+        ------
+        SetupError
+            If a channel is named that the instrument does not have, or two values clash.
+        """
+        if self.dialect == "ascii":
+            return identity
+        channels = list(identity.channels)
+        names = [channel.name for channel in channels]
+        for said in self.channels:
+            name = said["name"]
+            if names.count(name) != 1:
+                has = ", ".join(map(repr, names))
+                raise SetupError(f"setup, channels: expected a name among {has}, came {name!r}")
+            fields = {key: value for key, value in said.items() if key in _CHANNEL_FIELDS}
+            index = names.index(name)
+            channels[index] = dataclasses.replace(channels[index], **fields)
+        return dataclasses.replace(identity, **self.instrument, channels=tuple(channels))
+
+    def make_dialect(self) -> Dialect:
+        """The language that the instrument speaks.
+
+        Raises
+        ------
+        SetupError
+            If it is ASCII and something that the lines do not say is not declared.
+        """
+        if self.dialect == "pfwd":
+            return BinaryDialect()
+        columns = [said["column"] - 1 for said in self.channels]
+        resolution = [said.get("resolution", 1.0) for said in self.channels]
+        return AsciiDialect(self.ascii_identity(), columns, resolution=resolution)
+
+    def ascii_identity(self) -> Identity:
+        """The identity of an instrument that prints lines and says nothing of itself."""
+        if self.sampling_rate is None:
+            raise SetupError(_missing("link: sampling_rate_hz"))
+        if not self.channels:
+            raise SetupError(_missing("[[channels]]"))
+        for said in self.channels:
+            for key in ("column", "role", "sensitivity"):
+                if key not in said:
+                    raise SetupError(_missing(f"channels, {said['name']!r}: {key}"))
+        for key in ("adc_bits", "adc_range"):
+            if key not in self.instrument:
+                raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}"))
+        channels = [
+            ChannelIdentity(**{key: value for key, value in said.items() if key in _CHANNEL_FIELDS})
+            for said in self.channels
+        ]
+        about = {"serial_number": "unknown", "model": "ASCII lines", "firmware": ""}
+        return Identity(
+            **{**about, **self.instrument},
+            sampling_rate=self.sampling_rate,
+            channels=tuple(channels),
+        )
+
+
+_CHANNEL_FIELDS = {one.name for one in dataclasses.fields(ChannelIdentity)}
+
+
+def read_device_setup(table: Table, where: str) -> DeviceSetup:
+    """The instrument's part of a setup file.
+
+    Parameters
+    ----------
+    table : mapping
+        As TOML read it; only the keys of `TABLES` are looked at.
+    where : str
+        Name of the file, for messages.
+
+    Returns
+    -------
+    DeviceSetup
+
+    Raises
+    ------
+    SetupError
+        If a key is unknown or a value outside its range; the message names file, table and key.
+    """
+    link = _read(table.get("link", {}), LINK_KEYS, f"{where}, [link]")
+    instrument = _read(table.get("instrument", {}), INSTRUMENT_KEYS, f"{where}, [instrument]")
+    detection = _read(table.get("detection", {}), DETECTION_KEYS, f"{where}, [detection]")
+    entries = table.get("channels", [])
+    if not isinstance(entries, list):
+        raise SetupError(f"{where}: channels: expected tables under [[channels]]")
+    channels = []
+    for number, entry in enumerate(entries, 1):
+        place = f"{where}, [[channels]] {number}"
+        said = _read(entry, CHANNEL_KEYS, place)
+        if "name" not in said:
+            raise SetupError(f"{place}: expected a name, came none; `pfwd ports` shows the names")
+        if "role" in said:
+            said["role"] = Role(said["role"])
+        channels.append(said)
+    _refuse_twice([said["name"] for said in channels], f"{where}, [[channels]]: name")
+    _refuse_twice([said.get("column") for said in channels], f"{where}, [[channels]]: column")
+    try:
+        settings = DetectionSettings(**detection)
+    except SetupError as err:
+        raise SetupError(f"{where}: {err}") from err
+    setup = DeviceSetup(**link, instrument=instrument, channels=tuple(channels), detection=settings)
+    if setup.dialect == "ascii":
+        try:
+            setup.ascii_identity()
+        except SetupError as err:
+            raise SetupError(f"{where}: {err}") from err
+    return setup
+
+
+def _read(table: Any, rules: Mapping[str, _Rule], where: str) -> dict[str, Any]:
+    if not isinstance(table, Mapping):
+        raise SetupError(f"{where}: expected a table, came {clean(ascii(table))}")
+    values = {}
+    for key, value in table.items():
+        if key not in rules:
+            known = ", ".join(rules)
+            raise SetupError(f"{where}: expected keys among {known}, came {clean(ascii(key))}")
+        rule = rules[key]
+        if not rule.accepts(value):
+            came = clean(ascii(value))
+            raise SetupError(f"{where}: {key}: expected {rule.expected}, came {came}")
+        values[rule.attribute] = value
+    return values
+
+
+def _refuse_twice(values: Sequence[object], where: str) -> None:
+    said = [value for value in values if value is not None]
+    for value in said:
+        if said.count(value) > 1:
+            raise SetupError(f"{where}: expected each value once, came {value!r} twice")
+
+
+def _missing(what: str) -> str:
+    return f"{what}: expected a value, came none; ASCII lines say nothing of the instrument"

@@ -1,0 +1,59 @@
+"""Drops with samples that never came: what is left of them, if it is enough."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device import Drop
+
+NEEDED_BEFORE = 0.003
+"""s before the trigger that have to be whole: the pulse begins before it, and an offset is told
+from what precedes the pulse."""
+
+NEEDED_AFTER = 0.050
+"""s after the trigger that have to be whole: the longest pulses take 30 ms, and the ground's answer
+to them is most of what the fit uses."""
+
+
+def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
+    """The unbroken part of a drop around its trigger.
+
+    Parameters
+    ----------
+    drop : Drop
+        NaN where samples are missing.
+
+    Returns
+    -------
+    drop : Drop
+        Without missing samples, as far as there are enough around the trigger; otherwise as it was.
+    reason : str or None
+        Why it cannot be used.
+    warning : str or None
+        What was left out.
+    """
+    values = np.array([drop.load, *(channel.values for channel in drop.channels)])
+    gone: NDArray[np.bool_] = np.isnan(values).max(axis=0)
+    if not gone.any():
+        return drop, None, None
+    count = int(gone.sum())
+    first_ms = drop.time[int(np.argmax(gone))] * 1e3
+    text = f"{count} of {gone.size} samples are missing, the first at {first_ms:.1f} ms"
+    middle = int(np.argmin(np.abs(drop.time)))
+    before = np.flatnonzero(gone[: middle + 1])
+    after = np.flatnonzero(gone[middle:])
+    start = int(before[-1]) + 1 if before.size else 0
+    end = middle + int(after[0]) if after.size else gone.size
+    step = 1.0 / drop.sampling_rate
+    needed = (-NEEDED_BEFORE, NEEDED_AFTER)
+    if end <= start or drop.time[start] > needed[0] + step / 2 or drop.time[end - 1] < needed[1]:
+        return drop, f"damaged record: {text}; repeat the drop", None
+    part = slice(start, end)
+    whole = Drop(
+        drop.number,
+        drop.time[part],
+        drop.load[part],
+        tuple(dataclasses.replace(c, values=c.values[part]) for c in drop.channels),
+    )
+    return whole, None, f"incomplete record: {text}; the unbroken part was used"

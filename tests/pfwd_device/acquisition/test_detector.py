@@ -1,0 +1,299 @@
+"""The detector against signals that are written out here."""
+
+import datetime
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pfwd_device.acquisition.detection import (
+    DetectionSettings,
+    RawDrop,
+    RawRebound,
+    ReboundsOver,
+)
+from pfwd_device.acquisition.detector import Detector
+from pfwd_device.acquisition.items import Gap, Samples
+from pfwd_device.errors import SetupError
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+
+RATE = 10_000
+# One count is 1 N: 2.0 V over 2^23 counts, and that many volts per newton.
+VOLTS_PER_COUNT = 2.0 / 2**23
+IDENTITY = Identity(
+    serial_number="T1",
+    model="test",
+    firmware="1",
+    sampling_rate=RATE,
+    adc_bits=24,
+    adc_range=2.0,
+    channels=(
+        ChannelIdentity("load", Role.LOAD, sensitivity=VOLTS_PER_COUNT),
+        ChannelIdentity("g0", Role.GEOPHONE, sensitivity=1.0),
+    ),
+)
+NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+
+
+def half_sine(signal, start_s, peak, duration_s=0.015):
+    start, length = round(start_s * RATE), round(duration_s * RATE)
+    signal[start : start + length] += np.sin(np.pi * np.arange(length) / length) * peak
+
+
+def stream(seconds=4.0, noise=3.0, offset=120.0, seed=1):
+    rng = np.random.default_rng(seed)
+    return offset + noise * rng.standard_normal(round(seconds * RATE))
+
+
+def counts_of(load):
+    counts = np.zeros((load.size, 2), np.int32)
+    counts[:, 0] = np.rint(load)
+    counts[:, 1] = np.arange(load.size)
+    return counts
+
+
+def samples(counts, first=0, shunt=False):
+    return Samples(7, first, counts, shunt, 0.0, NOW)
+
+
+def run(load, cuts=(), detector=None, **keywords):
+    detector = detector or Detector(IDENTITY, DetectionSettings(**keywords))
+    detector.begin(7)
+    counts = counts_of(load)
+    found = []
+    edges = sorted({0, len(counts), *cuts})
+    for a, b in zip(edges, edges[1:], strict=False):
+        found += detector.feed(samples(counts[a:b], a))
+    return found
+
+
+def drops(found):
+    return [one for one in found if isinstance(one, RawDrop)]
+
+
+def rebounds(found):
+    return [one for one in found if isinstance(one, RawRebound)]
+
+
+def test_a_drop_is_cut_out_around_the_first_sample_above_the_threshold():
+    load = stream(noise=0.0)
+    half_sine(load, 2.0, 8000.0)
+    (drop,) = drops(run(load))
+    # 8000 sin(pi k / 150) > 400 N first for k = 3 (502 N); k = 2 gives 335 N.
+    assert drop.first + drop.trigger == 20_003
+    assert drop.trigger == 200
+    assert drop.counts.shape == (1200, 2)
+    np.testing.assert_array_equal(drop.counts, counts_of(load)[20_003 - 200 : 20_003 + 1000])
+    assert drop.missing == ()
+    assert drop.cut_off is None
+    assert not drop.by_operator
+    assert drop.at_rest.load == 120.0
+
+
+def test_rebounds_stay_with_their_drop():
+    load = stream()
+    half_sine(load, 1.0, 8000.0)
+    half_sine(load, 1.45, 3000.0)
+    half_sine(load, 1.75, 1100.0)
+    found = run(load)
+    assert len(drops(found)) == 1
+    first, second = rebounds(found)
+    assert first.after == drops(found)[0].first + drops(found)[0].trigger
+    assert first.trigger == pytest.approx(14_500, abs=12)
+    assert first.peak == pytest.approx(3000, abs=15)
+    assert second.trigger == pytest.approx(17_500, abs=30)
+    assert isinstance(found[-1], ReboundsOver)
+    assert sum(isinstance(one, ReboundsOver) for one in found) == 1
+
+
+def test_a_larger_pulse_soon_after_a_knock_is_the_drop():
+    load = stream()
+    half_sine(load, 1.0, 700.0)
+    half_sine(load, 1.5, 8000.0)
+    half_sine(load, 1.9, 2500.0)
+    found = run(load)
+    assert [one.first + one.trigger for one in drops(found)] == pytest.approx(
+        [10_000, 15_000], abs=30
+    )
+    (rebound,) = rebounds(found)
+    assert rebound.after == drops(found)[1].first + drops(found)[1].trigger
+
+
+def test_the_same_hammer_later_is_another_drop():
+    load = stream(5.0)
+    half_sine(load, 1.0, 8000.0)
+    half_sine(load, 3.0, 7900.0)
+    found = run(load)
+    assert len(drops(found)) == 2
+    assert not rebounds(found)
+
+
+def test_a_spike_and_slow_drift_are_no_drops():
+    load = stream()
+    load[20_000:20_002] += 5000.0
+    load += np.linspace(0.0, 600.0, load.size)  # 150 N/s
+    assert run(load) == []
+
+
+def test_noise_raises_the_threshold():
+    load = stream(noise=100.0)
+    half_sine(load, 2.0, 450.0)
+    assert drops(run(load)) == []
+    assert len(drops(run(stream_with_pulse(noise=10.0, peak=800.0)))) == 1
+
+
+def stream_with_pulse(noise, peak):
+    load = stream(noise=noise)
+    half_sine(load, 2.0, peak)
+    return load
+
+
+def test_a_weight_left_on_the_plate_triggers_once_and_becomes_the_new_rest():
+    load = stream(8.0)
+    load[20_000:] += 900.0
+    half_sine(load, 6.0, 8000.0)
+    found = drops(run(load))
+    assert [one.first + one.trigger for one in found] == pytest.approx([20_000, 60_000], abs=30)
+    assert found[1].at_rest.load == pytest.approx(1020.0, abs=3.0)
+
+
+def test_a_load_of_the_wrong_polarity_is_found_too():
+    load = stream()
+    half_sine(load, 2.0, -8000.0)
+    assert len(drops(run(load))) == 1
+
+
+def test_missing_samples_are_marked_where_they_are():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    counts = counts_of(load)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    found = detector.feed(samples(counts[:20_050]))
+    found += detector.feed(Gap(7, 20_050, 30))
+    found += detector.feed(samples(counts[20_080:], 20_080))
+    (drop,) = drops(found)
+    start = 20_050 - drop.first
+    assert drop.missing == ((start, 30),)
+    assert not drop.counts[start : start + 30].any()
+    np.testing.assert_array_equal(
+        drop.counts[start + 30 :], counts[20_080 : drop.first + len(drop.counts)]
+    )
+
+
+def test_a_gap_over_the_start_of_the_pulse_leaves_a_marked_drop():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    counts = counts_of(load)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    detector.feed(samples(counts[:19_950]))
+    detector.feed(Gap(7, 19_950, 100))
+    (drop,) = drops(detector.feed(samples(counts[20_050:], 20_050)))
+    assert drop.first + drop.trigger == 20_050
+    assert drop.missing == ((100, 100),)
+
+
+def test_a_huge_gap_costs_no_memory_and_the_drop_in_hand_ends_marked():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    counts = counts_of(load)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    detector.feed(samples(counts[:20_100]))
+    (drop,) = drops(detector.feed(Gap(7, 20_100, 10**15)))
+    assert drop.missing == ((20_100 - drop.first, 1200 - (20_100 - drop.first)),)
+    assert not detector.ready
+    assert detector.feed(samples(counts[:5000], 20_100 + 10**15)) == []
+    assert detector.ready
+
+
+def test_what_was_lost_with_the_link_is_marked():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    detector.feed(samples(counts_of(load)[:20_600]))
+    assert detector.busy
+    drop, over = detector.finish("link lost")
+    assert isinstance(over, ReboundsOver)
+    assert drop.cut_off == "link lost"
+    assert drop.missing == ((20_600 - drop.first, 1200 - (20_600 - drop.first)),)
+    assert detector.finish("again") == []
+
+
+def test_shunt_samples_are_no_measurement():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    counts = counts_of(load)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    found = detector.feed(samples(counts[:19_000]))
+    found += detector.feed(samples(counts[19_000:21_000], 19_000, shunt=True))
+    found += detector.feed(samples(counts[21_000:], 21_000))
+    assert found == []
+
+
+def test_the_operator_may_trigger():
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    counts = counts_of(stream())
+    detector.feed(samples(counts[:20_000]))
+    detector.trigger_by_operator()
+    (drop,) = drops(detector.feed(samples(counts[20_000:], 20_000)))
+    assert drop.by_operator
+    assert drop.first + drop.trigger == 20_000
+
+
+def test_saturated_samples_are_counted():
+    load = stream()
+    half_sine(load, 2.0, 8000.0)
+    counts = counts_of(load)
+    counts[20_060:20_070, 1] = 2**23 - 1
+    counts[20_070:20_075, 1] = -(2**23)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    (drop,) = drops(detector.feed(samples(counts)))
+    assert drop.saturated == ((1, 15),)
+
+
+def test_a_recorded_drop_is_found_again_bit_for_bit():
+    load = stream(noise=20.0)
+    load += 40.0 * np.sin(2 * np.pi * 0.7 * np.arange(load.size) / RATE)
+    half_sine(load, 1.5, 6000.0)
+    (live,) = drops(run(load))
+    detector = Detector(IDENTITY)
+    detector.begin(3, live.first, live.at_rest)
+    found = detector.feed(Samples(3, live.first, live.counts, False, 0.0, NOW))
+    found += detector.feed(Gap(3, live.first + len(live.counts), RATE))
+    (again,) = drops(found)
+    assert (again.first, again.trigger, again.missing) == (live.first, live.trigger, ())
+    np.testing.assert_array_equal(again.counts, live.counts)
+    assert again.at_rest == live.at_rest
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.integers(1, 39_999), max_size=40),
+    st.integers(0, 2**32 - 1),
+    st.floats(0.3, 2.9),
+    st.floats(300.0, 20_000.0),
+)
+def test_what_is_found_does_not_depend_on_how_samples_arrive(cuts, seed, at, peak):
+    load = stream(seed=seed)
+    half_sine(load, at, peak)
+    half_sine(load, at + 0.4, peak / 3)
+    whole, cut = run(load), run(load, cuts)
+    assert [type(one) for one in whole] == [type(one) for one in cut]
+    for a, b in zip(whole, cut, strict=True):
+        if not isinstance(a, ReboundsOver):
+            assert a.first == b.first
+            np.testing.assert_array_equal(a.counts, b.counts)
+
+
+def test_settings_outside_their_range_are_refused_by_name():
+    with pytest.raises(SetupError, match="post_trigger"):
+        DetectionSettings(post_trigger=0.0)
+    with pytest.raises(SetupError, match="hysteresis"):
+        DetectionSettings(hysteresis=1.5)
