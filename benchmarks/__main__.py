@@ -9,6 +9,9 @@ PARTS = {
     "surrogate": "the surrogate against the converged rule over the whole parameter range",
     "coverage": "intervals against the truth of finite-element drops (some minutes)",
     "noise": "the random part of the uncertainty against 200 noisy copies",
+    "acquisition": "8 channels at 50 kHz beside the simulator; a day with --day",
+    "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short)",
+    "power_loss": "recording under kills at every call and power loss (some minutes)",
     "tables": "build the response tables that ship with the package",
     "validation": "the paper's 48 cases by finite elements (some minutes)",
 }

@@ -42,7 +42,8 @@ def to_si(
     (n,) ndarray of float, N, m/s or m
         Downward positive.
     """
-    return (counts * volts_per_count - channel.zero) / channel.sensitivity
+    volts = counts.astype(np.float64) * volts_per_count
+    return (volts - channel.zero) / channel.sensitivity
 
 
 def counts_per_unit(channel: ChannelIdentity, identity: Identity) -> float:

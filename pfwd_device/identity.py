@@ -60,7 +60,8 @@ class ChannelIdentity:
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
-        _require(len(self.name) <= LONGEST_NAME, where, f"a name up to {LONGEST_NAME} letters", "")
+        length = len(self.name)
+        _require(length <= LONGEST_NAME, where, f"a name up to {LONGEST_NAME} letters", length)
         _require(0 <= self.offset < math.inf, where, "offset >= 0 m", self.offset)
         sound = self.sensitivity != 0 and math.isfinite(self.sensitivity)
         _require(sound, where, "a finite sensitivity other than 0", self.sensitivity)
@@ -103,8 +104,8 @@ class Identity:
     def __post_init__(self) -> None:
         where = f"identity of {self.serial_number!r}"
         for name in ("serial_number", "model", "firmware"):
-            short = len(getattr(self, name)) <= LONGEST_NAME
-            _require(short, where, f"{name} up to {LONGEST_NAME} letters", "more")
+            length = len(getattr(self, name))
+            _require(length <= LONGEST_NAME, where, f"{name} up to {LONGEST_NAME} letters", length)
         rate = self.sampling_rate
         fits = 0 < rate <= FASTEST_SAMPLING
         _require(fits, where, f"sampling_rate > 0 and <= {FASTEST_SAMPLING:g} Hz", rate)

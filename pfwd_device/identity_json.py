@@ -37,7 +37,7 @@ def identity_from_dict(table: Mapping[str, Any]) -> Identity:
     try:
         channels = tuple(map(_channel_from_dict, table["channels"]))
         return Identity(**{**table, "channels": channels})
-    except (KeyError, TypeError, ValueError) as err:
+    except (AttributeError, KeyError, TypeError, ValueError) as err:
         if isinstance(err, SetupError):
             raise
         raise SetupError(f"recorded identity: expected all fields of an instrument: {err}") from err

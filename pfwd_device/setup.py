@@ -6,6 +6,7 @@ ASCII lines of a microcontroller) is described by it completely.
 
 import dataclasses
 import datetime
+import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,12 +32,15 @@ MOST_COLUMNS = 64
 Table = Mapping[str, Any]
 
 
-class _Rule(NamedTuple):
+class Rule(NamedTuple):
     """How one key is checked and where its value goes."""
 
     attribute: str
+    """Field of `Identity`, `ChannelIdentity`, `DetectionSettings` or `DeviceSetup`."""
     expected: str
+    """What is accepted, in words, for the message."""
     accepts: Callable[[Any], bool]
+    """Whether a value is accepted."""
 
 
 def _number(low: float, high: float = math.inf, *, or_low: bool = False) -> Callable[[Any], bool]:
@@ -45,7 +49,11 @@ def _number(low: float, high: float = math.inf, *, or_low: bool = False) -> Call
     def accepts(value: Any) -> bool:
         if isinstance(value, bool) or not isinstance(value, int | float):
             return False
-        return (low < value or (or_low and low == value)) and value <= high and value < math.inf
+        try:
+            number = float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            return False
+        return (low < number or (or_low and low == number)) and number <= high and number < math.inf
 
     return accepts
 
@@ -55,7 +63,7 @@ def _whole(low: int, high: int) -> Callable[[Any], bool]:
 
 
 def _word(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and value.isprintable()
 
 
 def _one_of(*words: str) -> Callable[[Any], bool]:
@@ -66,44 +74,44 @@ def _date(value: Any) -> bool:
     return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
 
 
-_TEXT = f"text of 1 to {LONGEST_NAME} letters"
+_TEXT = f"text of 1 to {LONGEST_NAME} letters on one line"
 _DATE = "a date as 2026-05-31, without quotation marks"
 
 LINK_KEYS = {
-    "dialect": _Rule("dialect", '"pfwd" or "ascii"', _one_of(*DIALECTS)),
-    "baud_rate": _Rule("baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)),
-    "sampling_rate_hz": _Rule(
+    "dialect": Rule("dialect", '"pfwd" or "ascii"', _one_of(*DIALECTS)),
+    "baud_rate": Rule("baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)),
+    "sampling_rate_hz": Rule(
         "sampling_rate",
         f"a number > 0 up to {FASTEST_SAMPLING:g}, in Hz",
         _number(0, FASTEST_SAMPLING),
     ),
 }
 INSTRUMENT_KEYS = {
-    "serial_number": _Rule("serial_number", _TEXT, _word),
-    "model": _Rule("model", _TEXT, _word),
-    "adc_bits": _Rule("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
-    "adc_range_v": _Rule("adc_range", "a number > 0, in V", _number(0)),
+    "serial_number": Rule("serial_number", _TEXT, _word),
+    "model": Rule("model", _TEXT, _word),
+    "adc_bits": Rule("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
+    "adc_range_v": Rule("adc_range", "a number > 0, in V", _number(0)),
 }
 CHANNEL_KEYS = {
-    "name": _Rule("name", _TEXT, _word),
-    "role": _Rule("role", " or ".join(f'"{role}"' for role in Role), _one_of(*Role)),
-    "column": _Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
-    "resolution": _Rule("resolution", "a number > 0: what one count stands for", _number(0)),
-    "offset_m": _Rule("offset", "a number >= 0, in m", _number(0, or_low=True)),
-    "sensitivity": _Rule(
+    "name": Rule("name", _TEXT, _word),
+    "role": Rule("role", " or ".join(f'"{role}"' for role in Role), _one_of(*Role)),
+    "column": Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
+    "resolution": Rule("resolution", "a number > 0: what one count stands for", _number(0)),
+    "offset_m": Rule("offset", "a number >= 0, in m", _number(0, or_low=True)),
+    "sensitivity": Rule(
         "sensitivity",
         "a number other than 0, in V per N, V per m/s or V per m",
         lambda value: _number(-math.inf)(value) and value != 0,
     ),
-    "zero_v": _Rule("zero", "a finite number, in V", _number(-math.inf)),
-    "natural_frequency_hz": _Rule("natural_frequency", "a number > 0, in Hz", _number(0)),
-    "damping": _Rule("damping", "a number > 0", _number(0)),
-    "shunt_n": _Rule("shunt", "a number > 0, in N", _number(0)),
-    "calibrated": _Rule("calibrated", _DATE, _date),
-    "due": _Rule("due", _DATE, _date),
+    "zero_v": Rule("zero", "a finite number, in V", _number(-math.inf)),
+    "natural_frequency_hz": Rule("natural_frequency", "a number > 0, in Hz", _number(0)),
+    "damping": Rule("damping", "a number > 0", _number(0)),
+    "shunt_n": Rule("shunt", "a number > 0, in N", _number(0)),
+    "calibrated": Rule("calibrated", _DATE, _date),
+    "due": Rule("due", _DATE, _date),
 }
 DETECTION_KEYS = {
-    key: _Rule(attribute, f"a number > 0{unit}", _number(0))
+    key: Rule(attribute, f"a number > 0{unit}", _number(0))
     for key, attribute, unit in (
         ("threshold_n", "threshold", ", in N"),
         ("noise_factor", "noise_factor", ""),
@@ -164,8 +172,14 @@ class DeviceSetup:
             channels[index] = dataclasses.replace(channels[index], **fields)
         return dataclasses.replace(identity, **self.instrument, channels=tuple(channels))
 
-    def make_dialect(self) -> Dialect:
+    def make_dialect(self, first_stream: int = 0) -> Dialect:
         """The language that the instrument speaks.
+
+        Parameters
+        ----------
+        first_stream : int
+            Number of the first run of a sampler that does not number its runs itself; tells its
+            drops from those of another day.
 
         Raises
         ------
@@ -176,7 +190,8 @@ class DeviceSetup:
             return BinaryDialect()
         columns = [said["column"] - 1 for said in self.channels]
         resolution = [said.get("resolution", 1.0) for said in self.channels]
-        return AsciiDialect(self.ascii_identity(), columns, resolution=resolution)
+        identity = self.ascii_identity()
+        return AsciiDialect(identity, columns, resolution=resolution, first_stream=first_stream)
 
     def ascii_identity(self) -> Identity:
         """The identity of an instrument that prints lines and says nothing of itself."""
@@ -195,6 +210,12 @@ class DeviceSetup:
             ChannelIdentity(**{key: value for key, value in said.items() if key in _CHANNEL_FIELDS})
             for said in self.channels
         ]
+        if sum(channel.role is Role.LOAD for channel in channels) != 1:
+            raise SetupError('channels: expected one with role = "load", came none or several')
+        if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in channels):
+            raise SetupError(
+                'channels: expected one with role = "geophone" or "displacement", came none'
+            )
         about = {"serial_number": "unknown", "model": "ASCII lines", "firmware": ""}
         return Identity(
             **{**about, **self.instrument},
@@ -255,14 +276,15 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
     return setup
 
 
-def _read(table: Any, rules: Mapping[str, _Rule], where: str) -> dict[str, Any]:
+def _read(table: Any, rules: Mapping[str, Rule], where: str) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise SetupError(f"{where}: expected a table, came {clean(ascii(table))}")
     values = {}
     for key, value in table.items():
         if key not in rules:
-            known = ", ".join(rules)
-            raise SetupError(f"{where}: expected keys among {known}, came {clean(ascii(key))}")
+            near = difflib.get_close_matches(key, rules, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(rules)}"
+            raise SetupError(f"{where}: expected a key of it, came {clean(ascii(key))}; {hint}")
         rule = rules[key]
         if not rule.accepts(value):
             came = clean(ascii(value))
@@ -275,7 +297,8 @@ def _refuse_twice(values: Sequence[object], where: str) -> None:
     said = [value for value in values if value is not None]
     for value in said:
         if said.count(value) > 1:
-            raise SetupError(f"{where}: expected each value once, came {value!r} twice")
+            came = clean(ascii(value))
+            raise SetupError(f"{where}: expected each value once, came {came} twice")
 
 
 def _missing(what: str) -> str:

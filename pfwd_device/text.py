@@ -5,9 +5,13 @@ import unicodedata
 LONGEST_TEXT = 64
 """Characters; names and serial numbers are shorter, and a screen has no room for more."""
 
+_HARMFUL = frozenset(["Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"])
+"""Controls, formats such as overrides of direction, what is no character, and separators of lines
+and paragraphs."""
+
 
 def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
-    """Text of bounded length without control characters, which become U+FFFD.
+    """Text of bounded length on one line without control characters, which become U+FFFD.
 
     Escape sequences could rename a terminal's window, overrides of the writing direction could
     make a line read as another.
@@ -25,9 +29,9 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     'PFWD-7\N{REPLACEMENT CHARACTER}[31m'
     """
     if isinstance(text, bytes):
-        text = text.decode("utf-8", "replace")
+        text = text[: 16 * limit].decode("utf-8", "replace")
     text = unicodedata.normalize("NFC", text[: 4 * limit])[:limit]
     return "".join(
-        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(letter)[0] == "C" else letter
+        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(letter) in _HARMFUL else letter
         for letter in text
     )

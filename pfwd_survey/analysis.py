@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from typing import Any
+
+import numpy as np
 
 from inversion import (
     InversionError,
@@ -30,63 +31,13 @@ from pfwd_survey.header import Setup
 from pfwd_survey.missing import whole_part
 from pfwd_survey.options import AnalysisOptions
 from pfwd_survey.outcome import FileOutcome
+from pfwd_survey.reading import read_points
+from pfwd_survey.results import DropAnalysis, result_record
 from pfwd_survey.screening import Screening, screen_point
-from pfwd_survey.traces import TracePoint, read_traces
+from pfwd_survey.traces import TracePoint
 
 ASSUMED_POISSON_RATIO = 0.35
 """Where none is declared: the usual value of subgrades; said so in every result."""
-
-# Keys of a result that has no analysis, in the order they are printed.
-_EMPTY: dict[str, Any] = dict.fromkeys(
-    (
-        "method",
-        "model",
-        "modulus_pa",
-        "modulus_sd_pa",
-        "viscosity_pa_s",
-        "viscosity_sd_pa_s",
-        "density_kg_m3",
-        "density_sd_kg_m3",
-        "bedrock_depth_m",
-        "bedrock_depth_sd_m",
-        "modulus_interval_pa",
-        "bedrock_depth_interval_m",
-        "modulus_depth_correlation",
-        "poisson_ratio",
-        "plate_radius_m",
-        "plate",
-        "load",
-        "half_sine",
-        "half_sine_equal_area",
-        "peak_modulus_pa",
-        "peak_factor",
-        "r_squared",
-        "noise_rms_m",
-        "residual_rms_over_peak",
-        "contact_residual_rms_over_peak",
-        "contact_end_s",
-        "window_end_s",
-        "explained",
-        "converged",
-        "at_bound",
-        "forward_solves",
-        "elapsed_s",
-        "seed",
-    )
-)
-
-
-@dataclass(frozen=True, eq=False)
-class DropAnalysis:
-    """A drop with what the screening and the inversion found.
-
-    ``result`` is None for a rejected drop; ``fault`` says why an accepted one has none.
-    """
-
-    drop: Drop
-    screening: Screening
-    result: InversionResult | None
-    fault: str | None = None
 
 
 def record_of(
@@ -218,14 +169,35 @@ def load_surrogate(
 
 
 def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
-    """Results of one trace file; a refused file comes back with the reason."""
+    """Results of one file or survey; a refused one comes back with the reason."""
+    results: list[dict[str, Any]] = []
+    inversions: list[InversionResult | None] = []
     try:
-        point = _read(path, options)
-        analyses = analyse_point(point, options, library)
+        for point in _read(path, options):
+            for one in analyse_point(point, options, library):
+                results.append(result_record(path, one, point.warnings, point.setup.point))
+                inversions.append(one.result)
     except (SurveyError, InversionError) as error:
         return FileOutcome(path, error=str(error))
-    results = [result_record(path, one, point) for one in analyses]
-    return FileOutcome(path, results=results, inversions=[one.result for one in analyses])
+    return FileOutcome(path, results=results, inversions=inversions)
+
+
+def rehearse(drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary) -> None:
+    """Analyse a made-up pulse over the channels of a drop, so that the first real one finds
+    everything loaded; what comes out is of no interest.
+
+    Raises
+    ------
+    InversionError
+    """
+    load_surrogate(drop, setup, options, library)
+    time = np.asarray(np.arange(-200, 1000) * 1e-4, np.float64)
+    pulse = np.where((time > 0) & (time < 0.015), np.sin(np.pi * time / 0.015), 0.0)
+    shapes = {"displacement": 3e-4 * pulse, "velocity": 3e-4 * np.gradient(pulse, time)}
+    channels = tuple(replace(c, values=shapes[c.quantity]) for c in drop.channels)
+    made_up = Drop(1, time, 8000.0 * pulse, channels)
+    quick = replace(options, method=None if options.published else "least-squares")
+    analyse_drop(made_up, setup, Screening("measured"), quick, library)
 
 
 def analyse_files(
@@ -271,88 +243,14 @@ def _analyse_in_worker(path: str, options: AnalysisOptions) -> FileOutcome:
     return analyse_file(path, options, _worker_library)
 
 
-def _read(path: str, options: AnalysisOptions) -> TracePoint:
-    return read_traces(path, options.header, options.overrides())
+def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:
+    return read_points(path, options.header, options.overrides())
 
 
 def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> None:
     try:
-        point = _read(path, options)
-        load_surrogate(point.drops[0], point.setup, options, library)
+        for point in _read(path, options):
+            load_surrogate(point.drops[0], point.setup, options, library)
     except (SurveyError, InversionError):
         # The worker meets the same fault and reports it with the file.
         return
-
-
-def result_record(
-    path: str | os.PathLike[str], one: DropAnalysis, point: TracePoint
-) -> dict[str, Any]:
-    """One drop as the machine-readable record of ``pfwd invert --json`` (SI units)."""
-    status, reason = one.screening.status, one.screening.reason
-    if one.fault is not None:
-        status, reason = "rejected", one.fault
-    record: dict[str, Any] = {
-        "file": os.fspath(path),
-        "drop": one.drop.number,
-        "status": status,
-        **({"reason": reason} if status == "rejected" else {}),
-        **_EMPTY,
-    }
-    warnings = [*point.warnings, *one.screening.warnings]
-    if one.result is not None:
-        record |= _analysis_record(one.result)
-        warnings += one.result.warnings
-    record["warnings"] = warnings
-    return record
-
-
-def _analysis_record(result: InversionResult) -> Mapping[str, Any]:
-    ground = result.subgrade
-    area = math.pi * result.plate_radius**2
-
-    def half_sine(fit: Any) -> dict[str, float]:
-        return {
-            "peak_pressure_pa": fit.peak_load / area,
-            "duration_s": fit.duration,
-            "rms_over_peak": fit.rms_over_peak,
-        }
-
-    return {
-        "method": result.method,
-        "model": result.model,
-        "modulus_pa": ground.modulus.value,
-        "modulus_sd_pa": ground.modulus.deviation,
-        "viscosity_pa_s": ground.viscosity.value,
-        "viscosity_sd_pa_s": ground.viscosity.deviation,
-        "density_kg_m3": ground.density.value,
-        "density_sd_kg_m3": ground.density.deviation,
-        "bedrock_depth_m": _finite(ground.bedrock_depth.value),
-        "bedrock_depth_sd_m": ground.bedrock_depth.deviation,
-        "modulus_interval_pa": list(result.modulus_interval),
-        "bedrock_depth_interval_m": result.depth_interval and list(result.depth_interval),
-        "modulus_depth_correlation": result.modulus_depth_correlation,
-        "poisson_ratio": result.poisson_ratio,
-        "plate_radius_m": result.plate_radius,
-        "plate": result.plate,
-        "load": result.load,
-        "half_sine": half_sine(result.half_sine),
-        "half_sine_equal_area": half_sine(result.half_sine_equal_area),
-        "peak_modulus_pa": result.peak.modulus,
-        "peak_factor": result.peak.factor,
-        "r_squared": result.r_squared,
-        "noise_rms_m": result.noise_rms,
-        "residual_rms_over_peak": result.residual_rms_over_peak,
-        "contact_residual_rms_over_peak": result.contact_residual_rms_over_peak,
-        "contact_end_s": result.history.contact_end,
-        "window_end_s": result.history.window_end,
-        "explained": result.explained,
-        "converged": result.converged,
-        "at_bound": list(result.at_bound),
-        "forward_solves": result.forward_solves,
-        "elapsed_s": result.elapsed,
-        "seed": result.seed,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

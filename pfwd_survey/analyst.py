@@ -1,31 +1,28 @@
 """Inverts drops beside the acquisition, in a process of its own that never makes it wait.
 
 What is asked first is answered first, except that a quick answer to a new drop goes before the full
-search of an older one. When the process dies, a new one takes over what had not been answered.
+search of an older one. The process has one task at a time; a thread hands them over, so that nobody
+who asks waits for a pipe. When the process dies, another one is given the task that it had.
 """
 
 import contextlib
 import itertools
-import signal
+import os
+import subprocess
+import sys
 import threading
-import traceback
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pfwd_device import Drop
 from pfwd_survey.header import Setup
 from pfwd_survey.options import AnalysisOptions
 from pfwd_survey.screening import Screening
-
-if TYPE_CHECKING:
-    # Only the process of its own loads the inversion.
-    from pfwd_survey.analysis import DropAnalysis
 
 MOST_ATTEMPTS = 2
 """A task that has ended its process this often is given up."""
@@ -50,12 +47,51 @@ class Task:
     """One analysis."""
 
     number: int
-    """Of the task; comes back with the answer."""
+    """Of the task."""
     urgency: Urgency
     drop: Drop
     setup: Setup
     screening: Screening
     options: AnalysisOptions
+    file: str
+    """Where the drop is kept, for the result."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Curves:
+    """What was measured and what the model makes of it, for a display."""
+
+    time: NDArray[np.float64]
+    """(n,), s, 0 is the trigger."""
+    load: NDArray[np.float64]
+    """Measured, without offset, (n,), N."""
+    model_load: NDArray[np.float64]
+    """The load that the model was given, (n,), N."""
+    observed: NDArray[np.float64]
+    """Displacement, (sensors, n), m."""
+    predicted: NDArray[np.float64]
+    """(sensors, n), m."""
+    offsets: NDArray[np.float64]
+    """(sensors,), m."""
+    window_end: float
+    """Last instant that the fit used, s."""
+    contact_end: float
+    """The load has gone, s."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Outcome:
+    """What the process says of a task."""
+
+    result: Mapping[str, Any] | None = None
+    """With the keys of ``pfwd invert --json``; None when it failed, and for a task that only
+    prepares."""
+    curves: Curves | None = None
+    """None when there is no result."""
+    fault: str | None = None
+    """Why it failed, in one sentence."""
+    details: str = ""
+    """More on the failure, for the log."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,12 +99,11 @@ class Answer:
     """What came of a task."""
 
     task: Task
-    analysis: "DropAnalysis | None" = None
-    """None when it failed, and for a task that only prepares."""
+    result: Mapping[str, Any] | None = None
+    """As in `Outcome`, like the following."""
+    curves: Curves | None = None
     fault: str | None = None
-    """Why it failed, in one sentence."""
     details: str = ""
-    """More on the failure, for the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,19 +129,18 @@ class Analyst:
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
         self._numbers = itertools.count(1)
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
         self._waiting: dict[int, Task] = {}
-        self._attempts: dict[int, int] = {}
         self._closing = False
-        self._idle = threading.Event()
-        self._idle.set()
-        self._process, self._pipe = _start()
-        self._thread = threading.Thread(target=self._listen, name="analyst", daemon=True)
+        self._process: subprocess.Popen[bytes] | None = None
+        with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
+            self._process = _start()
+        self._thread = threading.Thread(target=self._work_off, name="analyst", daemon=True)
         self._thread.start()
 
     def prepare(self, drop: Drop, setup: Setup, options: AnalysisOptions) -> int:
         """Have ready what drops like this one need; its samples do not matter."""
-        return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options)
+        return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
 
     def analyse(
         self,
@@ -115,9 +149,10 @@ class Analyst:
         setup: Setup,
         screening: Screening,
         options: AnalysisOptions,
+        file: str,
     ) -> int:
-        """Ask for an analysis; the number comes back in the answer's task."""
-        return self._ask(urgency, drop, setup, screening, options)
+        """Ask for an analysis and go on; the number comes back in the answer's task."""
+        return self._ask(urgency, drop, setup, screening, options, file)
 
     def _ask(
         self,
@@ -126,132 +161,121 @@ class Analyst:
         setup: Setup,
         screening: Screening,
         options: AnalysisOptions,
+        file: str,
     ) -> int:
-        task = Task(next(self._numbers), urgency, drop, setup, screening, options)
-        with self._lock:
+        task = Task(next(self._numbers), urgency, drop, setup, screening, options, file)
+        with self._changed:
             self._waiting[task.number] = task
-            self._idle.clear()
-            self._send(task)
+            self._changed.notify_all()
         return task.number
-
-    def _send(self, task: Task) -> None:
-        # When the process has ended, the listener starts another and sends all again.
-        with contextlib.suppress(OSError):
-            self._pipe.send(task)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Whether everything was answered within so many seconds."""
-        return self._idle.wait(timeout)
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._waiting, timeout)
 
     def close(self) -> None:
         """End the process; what was not answered stays unanswered."""
-        with self._lock:
+        with self._changed:
             self._closing = True
-            with contextlib.suppress(OSError):  # it may have ended by itself
-                self._pipe.send(None)
-        self._process.join(0.2)
-        if self._process.is_alive():
-            self._process.terminate()
-        self._process.join(CLOSING_TIME)
+            self._changed.notify_all()
+        self._thread.join(0.2)
+        with self._changed:  # no other process is started from now on
+            process = self._process
+        if process is not None:
+            if self._thread.is_alive():
+                process.terminate()
+            _end(process)
         self._thread.join(CLOSING_TIME)
-        self._pipe.close()
-        self._process.close()
 
-    def _listen(self) -> None:
+    def _work_off(self) -> None:
         while True:
-            try:
-                message = self._pipe.recv()
-            except (EOFError, OSError):
-                if not self._restart():
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if self._closing:
                     return
-                continue
-            if isinstance(message, Answer):
-                self._settle(message)
+                task = min(self._waiting.values(), key=_order)
+            answer = self._answer_to(task)
+            if answer is None:
+                return
+            self._listener(answer)
+            with self._changed:
+                del self._waiting[task.number]
+                self._changed.notify_all()
+
+    def _answer_to(self, task: Task) -> Answer | None:
+        """The answer; None when nobody waits for it any more."""
+        from pfwd_survey.analyst_process import receive, send
+
+        reason = ""
+        for _ in range(MOST_ATTEMPTS):
+            try:
+                process = self._living()
+                if process is None:
+                    return None
+                assert process.stdin is not None
+                assert process.stdout is not None
+                send(process.stdin, task)
+                while isinstance(message := receive(process.stdout), Building):
+                    self._listener(message)
+            except (EOFError, OSError) as err:
+                reason = f"{err}; exit code {self._bury()}"
+                if self._closing:
+                    return None
             else:
-                self._listener(message)
+                return Answer(task, message.result, message.curves, message.fault, message.details)
+        fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
+        return Answer(task, fault=fault, details=reason)
 
-    def _settle(self, answer: Answer) -> None:
-        with self._lock:
-            self._waiting.pop(answer.task.number, None)
-            self._attempts.pop(answer.task.number, None)
-        self._listener(answer)
-        with self._lock:
-            if not self._waiting:
-                self._idle.set()
-
-    def _restart(self) -> bool:
-        """Another process for the one that died; False when it was meant to end."""
-        given_up = []
-        with self._lock:
+    def _living(self) -> "subprocess.Popen[bytes] | None":
+        """The process, another one where it has died; None when nobody needs one any more."""
+        if self._process is not None and self._process.poll() is not None:
+            self._bury()
+        with self._changed:
             if self._closing:
-                return False
-            self._pipe.close()
-            self._process.join()
-            code = self._process.exitcode
-            self._process.close()
-            self._process, self._pipe = _start()
-            # The first in the order of urgency is what it was working on.
-            for task in sorted(self._waiting.values(), key=_order)[:1]:
-                attempts = self._attempts[task.number] = self._attempts.get(task.number, 0) + 1
-                if attempts >= MOST_ATTEMPTS:
-                    given_up.append(task)
-            for task in self._waiting.values():
-                if task not in given_up:
-                    self._send(task)
-        for task in given_up:
-            fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
-            self._settle(Answer(task, fault=fault, details=f"exit code {code}"))
-        return True
+                return None
+            if self._process is None:
+                self._process = _start()
+            return self._process
+
+    def _bury(self) -> int | None:
+        with self._changed:
+            process, self._process = self._process, None
+        if process is None:
+            return None
+        _end(process)
+        return process.returncode
 
 
 def _order(task: Task) -> tuple[int, int]:
     return task.urgency, task.number
 
 
-def _start() -> tuple[BaseProcess, "Connection[Any, Any]"]:
-    # Spawned on every platform alike: a forked copy of a threaded process may hang.
-    context = get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs,), name="pfwd analyst", daemon=True)
-    process.start()
-    # Only the process holds its end now: each side sees when the other has gone.
-    theirs.close()
-    return process, ours
+def _start() -> "subprocess.Popen[bytes]":
+    # The same packages as here, and none that happen to lie in the current folder.
+    path = os.pathsep.join(part for part in sys.path if part)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "pfwd_survey.analyst_process"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,  # it answers; a screen must not be written over
+        env={**os.environ, "PYTHONPATH": path},
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        # Ctrl+C is for who started it.
+        start_new_session=os.name == "posix",
+    )
 
 
-def _work(pipe: "Connection[Any, Any]") -> None:
-    """The process: answers until it is told to end or its parent has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to end
-    from inversion import SurrogateLibrary
-
-    def progress(what: str, fraction: float) -> None:
-        pipe.send(Building(what, fraction))
-
-    library = SurrogateLibrary(progress=progress)
-    tasks: deque[Task] = deque()
-    try:
-        while True:
-            while not tasks or pipe.poll():
-                task = pipe.recv()
-                if task is None:
-                    return
-                tasks.append(task)
-            task = min(tasks, key=_order)
-            tasks.remove(task)
-            pipe.send(_answer(task, library))
-    except (EOFError, OSError):
-        return  # the parent has gone
-
-
-def _answer(task: Task, library: Any) -> Answer:
-    from pfwd_survey.analysis import analyse_drop, load_surrogate
-
-    try:
-        if task.urgency is Urgency.PREPARE:
-            load_surrogate(task.drop, task.setup, task.options, library)
-            return Answer(task)
-        args = (task.drop, task.setup, task.screening, task.options, library)
-        return Answer(task, analyse_drop(*args))
-    except Exception as err:  # the user has to hear of whatever nobody foresaw
-        fault = f"the analysis failed: {type(err).__name__}: {err}"
-        return Answer(task, fault=fault, details=traceback.format_exc())
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """Let a process end that has nothing to do, or make it."""
+    with contextlib.suppress(OSError):  # what was not sent is not needed any more
+        if process.stdin is not None:
+            process.stdin.close()
+    for step in (None, process.terminate, process.kill):
+        if step is not None:
+            step()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.3 if step is None else CLOSING_TIME)
+            break
+    if process.stdout is not None:
+        process.stdout.close()

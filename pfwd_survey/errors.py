@@ -1,5 +1,9 @@
 """Errors of the survey. A message says what was expected, what came, where, and what to try."""
 
+from pfwd_device.errors import DeviceError
+
+__all__ = ["DeviceError", "OptionError", "SurveyError", "TraceError", "quote", "refusal"]
+
 LONGEST_QUOTE = (
     60  # characters of foreign text in a message: enough to find it, too few to flood a line
 )

@@ -3,18 +3,15 @@
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pfwd_device.acquisition.items import Disconnected, Samples
 from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
+from pfwd_survey.analyst import Curves
 from pfwd_survey.header import Setup
 from pfwd_survey.screening import Screening
-
-if TYPE_CHECKING:
-    # Only who looks into an analysis needs the inversion.
-    from pfwd_survey.analysis import DropAnalysis
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +26,7 @@ class InstrumentReady:
     differences: tuple[str, ...]
     """Where the setup file says otherwise than the instrument."""
     warnings: tuple[str, ...]
-    """On the calibration."""
+    """On calibration and response of the channels."""
     again: bool
     """Whether it had been lost."""
 
@@ -80,17 +77,29 @@ class SensorCheck:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DropSaved:
-    """A drop is safe: it is acknowledged with this."""
+class HandedOn:
+    """A drop as it goes from the record to the analysis."""
 
     point: str
+    """Name of its test point."""
     number: int
-    """Of the drop within its point."""
+    """Within the point."""
     record: int | None
-    """Of the drop within the survey; None in a replay, which saves nothing."""
+    """Within the survey; None: it is not saved by this session."""
+    file: str
+    """Where it is kept, for the result."""
     drop: Drop
     setup: Setup
     screening: Screening
+    received: float | None = None
+    """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropSaved:
+    """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
+
+    one: HandedOn
     marks: tuple[str, ...]
     """What is odd about the record: cut off, saturated, triggered by the operator."""
     identical: bool | None = None
@@ -110,13 +119,13 @@ class DropNotSaved:
 class DropAnalysed:
     """A modulus, or why there is none."""
 
-    point: str
-    number: int
-    record: int | None
+    one: HandedOn
+    delay: float | None
+    """From the last sample of the drop to now, s; None: in a replay."""
     result: Mapping[str, Any]
     """With the keys of ``pfwd invert --json``."""
-    analysis: "DropAnalysis | None"
-    """With the histories, for plots; None when it failed."""
+    curves: Curves | None
+    """For a display; None when the analysis failed."""
     full: bool
     """Whether this is the full search; a quick answer came before."""
     final: bool

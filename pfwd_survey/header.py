@@ -270,11 +270,33 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
     try:
         with open(file, encoding="utf-8-sig") as stream:
             text = stream.read()
-        table = tomllib.loads(text)
     except OSError as err:
         raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
     except UnicodeDecodeError as err:
         raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
+    return parse_header(text, file)
+
+
+def parse_header(text: str, file: str) -> Declarations:
+    """The declarations of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+    file : str
+        Where it is from, for messages.
+
+    Returns
+    -------
+    dict of str to Declaration
+
+    Raises
+    ------
+    TraceError
+        If it is not TOML.
+    """
+    try:
+        table = tomllib.loads(text)
     except (ValueError, RecursionError) as err:  # also numbers and nesting without end
         raise TraceError(refusal(file, "TOML", str(err))) from err
     return {key: Declaration(value, _place(file, text, key)) for key, value in table.items()}
@@ -349,15 +371,18 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> Setup:
         raise TraceError(f"{where}: {err}") from err
 
 
+def declared_values(setup: Setup) -> dict[str, Any]:
+    """The header keys that declare a setup, with their values; what is a default is left out."""
+    defaults = {item.name: item.default for item in dataclasses.fields(Setup)}
+    said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
+    known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
+    return {**known, **setup.extra}
+
+
 def declared_lines(setup: Setup) -> Iterator[str]:
     """The header lines, without ``#``, that declare a setup; the format version comes first."""
     yield toml_line(FORMAT_KEY, FORMAT_VERSION)
-    defaults = {item.name: item.default for item in dataclasses.fields(Setup)}
-    for key, rule in KEYS.items():
-        value = getattr(setup, rule.attribute)
-        if value != defaults[rule.attribute]:
-            yield toml_line(key, value)
-    for key, value in setup.extra.items():
+    for key, value in declared_values(setup).items():
         yield toml_line(key, value)
 
 

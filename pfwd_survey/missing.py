@@ -46,8 +46,10 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
     start = int(before[-1]) + 1 if before.size else 0
     end = middle + int(after[0]) if after.size else gone.size
     step = 1.0 / drop.sampling_rate
-    needed = (-NEEDED_BEFORE, NEEDED_AFTER)
-    if end <= start or drop.time[start] > needed[0] + step / 2 or drop.time[end - 1] < needed[1]:
+    # A record that is shorter by its settings is not damaged for that.
+    first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
+    last = min(NEEDED_AFTER, drop.time[-1]) - step / 2
+    if end <= start or drop.time[start] > first or drop.time[end - 1] < last:
         return drop, f"damaged record: {text}; repeat the drop", None
     part = slice(start, end)
     whole = Drop(

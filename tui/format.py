@@ -184,3 +184,35 @@ def _decimals(value: float, digits: int) -> int:
     if value == 0:
         return 0
     return min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
+
+
+def drop_line(point: str, number: int, result: Result) -> str:
+    """One drop on one line, as it comes from the instrument; the modulus with all it rests on.
+
+    Parameters
+    ----------
+    point : str
+    number : int
+        Of the drop within the point.
+    result : mapping
+        With the keys of ``pfwd invert --json``, SI units.
+    """
+    name = f"{clean(point)}/{number}"
+    modulus = _number(result, "modulus_pa", scale=1e6)
+    status = _text(result, "status")
+    if modulus is None:
+        reason = result.get("reason")
+        return f"{name}  {status}" + (f": {clean(reason)}" if reason else "")
+    parts = [
+        f"{name}  E {_short(modulus)} MPa ({_interval(result)})",
+        f"{_text(result, 'model')}, {_text(result, 'plate')} plate "
+        f"{_fixed(_number(result, 'plate_radius_m'), 3)} m, "
+        f"ν {_short(_number(result, 'poisson_ratio'))}",
+        f"{_peak_load(result)} kN",
+        f"residual {_value('residual_rms_over_peak', scale=1e-2)(result)} %",
+        _text(result, "method"),
+    ]
+    parts += ["seating"] if status == "seating" else []
+    parts += [] if result.get("explained") is not False else ["NOT EXPLAINED"]
+    parts += [f"AT BOUND {clean(name)}" for name in result.get("at_bound") or ()]
+    return "  ".join(parts)

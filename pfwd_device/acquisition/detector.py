@@ -6,6 +6,7 @@ the median of each quantum; a drop begins where the load has left it by the thre
 away; a smaller pulse soon after is a bounce of the hammer and is kept with its drop.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from pfwd_device.acquisition.detection import (
 from pfwd_device.acquisition.items import Gap, Samples
 from pfwd_device.acquisition.window import Window, runs
 from pfwd_device.calibration import counts_per_unit, load_channel
+from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
 
 QUANTA_PER_SECOND = 100
@@ -32,6 +34,8 @@ FOLLOWS = 0.03
 and is not moved by noise."""
 STUCK = 100
 """Quanta off rest after which the new level is rest: something stands on the plate now."""
+FEWEST_SAMPLES = 16
+"""In a record; fewer tell nothing of a pulse."""
 LONG_GAP = 1.0
 """s; after so long without samples the load at rest is found anew."""
 
@@ -79,6 +83,13 @@ class Detector:
         self._confirm = max(2, round(settings.confirm * rate))
         self._before = round(settings.pre_trigger * rate)
         self._after = max(1, round(settings.post_trigger * rate))
+        if self._before + self._after < FEWEST_SAMPLES:
+            raise SetupError(
+                f"sampling rate: expected at least {FEWEST_SAMPLES} samples in the "
+                f"{settings.pre_trigger + settings.post_trigger:g} s of a record, came "
+                f"{self._before + self._after} at {rate:g} Hz; sampling_rate_hz under [link] of "
+                "the setup file asks for another rate"
+            )
         self._rebound_before = round(settings.rebound_pre_trigger * rate)
         self._rebound_after = max(1, round(settings.rebound_post_trigger * rate))
         self._rebound_window = round(settings.rebound_window * rate)
@@ -151,8 +162,15 @@ class Detector:
             Why, for the mark.
         """
         found: list[Found] = []
-        if self._open is not None and not self._is_rebound(self._open):
-            found.append(self._record(self._open, cut_off=reason))
+        trigger = self._open
+        if trigger is not None and self._last is not None and self._is_rebound(trigger):
+            # Larger than what came before: that was a knock, this is the drop.
+            if self._peak(trigger, self._rebound_after) > self._last.peak:
+                found.append(ReboundsOver())
+            else:
+                trigger = None
+        if trigger is not None:
+            found.append(self._record(trigger, cut_off=reason))
         if self._last is not None or found:
             found.append(ReboundsOver())
         self.begin(self._stream, self._window.end)
@@ -226,7 +244,7 @@ class Detector:
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
         """Distance of the load from rest, counts; 0 where samples are missing."""
         counts, gone = self._window.part(first, last)
-        away = np.abs(counts[:, self._load] - rest.load)
+        away: NDArray[np.float64] = np.abs(counts[:, self._load] - rest.load)
         away[gone] = 0.0
         return away
 
@@ -245,7 +263,10 @@ class Detector:
         load = counts[~gone, self._load].astype(float)
         if load.size < max(2, (end - start) // 2):
             return
-        level, noise = float(np.median(load)), float(np.sqrt(np.mean(np.diff(load) ** 2) / 2))
+        # Quantum after quantum all day: the plain forms of median and root mean square.
+        level = float(np.partition(load, load.size // 2)[load.size // 2])
+        steps = np.diff(load)
+        noise = math.sqrt(float(steps @ steps) / (2 * steps.size))
         if self._rest is None:
             self._early.append((level, noise))
             if len(self._early) >= WARM_UP:
@@ -275,13 +296,18 @@ class Detector:
             self._asked = None
             self._last = None
             return trigger
-        rest = self._rest
-        if rest is None:
+        if self._frozen and self._asked is not None:
+            return None  # in a replay it is known that nothing goes before the operator
+        found = self._rest
+        if found is None:
             return None
+        rest = found
         # From where the last look could not confirm.
         start = max(self._window.start, self._scanned - self._confirm + 1)
         away = self._departure(start, end, rest)
         threshold = self._threshold(rest)
+        if self._released and float(away.max(initial=0.0)) <= threshold:
+            return None
         gone_again = _rows(away < self.settings.hysteresis * threshold, self._confirm)
         stays = _rows(away > self.settings.hysteresis * threshold, self._confirm)
         starts = np.flatnonzero((away[: stays.size] > threshold) & stays)

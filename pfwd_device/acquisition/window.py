@@ -48,6 +48,9 @@ class Window:
 
         What lies outside of what is kept is missing.
         """
+        if first >= self.start and last <= self.end:
+            kept = slice(first - self.start, last - self.start)
+            return self._counts[kept].copy(), self._gone[kept].copy()
         counts = np.zeros((last - first, self._counts.shape[1]), np.int32)
         gone = np.ones(last - first, bool)
         low, high = max(first, self.start), min(last, self.end)

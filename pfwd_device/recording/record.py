@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.drop import Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.text import LONGEST_TEXT, clean
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -22,6 +24,9 @@ class Rebound:
     """Index of the first sample in the stream of the instrument."""
     counts: NDArray[np.int32]
     """What the converter gave, (n, channels); read-only."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "counts", _read_only_counts(self.counts, "rebound"))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,3 +47,40 @@ class DropRecord:
     checks, time_utc, software version, position, operator."""
     rebounds: tuple[Rebound, ...] = ()
     """Later bounces of the hammer, in order."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", point_name(self.point))
+        if self.counts is not None:
+            counts = _read_only_counts(self.counts, f"drop {self.point}/{self.drop.number}")
+            object.__setattr__(self, "counts", counts)
+        object.__setattr__(self, "rebounds", tuple(self.rebounds))
+
+
+def point_name(name: str) -> str:
+    """The name of a test point as it is kept: without control characters, no blanks around it.
+
+    Raises
+    ------
+    RecordingError
+        If it is empty or longer than 64 characters.
+    """
+    text = clean(name, limit=4 * LONGEST_TEXT).strip()
+    if not text or len(text) > LONGEST_TEXT:
+        raise RecordingError(
+            f"name of a test point: expected 1 to {LONGEST_TEXT} characters, came {len(text)}"
+        )
+    return text
+
+
+def _read_only_counts(values: NDArray[np.int32], where: str) -> NDArray[np.int32]:
+    given = np.asarray(values)
+    if given.ndim != 2 or given.dtype.kind not in "iu":
+        raise RecordingError(
+            f"{where}: expected counts as integers, (n, channels), came {given.dtype} of shape "
+            f"{given.shape}"
+        )
+    counts = np.array(given, dtype=np.int32)
+    if not np.array_equal(counts, given):
+        raise RecordingError(f"{where}: expected counts of 32 bits, came larger ones")
+    counts.flags.writeable = False
+    return counts

@@ -9,7 +9,15 @@ import numpy as np
 from pfwd_device.errors import ProtocolError, SetupError
 from pfwd_device.identity import MOST_CHANNELS, Identity
 from pfwd_device.wire.dialect import LinkCounters
-from pfwd_device.wire.fields import BYTE, Reader, or_nan, or_none, pack_int24, text, unpack_int24
+from pfwd_device.wire.fields import (
+    BYTE,
+    Reader,
+    finite_or_none,
+    or_nan,
+    pack_int24,
+    text,
+    unpack_int24,
+)
 from pfwd_device.wire.framing import Deframer, Packet, encode_frame
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from pfwd_device.wire.messages import (
@@ -31,6 +39,8 @@ from pfwd_device.wire.messages import (
 VERSION = 1
 MAGIC = b"PFWD"
 NO_CLOCK = 2**64 - 1
+LAST_SAMPLE = 2**63 - 1
+"""Higher indices are damaged: what counts samples further on has signed integers."""
 MOST_SAMPLE_BYTES = 6144
 """Bytes of the samples in one block: 2048 values of 3 bytes."""
 
@@ -68,7 +78,7 @@ def encode_message(message: Message, counter: int) -> bytes:
     try:
         type_, payload = _pack(message)
         return encode_frame(type_, counter, payload)
-    except (struct.error, ValueError) as err:
+    except (struct.error, ValueError, OverflowError) as err:
         raise ProtocolError(f"{type(message).__name__}: {err}") from err
 
 
@@ -101,6 +111,10 @@ def _pack(message: Message) -> tuple[int, bytes]:
 
 def _pack_samples(block: SampleBlock) -> bytes:
     count, channels = block.counts.shape
+    if not (count and 1 <= channels <= MOST_CHANNELS):
+        raise ValueError(
+            f"expected samples of 1 to {MOST_CHANNELS} channels, came {count}x{channels}"
+        )
     if count * channels * 3 > MOST_SAMPLE_BYTES:
         raise ValueError(f"expected at most {MOST_SAMPLE_BYTES} bytes, came {count}x{channels}x3")
     clock = NO_CLOCK if block.clock_us is None else block.clock_us
@@ -113,9 +127,12 @@ def _read_samples(payload: bytes) -> SampleBlock:
     reader = Reader(payload)
     stream, first, clock, flags, channels, count = reader.fields(_SAMPLES)
     data = reader.rest()
-    if not (1 <= channels <= MOST_CHANNELS and count and len(data) == 3 * channels * count):
+    length = 3 * channels * count
+    if not (1 <= channels <= MOST_CHANNELS and 0 < length <= len(data)):
         raise ValueError(f"{len(data)} bytes for {count} samples of {channels} channels")
-    counts = unpack_int24(data).reshape(count, channels)
+    if first > LAST_SAMPLE - count:
+        raise ValueError(f"first sample {first}")
+    counts = unpack_int24(data[:length]).reshape(count, channels)
     clock_us = None if clock == NO_CLOCK else clock
     return SampleBlock(stream, first, clock_us, counts, bool(flags & _SHUNT_ON))
 
@@ -123,7 +140,8 @@ def _read_samples(payload: bytes) -> SampleBlock:
 def _read_status(payload: bytes) -> Status:
     clock, battery, temperature, overruns, flags = Reader(payload).fields(_STATUS)
     sampling = bool(flags & _SAMPLING)
-    return Status(clock, or_none(battery), or_none(temperature), overruns, sampling)
+    battery, temperature = finite_or_none(battery), finite_or_none(temperature)
+    return Status(clock, battery, temperature, overruns, sampling)
 
 
 def _read_event(payload: bytes) -> Event:

@@ -64,6 +64,11 @@ def or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+def finite_or_none(value: float) -> float | None:
+    """The inverse of `or_nan` for what is only shown: infinity is no reading either."""
+    return value if math.isfinite(value) else None
+
+
 def day(value: datetime.date | None) -> int:
     """A day as the decimal number yyyymmdd; 0: not said."""
     return 0 if value is None else value.year * 10_000 + value.month * 100 + value.day
@@ -77,7 +82,10 @@ def day_of(number: int) -> datetime.date | None:
 
 
 def pack_int24(counts: NDArray[np.int32]) -> bytes:
-    """Integers as 3 bytes each, little-endian two's complement, in C order."""
+    """Integers as 3 bytes each, little-endian two's complement, in C order; `ValueError` when one
+    does not fit."""
+    if counts.size and not (counts.min() >= -(1 << 23) and counts.max() < 1 << 23):
+        raise ValueError(f"expected counts of 24 bits, came {counts.min()} to {counts.max()}")
     wide = np.ascontiguousarray(counts, dtype="<i4").view(np.uint8).reshape(-1, 4)
     return wide[:, :3].tobytes()
 

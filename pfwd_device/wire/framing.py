@@ -93,7 +93,7 @@ class Deframer:
                 counters.frames_good += 1
                 self._count(packet.counter)
                 packets.append(packet)
-        if len(rest) > LONGEST_FRAME:
+        if len(rest) > LONGEST_FRAME and not self._overlong:
             self._overlong = True
             counters.frames_damaged += 1
         if self._overlong:
@@ -112,10 +112,8 @@ class Deframer:
     def _count(self, counter: int) -> None:
         if self._expected is not None:
             ahead = (counter - self._expected) % COUNTER_PERIOD
-            if ahead < COUNTER_PERIOD // 2:
+            if ahead < COUNTER_PERIOD // 2:  # else it counts anew after a reset, or repeats
                 self._counters.frames_lost += ahead
-            else:  # an older frame, late or repeated
-                return
         self._expected = (counter + 1) % COUNTER_PERIOD
 
 

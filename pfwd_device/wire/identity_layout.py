@@ -1,7 +1,9 @@
 """The identity of an instrument as a payload. Byte tables in docs/protocol.md."""
 
+import datetime
 import struct
 
+from pfwd_device.errors import SetupError
 from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
 from pfwd_device.wire.fields import BYTE, Reader, day, day_of, or_nan, or_none, text
 
@@ -47,8 +49,10 @@ def read_identity(payload: bytes) -> Identity:
 
     Raises
     ------
-    struct.error, ValueError
-        If the payload is too short or a value is outside of its range (`SetupError`).
+    struct.error
+        If the payload is too short.
+    SetupError
+        If a value is outside of its range.
     """
     reader = Reader(payload)
     (version,) = reader.fields(BYTE)
@@ -84,6 +88,14 @@ def _read_channel(reader: Reader) -> ChannelIdentity:
         natural_frequency=or_none(frequency),
         damping=or_none(damping),
         shunt=or_none(shunt),
-        calibrated=day_of(calibrated),
-        due=day_of(due),
+        calibrated=_day_of(calibrated, name, "calibrated"),
+        due=_day_of(due, name, "due"),
     )
+
+
+def _day_of(number: int, channel: str, field: str) -> datetime.date | None:
+    try:
+        return day_of(number)
+    except ValueError as err:
+        where = f"channel {channel!r}: {field}"
+        raise SetupError(f"{where}: expected a day as yyyymmdd or 0, came {number}") from err

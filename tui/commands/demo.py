@@ -1,33 +1,81 @@
 """``pfwd demo``: the main job with nothing attached."""
 
 import argparse
+import sys
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from pfwd_survey.measuring import measure, stopped_by_signals
 from pfwd_survey.options import AnalysisOptions
-from tui.commands.invert import show
+from pfwd_survey.session import SessionPlan
+from simulators.instrument import serve
+from simulators.mesh import SimulationError
+from tui.commands.log import STATUS_OF_ENDING
+from tui.log_file import close_log, open_log
 from tui.output import say
+from tui.session_lines import SessionLines
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate drops by finite elements, invert their trace file, show lines and write a plot.
+    """Measure with a simulated instrument, which hands over nothing but what it sends.
 
-    The simulation hands over nothing but the trace file, as an instrument would.
+    What was simulated is told when all is measured, to standard error.
     """
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
-    say(f"simulating {args.drops} drops by finite elements, seed {args.seed}")
-    from simulators.demo import demo_drops
+    say(f"recording into {folder}")
+    try:
+        instrument = serve(args.scenario, drops=args.drops, seed=args.seed, rate=args.rate)
+    except SimulationError as err:
+        say(f"demo: {err}")
+        return 2
+    lines = SessionLines(as_json=args.json, analysed=True, bell=False)
+    plan = SessionPlan(drops=args.drops, options=AnalysisOptions(seed=args.seed))
+    with instrument:
+        say(f"simulated instrument at {instrument.url}")
+        handler = open_log(folder)
+        try:
+            ending = measure(instrument.url, folder, lines.tell, plan, control=stopped_by_signals)
+        finally:
+            close_log(handler)
+        instrument.stop()
+        try:
+            truth = instrument.truth()
+        except SimulationError as err:
+            say(f"demo: {err}")
+            return 1
+        for line in truth_lines(truth, lines.moduli):
+            print(line, file=sys.stderr, flush=True)
+    if args.plot:
+        _plot(folder, args.plot)
+    return STATUS_OF_ENDING[ending]
 
-    traces = demo_drops(args.drops, args.seed, folder)
-    say(f"trace file {traces}")
+
+def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) -> list[str]:
+    """What was simulated, beside what was found of it.
+
+    Parameters
+    ----------
+    truth : sequence of mapping
+        One a drop, with ``drop`` and ``modulus_pa``.
+    found : mapping of int to float
+        Modulus by drop, Pa.
+    """
+    lines = ["what was simulated, hidden until now:"]
+    for one in truth:
+        number, modulus = one["drop"], one["modulus_pa"]
+        line = f"  drop {number}: E {modulus / 1e6:.2f} MPa"
+        if number in found:
+            error = 100 * (found[number] / modulus - 1)
+            line += f", found {found[number] / 1e6:.2f} MPa, {error:+.2f} %"
+        lines.append(line)
+    return lines
+
+
+def _plot(folder: Path, plot: str) -> None:
     from pfwd_survey.analysis import analyse_files
     from pfwd_survey.plots import plot_outcomes
-    from tui.progress import building
 
-    with building() as progress:
-        outcomes = list(analyse_files([str(traces)], AnalysisOptions(), progress=progress))
-    for outcome in outcomes:
-        show(outcome, as_json=args.json)
-    plot = plot_outcomes(outcomes, args.plot or folder / "demo.png")
-    say(f"plot {plot}")
-    return 1 if any(outcome.error for outcome in outcomes) else 0
+    outcomes = list(analyse_files([str(folder)], AnalysisOptions()))
+    say(f"plot {plot_outcomes(outcomes, plot)}")

@@ -1,6 +1,8 @@
 """The detector against signals that are written out here."""
 
+import dataclasses
 import datetime
+import itertools
 
 import numpy as np
 import pytest
@@ -63,7 +65,7 @@ def run(load, cuts=(), detector=None, **keywords):
     counts = counts_of(load)
     found = []
     edges = sorted({0, len(counts), *cuts})
-    for a, b in zip(edges, edges[1:], strict=False):
+    for a, b in itertools.pairwise(edges):
         found += detector.feed(samples(counts[a:b], a))
     return found
 
@@ -297,3 +299,59 @@ def test_settings_outside_their_range_are_refused_by_name():
         DetectionSettings(post_trigger=0.0)
     with pytest.raises(SetupError, match="hysteresis"):
         DetectionSettings(hysteresis=1.5)
+
+
+def test_a_drop_after_a_knock_is_not_lost_with_the_link():
+    load = stream()
+    half_sine(load, 1.0, 700.0)
+    half_sine(load, 1.5, 8000.0)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    counts = counts_of(load)
+    (knock,) = drops(detector.feed(samples(counts[:15_120])))
+    assert detector.busy
+    over, drop, last = detector.finish("link lost")
+    assert isinstance(over, ReboundsOver)
+    assert isinstance(last, ReboundsOver)
+    assert drop.first + drop.trigger == pytest.approx(15_000, abs=5)
+    assert drop.cut_off == "link lost"
+    assert knock.cut_off is None
+
+
+def test_half_a_bounce_is_no_drop_when_the_link_is_lost():
+    load = stream()
+    half_sine(load, 1.0, 8000.0)
+    half_sine(load, 1.5, 3000.0)
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    detector.feed(samples(counts_of(load)[:15_120]))
+    assert [type(one) for one in detector.finish("link lost")] == [ReboundsOver]
+
+
+def test_in_a_replay_nothing_goes_before_the_operator():
+    """Whoever triggers by hand may do so with a weight on the plate."""
+    load = stream()
+    load[10_000:] += 900.0
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    counts = counts_of(load)
+    found = drops(detector.feed(samples(counts[:12_000])))
+    detector.trigger_by_operator()
+    (live,) = drops(detector.feed(samples(counts[12_000:14_000], 12_000)))
+    assert len(found) == 1
+    again = Detector(IDENTITY)
+    again.begin(7, live.first, live.at_rest)
+    again.trigger_by_operator(live.first + live.trigger)
+    (replayed,) = drops(again.feed(samples(live.counts, live.first)) + again.feed(Gap(7, 0, RATE)))
+    assert (replayed.first, replayed.trigger) == (live.first, live.trigger)
+    np.testing.assert_array_equal(replayed.counts, live.counts)
+    assert replayed.by_operator
+
+
+@pytest.mark.parametrize("rate", [1e-9, 1.0, 125.0])
+def test_an_instrument_that_is_too_slow_is_refused(rate):
+    slow = dataclasses.replace(IDENTITY, sampling_rate=rate)
+    with pytest.raises(
+        SetupError, match=r"expected at least 16 samples in the 0\.12 s of a record"
+    ):
+        Detector(slow)

@@ -1,0 +1,125 @@
+"""What acquisition costs: the fastest instrument in real time, and a whole day as fast as possible.
+
+The driver runs in a process of its own, records as ``pfwd log --no-invert`` does, and measures
+itself; the simulated instrument runs beside it on the same machine.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from benchmarks.output import Reporter
+from simulators.instrument import serve
+
+DAY = 86_400.0
+FULL_SECONDS = 600.0
+
+
+def run(arguments: list[str]) -> int:
+    """``--seconds S`` of real time (default 30; the claim is for 600), ``--day`` for the day."""
+    parser = argparse.ArgumentParser(prog="pfwd bench acquisition")
+    parser.add_argument("--seconds", type=float, default=30.0, help="of 8 channels at 50 kHz")
+    parser.add_argument("--day", type=float, nargs="?", const=DAY, help="seconds of the day")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args(arguments)
+    report = Reporter(arguments)
+    good = True
+    if args.seconds > 0:
+        report.title(f"8 channels at 50 kHz for {args.seconds:g} s of real time")
+        drops = max(1, int((args.seconds - 3.0) / 5.0))
+        found = _measure({"base": "eight-channels"}, drops, 1.0)
+        report.record(part="8 x 50 kHz", **found)
+        good &= found["lost"] == 0 and found["drops"] == drops and found["core"] <= 0.30
+    if args.day:
+        report.title(f"{args.day / 3600:g} hours of 4 channels at 10 kHz, as fast as possible")
+        # A drop a minute, six to a point; the first after five minutes, because a command (the
+        # check of the span) takes effect minutes later in the instrument's time.
+        drops_of_day = {"interval": 60.0, "first": 300.0, "knock_probability": 0.0}
+        scenario = {"base": "typical", "drops": drops_of_day}
+        drops = max(1, int((args.day - 300.0) / 60.0))
+        found = _measure(scenario, drops, 0.0)
+        report.record(part="day", times_real_time=60.0 * drops / found["elapsed_s"], **found)
+        good &= found["lost"] == 0 and found["drops"] == drops
+    return 0 if good else 1
+
+
+def _measure(scenario: dict[str, Any], drops: int, rate: float) -> dict[str, Any]:
+    with (
+        tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder,
+        serve(scenario, drops=drops, rate=rate) as instrument,
+    ):
+        command = [sys.executable, "-m", "benchmarks.acquisition", instrument.url, folder]
+        done = subprocess.run([*command, str(drops)], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RuntimeError(f"the measuring process failed: {done.stderr[-2000:]}")
+        return dict(json.loads(done.stdout))
+
+
+class _Meter(threading.Thread):
+    """Looks at the memory of this process from time to time."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.memory: list[float] = []
+        self._ended = threading.Event()
+
+    def run(self) -> None:
+        process = psutil.Process()
+        while not self._ended.wait(1.0):
+            self.memory.append(process.memory_info().rss / 1e6)
+
+    def stop(self) -> None:
+        self._ended.set()
+        self.join()
+
+
+def child(url: str, folder: str, drops: int) -> dict[str, Any]:
+    """Measure in this process, and what that took."""
+    from pfwd_device.recording import SurveyWriter
+    from pfwd_survey.events import DropSaved, SessionEvent
+    from pfwd_survey.live import LiveFeed
+    from pfwd_survey.session import Session, SessionPlan
+    from pfwd_survey.setup_file import MeasuringSetup
+
+    saved = 0
+
+    def listen(event: SessionEvent) -> None:
+        nonlocal saved
+        saved += isinstance(event, DropSaved)
+
+    meter = _Meter()
+    with SurveyWriter.open(Path(folder) / "survey") as writer:
+        feed = LiveFeed(url, MeasuringSetup())
+        session = Session(feed, listen, SessionPlan(drops=drops, options=None), writer)
+        meter.start()
+        wall, cpu = time.monotonic(), time.process_time()
+        session.run()
+        wall, cpu = time.monotonic() - wall, time.process_time() - cpu
+        counters = feed.counters()
+    meter.stop()
+    # Until the libraries are loaded and the buffers have their size, memory grows once.
+    settled = meter.memory[len(meter.memory) // 4 :] or [0.0]
+    third = max(1, len(settled) // 3)
+    lost = ("samples_lost", "queue_overflow_bytes", "instrument_overruns", "frames_damaged")
+    return {
+        "elapsed_s": wall,
+        "samples": counters["samples"],
+        "megabytes": (counters["bytes_received"] or 0) / 1e6,
+        "lost": sum(counters[name] or 0 for name in lost),
+        "drops": saved,
+        "core": cpu / wall,
+        "memory_mb": max(settled),
+        "memory_growth_mb": sum(settled[-third:]) / third - sum(settled[:third]) / third,
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(child(sys.argv[1], sys.argv[2], int(sys.argv[3]))))

@@ -1,0 +1,191 @@
+"""From bytes to what they mean: the same path for a live instrument and for recorded bytes."""
+
+import datetime
+from collections import deque
+
+from pfwd_device.acquisition.assembler import PATIENCE, Assembler
+from pfwd_device.acquisition.clock import DeviceClock
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.items import Connected, Item
+from pfwd_device.identity import Identity
+from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.messages import (
+    Event,
+    EventKind,
+    InstrumentMessage,
+    Refusal,
+    SampleBlock,
+    Status,
+)
+
+MOST_EARLY_BYTES = 2_000_000
+"""Of samples that wait for the identity; the oldest give way."""
+
+
+class Decoder:
+    """Bytes of one instrument to items.
+
+    Samples wait until the identity is accepted, since it says how many channels they have.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        The language of the instrument.
+    url : str
+        Where the bytes come from; stands in `Connected`.
+    automatic : bool
+        Accept each new identity when the first samples follow it, as for recorded bytes. A driver
+        decides itself.
+    """
+
+    def __init__(self, dialect: Dialect, url: str = "", *, automatic: bool = True) -> None:
+        self.dialect = dialect
+        self.url = url
+        self.counters = Counters(link=dialect.counters)
+        self.clock = DeviceClock()
+        self.identity: Identity | None = None
+        """What the instrument said last."""
+        self.accepted: Identity | None = None
+        """What the samples that are handed on belong to; None: they wait."""
+        self._automatic = automatic
+        self._introduced = False
+        self._known = False
+        self._assembler: Assembler | None = None
+        self._early: deque[tuple[SampleBlock, float, datetime.datetime]] = deque()
+        self._early_bytes = 0
+        self._overruns = 0
+
+    def feed(self, data: bytes, received: float, time_utc: datetime.datetime) -> list[Item]:
+        """What these bytes complete.
+
+        Parameters
+        ----------
+        data : bytes
+        received : float, s
+            Monotonic clock when they had come.
+        time_utc : datetime
+            The same by the calendar.
+        """
+        items: list[Item] = []
+        for message in self.dialect.feed(data):
+            items += self.take(message, received, time_utc)
+        return items
+
+    def take(
+        self, message: InstrumentMessage, received: float, time_utc: datetime.datetime
+    ) -> list[Item]:
+        """What one message of the dialect means."""
+        match message:
+            case SampleBlock():
+                return self._take_block(message, received, time_utc)
+            case Identity():
+                self.identity = message
+                self._introduced = True
+                if self._automatic and message != self.accepted:
+                    self.accepted = None
+                return []
+            case Status():
+                self._count_status(message, received)
+            case Event(kind=EventKind.BOOT):
+                self.counters.instrument_resets += 1
+                self.clock.restart()
+                self._overruns = 0
+                return [*self._flush(), message]
+            case Event(kind=EventKind.END):
+                return [*self._flush(), message]
+            case Event() | Refusal():
+                pass
+        return [message]
+
+    def accept(self, time_utc: datetime.datetime) -> list[Item]:
+        """Hand on from now on: `Connected`, and the samples that waited.
+
+        Raises
+        ------
+        RuntimeError
+            If there is no identity yet; a mistake in the program.
+        """
+        if self.identity is None:
+            raise RuntimeError("expected an identity before its samples, came none")
+        self.accepted = self.identity
+        if self._assembler is None:
+            self._assembler = Assembler(self.identity, self.counters)
+        items: list[Item] = self._assembler.flush()
+        self._assembler.configure(self.identity)
+        items.append(Connected(self.url, self.identity, time_utc, again=self._known))
+        self._known = True
+        while self._early:
+            items += self._assembler.add(*self._early.popleft())
+        self._early_bytes = 0
+        return items
+
+    def suspend(self) -> None:
+        """Let samples wait until the identity is accepted anew."""
+        self.accepted = None
+
+    def cut(self) -> list[Item]:
+        """The link was cut: what waited for its place is handed on, half a frame is forgotten."""
+        self.dialect.reset()
+        items = self._flush()
+        self.drop_early()
+        self.suspend()
+        self._introduced = False
+        return items
+
+    def drop_early(self) -> None:
+        """Throw away the samples that wait for an identity."""
+        self.counters.samples_early += sum(len(block.counts) for block, *_ in self._early)
+        self._early.clear()
+        self._early_bytes = 0
+
+    def idle(self, now: float) -> list[Item]:
+        """What has waited long enough for its place.
+
+        Parameters
+        ----------
+        now : float, s
+            Monotonic clock.
+        """
+        return self._assembler.flush(now - PATIENCE) if self._assembler is not None else []
+
+    def _take_block(
+        self, block: SampleBlock, received: float, time_utc: datetime.datetime
+    ) -> list[Item]:
+        items: list[Item] = []
+        if self._automatic and self.accepted is None and self._may_accept(block):
+            items = self.accept(time_utc)
+        if self.accepted is None or self._assembler is None:
+            self._keep_early(block, received, time_utc)
+            return items
+        if block.clock_us is not None and self._assembler.is_new(block):
+            rate = self.accepted.sampling_rate
+            self._compare_clocks(block.clock_us / 1e6 + len(block.counts) / rate, received, "block")
+        return items + self._assembler.add(block, received, time_utc)
+
+    def _flush(self) -> list[Item]:
+        """What waits for samples that will not come any more."""
+        return self._assembler.flush() if self._assembler is not None else []
+
+    def _may_accept(self, block: SampleBlock) -> bool:
+        """Whether the instrument has said what it is since the link was cut, or is the same."""
+        same = self._assembler is not None and block.stream == self._assembler.stream
+        return self._introduced or same
+
+    def _keep_early(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> None:
+        self._early.append((block, received, time_utc))
+        self._early_bytes += block.counts.nbytes + 200
+        while self._early_bytes > MOST_EARLY_BYTES:
+            oldest, *_ = self._early.popleft()
+            self._early_bytes -= oldest.counts.nbytes + 200
+            self.counters.samples_early += len(oldest.counts)
+
+    def _count_status(self, status: Status, received: float) -> None:
+        self._compare_clocks(status.clock_us / 1e6, received, "status")
+        since = status.overruns - self._overruns
+        # Less than before: it was reset and counts anew.
+        self.counters.instrument_overruns += since if since >= 0 else status.overruns
+        self._overruns = status.overruns
+
+    def _compare_clocks(self, device: float, received: float, kind: str) -> None:
+        self.clock.add(device, received, kind)
+        self.counters.clock_jumps = self.clock.jumps

@@ -1,0 +1,398 @@
+"""Keeps an instrument sampling and hands on what it says."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Self
+
+from pfwd_device.acquisition.conversation import ANSWER_TIME, Advice, Conversation, Stage
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.decoder import Decoder
+from pfwd_device.acquisition.items import Connected, Disconnected, Item
+from pfwd_device.acquisition.link import (
+    QUEUE_BYTES,
+    SILENCE,
+    Capture,
+    Chunk,
+    Happening,
+    Link,
+    Lost,
+    Opened,
+    Queue,
+    Wake,
+)
+from pfwd_device.errors import DeviceRefused, PortError
+from pfwd_device.identity import Identity
+from pfwd_device.transport.base import Transport
+from pfwd_device.transport.finder import PortFinder
+from pfwd_device.transport.opening import BAUD_RATE
+from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.messages import (
+    Configure,
+    Hello,
+    HostMessage,
+    InstrumentMessage,
+    Shunt,
+    Start,
+    Stop,
+)
+
+_LONGEST_NAP = 0.25
+"""s; so often blocks that wait for their place are looked at."""
+
+
+class Driver:
+    """An instrument as a sequence of items; found again by itself whenever it is lost.
+
+    A thread reads the port; decoding happens in the thread that calls `next`. Commands may come
+    from any thread and are carried out while `next` is called.
+
+    Parameters
+    ----------
+    port : str or callable
+        A URL, see `pfwd_device.transport.opening.open_transport`; or what returns an open
+        transport each time it is called, or raises `PortError`.
+    dialect : Dialect
+        The language of the instrument; belongs to the driver from now on.
+    sampling_rate : float or None, Hz
+        What to ask for; None: as the instrument is. One that only talks is not asked.
+    expected_serial_number : str or None
+        The only instrument to accept; None: the first that answers, from then on.
+    sampling : bool
+        Whether to start it.
+    capture : Capture or None
+        Gets every byte, for replay. An error in it ends the capture, not the measurement.
+    baud_rate : int
+        Of a serial port.
+    queue_bytes : int
+        What may wait for the caller of `next`; what comes beyond is thrown away and counted.
+    silence : float, s
+        The instrument is lost when it says nothing for so long.
+    answer_time : float, s
+        How long to wait for an answer.
+
+    Examples
+    --------
+    ::
+
+        with Driver("/dev/ttyUSB0", BinaryDialect()) as driver:
+            for item in driver:
+                print(item)
+    """
+
+    def __init__(
+        self,
+        port: str | Callable[[], Transport],
+        dialect: Dialect,
+        *,
+        sampling_rate: float | None = None,
+        expected_serial_number: str | None = None,
+        sampling: bool = True,
+        capture: Capture | None = None,
+        baud_rate: int = BAUD_RATE,
+        queue_bytes: int = QUEUE_BYTES,
+        silence: float = SILENCE,
+        answer_time: float = ANSWER_TIME,
+    ) -> None:
+        url = port if isinstance(port, str) else ""
+        self._decoder = Decoder(dialect, url, automatic=False)
+        self._listens = bool(dialect.encode(Hello()))
+        self._conversation = Conversation(
+            sampling_rate,
+            expected_serial_number,
+            sampling=sampling,
+            answers=self._listens,
+            answer_time=answer_time,
+        )
+        self._queue = Queue(queue_bytes, self.counters)
+        self._open_port = PortFinder(port, baud_rate) if isinstance(port, str) else port
+        self._link = Link(
+            self._open_port, self._queue, self.counters, capture=capture, silence=silence
+        )
+        self._transport: Transport | None = None
+        self._identity: Identity | None = None
+        self._items: deque[Item] = deque()
+        self._wishes: deque[HostMessage] = deque()
+        self._speaking = threading.Lock()
+        self._opened = self._closed = False
+        self._lost_since: float | None = None
+        self._trouble: str | None = None
+        self._told: str | None = None
+
+    @property
+    def counters(self) -> Counters:
+        """What came and what of it was thrown away."""
+        return self._decoder.counters
+
+    @property
+    def identity(self) -> Identity | None:
+        """What the instrument says of itself; None: it was never connected."""
+        return self._identity
+
+    @property
+    def url(self) -> str:
+        """Where the instrument is, or was last."""
+        return self._decoder.url
+
+    @property
+    def connected(self) -> bool:
+        """Whether the right instrument answers, as far as the items handed on tell."""
+        return self._opened and self._lost_since is None
+
+    @property
+    def lost_since(self) -> float | None:
+        """Monotonic clock when the instrument was lost, or when the port was opened if it never
+        answered, s; None: it is connected."""
+        return self._lost_since
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the instrument is not connected, the latest reason; None: it is."""
+        return self._trouble
+
+    @property
+    def capture_error(self) -> Exception | None:
+        """Why the capture ended; None: it did not."""
+        return self._link.capture_error
+
+    @property
+    def drift_ppm(self) -> float | None:
+        """By how much the instrument's clock gains on this computer's; None: not known."""
+        return self._decoder.clock.drift_ppm
+
+    @property
+    def clock_speed(self) -> float | None:
+        """Seconds of the instrument per second; far from 1 when it is simulated faster or slower
+        than real time. None: not known yet."""
+        return self._decoder.clock.speed
+
+    def open(self, *, wait: bool = False) -> Self:
+        """Open the port and begin; done by the first `next` if nobody else does it.
+
+        Parameters
+        ----------
+        wait : bool
+            Keep trying when the port cannot be opened, as after a loss.
+
+        Returns
+        -------
+        Driver
+            This one.
+
+        Raises
+        ------
+        PortError
+            If the port cannot be opened.
+        """
+        if self._opened or self._closed:
+            return self
+        transport = None
+        try:
+            transport = self._open_port()
+        except PortError:
+            if not wait:
+                raise
+        self._opened = True
+        self._lost_since = time.monotonic()
+        self._link.start(transport)
+        return self
+
+    def close(self) -> None:
+        """Stop the instrument if it listens, close the port and end the thread; from any thread."""
+        if self._closed:
+            return
+        self._closed = True
+        transport = self._transport
+        if transport is not None and self._conversation.stage is not Stage.CLOSED:
+            self._say(transport, Stop())
+        if self._opened:
+            self._link.close()
+        self._queue.put(Wake())
+
+    def start(self) -> None:
+        """Let the instrument sample."""
+        self._wish(Start())
+
+    def stop(self) -> None:
+        """Let the instrument rest; it stays connected."""
+        self._wish(Stop())
+
+    def shunt(self, on: bool) -> None:
+        """Switch the calibration shunt of the load cell; samples tell when it is on.
+
+        Not kept for later when the instrument is lost.
+
+        Raises
+        ------
+        DeviceRefused
+            If the instrument only talks.
+        """
+        self._require_ears()
+        self._wish(Shunt(on))
+
+    def configure(self, sampling_rate: float) -> None:
+        """Ask for another sampling rate, Hz; a `Connected` with what was really set follows.
+
+        Raises
+        ------
+        DeviceRefused
+            If the instrument only talks.
+        """
+        self._require_ears()
+        self._wish(Configure(sampling_rate))
+
+    def next(self, timeout: float | None = None) -> Item | None:
+        """The next item.
+
+        Parameters
+        ----------
+        timeout : float or None, s
+            How long to wait; None: until there is one.
+
+        Returns
+        -------
+        Item or None
+            None: nothing happened in time, or the driver is closed.
+
+        Raises
+        ------
+        PortError
+            If the port could not be opened, the first time.
+        DeviceRefused
+            If the instrument will not do what was asked for; once, and only if it was never
+            connected. Called again, `next` keeps trying.
+        """
+        self.open()
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while not self._closed:
+            if self._items:
+                return self._items.popleft()
+            now = time.monotonic()
+            left = None if deadline is None else deadline - now
+            happening = self._queue.get(self._nap(now, left))
+            if happening is not None:
+                self._handle(happening)
+                continue
+            self._attend()
+            if left is not None and left <= 0 and not self._items:
+                return None
+        return None
+
+    def __iter__(self) -> Iterator[Item]:
+        while (item := self.next()) is not None:
+            yield item
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _require_ears(self) -> None:
+        if not self._listens:
+            raise DeviceRefused(
+                f"{self.url or 'the instrument'}: expected one that takes commands, came one that "
+                "only sends lines; set it at the instrument itself"
+            )
+
+    def _wish(self, message: HostMessage) -> None:
+        self._wishes.append(message)
+        self._queue.put(Wake())
+
+    def _nap(self, now: float, left: float | None) -> float:
+        """How long nothing needs to be done, s."""
+        due = self._conversation.due
+        naps = [_LONGEST_NAP, left, None if due is None else due - now]
+        return max(0.0, min(nap for nap in naps if nap is not None))
+
+    def _attend(self) -> None:
+        """What is to be done while nothing waits: only then is an answer late for certain."""
+        now = time.monotonic()
+        self._conversation.tick(now)
+        self._items += self._decoder.idle(now)
+        self._conclude()
+
+    def _handle(self, happening: Happening) -> None:
+        match happening:
+            case Chunk():
+                self._take(happening)
+            case Opened(transport):
+                self._transport = transport
+                self._decoder.url = transport.url
+                self._conversation.opened(time.monotonic())
+            case Lost():
+                self._lose(happening)
+            case Wake():
+                while self._wishes:
+                    advice = self._conversation.ask(self._wishes.popleft(), time.monotonic())
+                    if advice is Advice.SUSPEND:
+                        self._decoder.suspend()
+        self._conversation.tick(time.monotonic(), heard_all=False)
+        self._conclude()
+
+    def _take(self, chunk: Chunk) -> None:
+        for message in self._decoder.dialect.feed(chunk.data):
+            self._take_message(message, chunk)
+        self._items += self._decoder.idle(chunk.received)
+
+    def _take_message(self, message: InstrumentMessage, chunk: Chunk) -> None:
+        advice = self._conversation.hear(message, time.monotonic())
+        if advice is Advice.SUSPEND:
+            self._decoder.suspend()
+        self._items += self._decoder.take(message, chunk.received, chunk.time_utc)
+        if advice in (Advice.ACCEPT, Advice.ACCEPT_ANEW):
+            if advice is Advice.ACCEPT_ANEW:
+                self._decoder.drop_early()
+            self._accept(self._decoder.accept(chunk.time_utc))
+
+    def _accept(self, items: list[Item]) -> None:
+        if self._lost_since is not None:
+            again = any(isinstance(item, Connected) and item.again for item in items)
+            self.counters.reconnects += again
+        self._lost_since = self._trouble = self._told = None
+        self._identity = self._decoder.accepted
+        self._link.settled()
+        self._items += items
+
+    def _conclude(self) -> None:
+        """Say what the conversation wants said; end it if it failed."""
+        transport, conversation = self._transport, self._conversation
+        outbox, conversation.outbox = conversation.outbox, []
+        failure, conversation.failure = conversation.failure, None
+        if transport is None:
+            return
+        if failure is None:
+            for message in outbox:
+                self._say(transport, message)
+            return
+        conversation.closed()
+        self._link.drop(transport, f"{transport.url}: {failure.reason}")
+        if failure.refused and self._identity is None:
+            raise DeviceRefused(f"{transport.url}: {failure.reason}")
+
+    def _say(self, transport: Transport, message: HostMessage) -> None:
+        with self._speaking:
+            data = self._decoder.dialect.encode(message)
+            if data:
+                self._link.send(transport, data)
+
+    def _lose(self, lost: Lost) -> None:
+        self._trouble = lost.reason
+        if lost.was_open:
+            self._transport = None
+            self._conversation.closed()
+            self._items += self._decoder.cut()
+        tell = lost.was_open or self._told is None
+        if self._lost_since is None:
+            self._lost_since = time.monotonic()
+        elif not tell or lost.reason == self._told:
+            return  # nothing new
+        self._told = lost.reason
+        self._items.append(Disconnected(lost.reason, lost.time_utc))

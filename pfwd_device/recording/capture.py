@@ -1,0 +1,220 @@
+"""Raw captures of a link: every byte with its direction and time, in the frames of the journal.
+
+The first record is the header (JSON), each following one holds bytes:
+``u64 monotonic nanoseconds | u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the
+instrument) | bytes``. A capture is written every second, not at every byte; what is not written
+when the program is killed is lost, the recorded drops are not.
+"""
+
+import contextlib
+import os
+import struct
+import threading
+import time
+import uuid
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.framing import Damage, Kind, encode_frame, scan
+from pfwd_device.recording.payload import encode_payload, payload_data
+from pfwd_device.recording.storage import Storage
+
+FORMAT_VERSION = 1
+
+FLUSH_INTERVAL = 1.0
+"""s between two writes."""
+
+FLUSH_BYTES = 2**20
+"""Bytes after which is written at once."""
+
+Direction = Literal["from", "to"]
+
+_PREFIX = struct.Struct("<QQB")
+_DIRECTIONS: tuple[Direction, Direction] = ("from", "to")
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedBytes:
+    """Bytes that went over the link together."""
+
+    monotonic_ns: int
+    """Clock of the host that never jumps, ns; only differences mean something."""
+    utc_ns: int
+    """ns since 1970, UTC, as the host believed."""
+    direction: Direction
+    """From or to the instrument."""
+    data: bytes
+
+
+class CaptureWriter:
+    """Writes a capture; a failing disk ends the capture and nothing else.
+
+    Parameters
+    ----------
+    path : Path
+        Must not exist yet.
+    header : mapping
+        What belongs to the capture, as JSON knows it: url, dialect, identity, setup.
+    storage : Storage, optional
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be made.
+    """
+
+    def __init__(
+        self, path: Path, header: Mapping[str, Any], *, storage: Storage | None = None
+    ) -> None:
+        self.path = path
+        self.failure: str | None = None
+        """Why nothing is written any more; None as long as all is well."""
+        self._storage = storage or Storage()
+        self._identity = uuid.uuid4().bytes
+        self._sequence = 1
+        self._waiting = bytearray()
+        self._end = 0
+        self._timer: threading.Timer | None = None
+        self._lock = threading.Lock()
+        whole = {"format_version": FORMAT_VERSION, **header}
+        self._frame(Kind.CAPTURE, encode_payload(whole))
+        self._descriptor: int | None = None
+        try:
+            self._storage.make_folder(path.parent)
+            self._descriptor = self._storage.open(path, create=True)
+            self._storage.sync_directory(path.parent)
+            self._flush()
+        except OSError as err:
+            self._shut()
+            raise RecordingError(f"{path}: expected a new file, came {err}") from err
+
+    def write(self, direction: Direction, data: bytes) -> None:
+        """Keep bytes; they are on the disk a second later."""
+        now = _PREFIX.pack(
+            time.monotonic_ns(), max(time.time_ns(), 0), _DIRECTIONS.index(direction)
+        )
+        with self._lock:
+            if self._descriptor is None:
+                return
+            self._frame(Kind.BYTES, now + bytes(data))
+            if len(self._waiting) >= FLUSH_BYTES:
+                self._try_to_flush()
+            elif self._timer is None:
+                # The last bytes before a silence are written too, though nobody calls any more.
+                self._timer = threading.Timer(FLUSH_INTERVAL, self.flush)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        with self._lock:
+            self._try_to_flush()
+
+    def close(self) -> None:
+        """Write what waits and end the capture."""
+        with self._lock:
+            self._try_to_flush()
+            if self._descriptor is not None:
+                try:
+                    self._storage.sync(self._descriptor)
+                except OSError as err:
+                    self.failure = str(err)
+            self._shut()
+
+    def _frame(self, kind: int, payload: bytes) -> None:
+        self._waiting += encode_frame(kind, self._identity, self._sequence, payload)
+        self._sequence += 1
+
+    def _try_to_flush(self) -> None:
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+        if self._descriptor is None:
+            return
+        try:
+            self._flush()
+        except OSError as err:
+            self.failure = err.strerror or str(err)
+            with contextlib.suppress(OSError):
+                self._storage.truncate(self._descriptor, self._end)
+            self._shut()
+
+    def _flush(self) -> None:
+        assert self._descriptor is not None
+        data = bytes(self._waiting)
+        self._storage.write_at(self._descriptor, data, self._end)
+        self._end += len(data)
+        self._waiting.clear()
+
+    def _shut(self) -> None:
+        if self._descriptor is not None:
+            descriptor, self._descriptor = self._descriptor, None
+            with contextlib.suppress(OSError):
+                self._storage.close(descriptor)
+
+
+class CaptureReader:
+    """Reads a capture; damage is passed over and told.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.header: dict[str, Any] = {}
+        """What belongs to the capture; empty when its record is damaged."""
+        self.damage: list[str] = []
+        """Damaged stretches met so far; complete after the last bytes."""
+        items = self._items()
+        first = next(items, None)
+        items.close()
+        if isinstance(first, dict):
+            self.header = first
+        self.damage.clear()
+
+    def __iter__(self) -> Iterator[CapturedBytes]:
+        self.damage.clear()
+        for item in self._items():
+            if isinstance(item, CapturedBytes):
+                yield item
+
+    def _items(self) -> Generator[dict[str, Any] | CapturedBytes, None, None]:
+        sequence = 0
+        try:
+            with self.path.open("rb") as stream:
+                for found in scan(stream):
+                    if isinstance(found, Damage):
+                        end = " at the end" if found.at_end else ""
+                        self.damage.append(f"byte {found.offset}: {found.length} bytes{end}")
+                        continue
+                    if found.sequence != sequence + 1:
+                        self.damage.append(f"byte {found.offset}: records are missing before it")
+                    sequence = found.sequence
+                    item = decode_capture(found.kind, found.payload)
+                    if item is None:
+                        self.damage.append(f"byte {found.offset}: no record of a capture")
+                    else:
+                        yield item
+        except OSError as err:
+            raise RecordingError(f"{self.path}: expected a capture, came {err}") from err
+
+
+def decode_capture(kind: int, payload: bytes) -> dict[str, Any] | CapturedBytes | None:
+    """Header or bytes that a record holds; None when it is neither."""
+    if kind == Kind.CAPTURE:
+        try:
+            return payload_data(payload)
+        except RecordingError:
+            return None
+    if kind != Kind.BYTES or len(payload) < _PREFIX.size:
+        return None
+    monotonic, utc, direction = _PREFIX.unpack_from(payload)
+    if direction >= len(_DIRECTIONS):
+        return None
+    return CapturedBytes(monotonic, utc, _DIRECTIONS[direction], payload[_PREFIX.size :])

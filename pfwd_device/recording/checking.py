@@ -1,0 +1,171 @@
+"""Is a recording whole? Looks at every byte of a survey and changes none."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.files import file_facts
+from pfwd_device.recording.index import Index, build_index, damage_key
+from pfwd_device.recording.layout import Layout, names_in
+from pfwd_device.recording.lock import is_locked
+from pfwd_device.recording.recovery import describe, lost_texts
+
+_HINT = "run pfwd recover"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What a look at every byte found."""
+
+    survey: str
+    """Folder."""
+    drops_acknowledged: int
+    """Drops that were acknowledged, lost ones with them."""
+    drops_published: int
+    """Drops whose file is there and as it was published."""
+    recovered: int
+    """Drops that recovery restored from their file, so far."""
+    damaged: tuple[str, ...]
+    """What is damaged or missing, a short text each, with file or drop."""
+    notes: tuple[str, ...]
+    """What is unfinished and no damage."""
+    closed: bool
+    """The last program to write it ended in order."""
+
+    @property
+    def ok(self) -> bool:
+        """Everything acknowledged is there, and nothing else."""
+        return not self.damaged
+
+
+def check(folder: str | os.PathLike[str]) -> CheckReport:
+    """Compare every byte of a survey with its checksums.
+
+    While a program writes the survey, what it has not finished is a note and no damage.
+
+    Raises
+    ------
+    RecordingError
+        If there is no survey, or it cannot be read.
+    """
+    layout = Layout(Path(folder).absolute())
+    if not layout.exists():
+        raise RecordingError(
+            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+        )
+    written = is_locked(layout)
+    index = build_index(layout)
+    damaged: list[str] = []
+    notes: list[str] = []
+    unfinished = notes if written else damaged
+    _check_journal(layout, index, damaged, unfinished)
+    _check_ledger(index, damaged, unfinished)
+    published = _check_listed(layout, index, damaged)
+    damaged += lost_texts(index)
+    _check_unlisted(layout, index, unfinished)
+    for number, drop in sorted(index.drops.items()):
+        if layout.relative(layout.drop_file(number)) not in index.files:
+            notes.append(f"drop {drop.point}/{drop.drop} has no file yet: {_HINT}")
+    if written:
+        notes.append("a program writes it")
+    elif not index.closed:
+        notes.append(f"not closed by the program that wrote it: {_HINT}")
+    return CheckReport(
+        str(layout.folder),
+        len(index.drops) + len(index.lost_drops),
+        published,
+        sum(drop.restored_from is not None for drop in index.drops.values()),
+        tuple(dict.fromkeys(damaged)),
+        tuple(notes),
+        index.closed,
+    )
+
+
+def _check_journal(layout: Layout, index: Index, damaged: list[str], unfinished: list[str]) -> None:
+    covered = [(e.segment, e.offset) for e in index.lost.values() if e.sequence in index.settled]
+    for stretch in index.damage:
+        where = f"{layout.relative(layout.segment(stretch.segment))}, byte {stretch.damage.offset}"
+        try:
+            known = damage_key(layout, stretch) in index.known_damage
+        except OSError:
+            known = False
+        if known:
+            continue
+        text = f"{where}: {stretch.damage.length} bytes are damaged"
+        inside = [
+            describe(entry)
+            for entry in index.lost.values()
+            if entry.segment == stretch.segment
+            and stretch.damage.offset - entry.length
+            < entry.offset
+            < stretch.damage.offset + stretch.damage.length
+            and (entry.segment, entry.offset) not in covered
+        ]
+        if inside:
+            text += f" ({', '.join(inside)})"
+        if stretch.damage.at_end and not inside:
+            unfinished.append(f"{text}, an unfinished record: {_HINT}")
+        else:
+            damaged.append(f"{text}: {_HINT}")
+    for entry, why in index.strange:
+        if (entry.segment, entry.offset, entry.length, entry.check) not in index.known_damage:
+            where = f"{layout.relative(layout.segment(entry.segment))}, byte {entry.offset}"
+            damaged.append(f"{where}: {why}")
+
+
+def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> None:
+    ledger = index.ledger
+    if ledger.missing:
+        damaged.append(f"acknowledged.txt is missing: {_HINT}")
+        return
+    for number in ledger.damaged:
+        damaged.append(f"acknowledged.txt, line {number} is damaged: {_HINT}")
+    last = 0
+    for line in ledger.entries:
+        if line.sequence != last + 1 and not ledger.damaged and last + 1 not in index.gaps:
+            damaged.append(f"acknowledged.txt: record {line.sequence} follows {last}")
+        last = line.sequence
+        entry = index.entries.get(line.sequence)
+        if entry is not None and entry != line:
+            damaged.append(
+                f"acknowledged.txt: the line of {describe(entry)} is not that of the journal"
+            )
+    if index.unacknowledged and not ledger.damaged:
+        first = index.entries[min(index.unacknowledged)]
+        unfinished.append(
+            f"acknowledged.txt ends before {describe(first)}, which the journal holds: {_HINT}"
+        )
+
+
+def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
+    """How many of the drops' files are there and whole."""
+    published = 0
+    for listed in index.files.values():
+        path = layout.folder / listed.path
+        try:
+            facts = file_facts(layout, path)
+        except OSError:
+            facts = {"size": -1, "sha256": ""}
+        if (facts["size"], facts["sha256"]) != (listed.size, listed.sha256):
+            text = f"{_name(index, listed.path)} is damaged or missing"
+            # Of a capture there is no second copy.
+            damaged.append(text if listed.path.startswith("captures/") else f"{text}: {_HINT}")
+        elif listed.path.startswith("drops/") and listed.number in index.drops:
+            published += 1
+    return published
+
+
+def _check_unlisted(layout: Layout, index: Index, unfinished: list[str]) -> None:
+    kinds = {layout.drops: ".h5", layout.results: ".json", layout.captures: ".pfwdc"}
+    for folder, suffix in kinds.items():
+        for name in names_in(folder):
+            path = layout.relative(folder / name)
+            if path not in index.files and name.endswith((suffix, ".tmp")):
+                unfinished.append(f"{path} is not listed in the journal: {_HINT}")
+
+
+def _name(index: Index, path: str) -> str:
+    listed = index.files[path]
+    drop = index.drops.get(listed.number) if listed.number is not None else None
+    return path if drop is None else f"{path} (drop {drop.point}/{drop.drop})"

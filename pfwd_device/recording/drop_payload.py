@@ -1,0 +1,140 @@
+"""A drop and its rebounds as the data and arrays of a record, and back, bit by bit."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pfwd_device.drop import Channel, Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.payload import Array, decode_payload, encode_payload
+from pfwd_device.recording.record import DropRecord, Rebound
+
+MOST_SENSORS = 1024
+MOST_REBOUNDS = 1024
+
+Parts = tuple[dict[str, Any], dict[str, Array]]
+
+
+def drop_parts(record: DropRecord) -> Parts:
+    """Data and arrays of a drop with the rebounds that it has."""
+    drop = record.drop
+    data: dict[str, Any] = {
+        "point": record.point,
+        "drop": drop.number,
+        "declared": record.declared,
+        "metadata": record.metadata,
+        "sensors": [[channel.offset, channel.quantity] for channel in drop.channels],
+        "rebounds": [_rebound_data(rebound) for rebound in record.rebounds],
+    }
+    arrays: dict[str, Array] = {"time": drop.time, "load": drop.load}
+    for index, channel in enumerate(drop.channels, start=1):
+        arrays[f"sensor {index}"] = channel.values
+    if record.counts is not None:
+        arrays["counts"] = record.counts
+    for index, rebound in enumerate(record.rebounds, start=1):
+        arrays[f"rebound {index}"] = rebound.counts
+    return data, arrays
+
+
+def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
+    """The drop; RecordingError when data and arrays are not those of one."""
+    try:
+        sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
+        if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
+            raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, came more")
+        channels = tuple(
+            Channel(_number(offset), _quantity(quantity), arrays[f"sensor {index}"])
+            for index, (offset, quantity) in enumerate(sensors, start=1)
+        )
+        drop = Drop(_whole(data["drop"]), arrays["time"], arrays["load"], channels)
+        return DropRecord(
+            point=_text(data["point"]),
+            drop=drop,
+            counts=arrays.get("counts"),
+            declared=_mapping(data["declared"]),
+            metadata=_mapping(data["metadata"]),
+            rebounds=tuple(
+                _rebound_from(entry, arrays[f"rebound {index}"])
+                for index, entry in enumerate(rebounds, start=1)
+            ),
+        )
+    except (KeyError, TypeError, ValueError) as err:
+        raise RecordingError(f"expected the data of a drop, came others: {err}") from err
+
+
+def rebound_payload(number: int, rebound: Rebound) -> bytes:
+    """The record of a rebound of the drop with this survey-wide number."""
+    return encode_payload(_rebound_data(rebound) | {"number": number}, {"counts": rebound.counts})
+
+
+def rebound_from_payload(payload: bytes) -> Rebound:
+    """The rebound; RecordingError when the payload is none."""
+    data, arrays = decode_payload(payload)
+    try:
+        return _rebound_from(data, arrays["counts"])
+    except (KeyError, TypeError, ValueError) as err:
+        raise RecordingError(f"expected the data of a rebound, came others: {err}") from err
+
+
+def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:
+    """The drop with rebounds that were recorded after it, each of them once."""
+    known = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
+    later = tuple(r for r in later if (r.first_sample, r.delay) not in known)
+    if not later:
+        return record
+    return DropRecord(
+        record.point,
+        record.drop,
+        record.counts,
+        record.declared,
+        record.metadata,
+        (*record.rebounds, *later),
+    )
+
+
+def _rebound_data(rebound: Rebound) -> dict[str, Any]:
+    return {
+        "delay": rebound.delay,
+        "peak_load": rebound.peak_load,
+        "first_sample": rebound.first_sample,
+    }
+
+
+def _rebound_from(data: Mapping[str, Any], counts: Array) -> Rebound:
+    return Rebound(
+        delay=_number(data["delay"]),
+        peak_load=_number(data["peak_load"]),
+        first_sample=_whole(data["first_sample"]),
+        counts=counts,
+    )
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
+        raise TypeError("a number is missing")
+    return float(value)
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int:
+        raise TypeError("a whole number is missing")
+    return value
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("a text is missing")
+    return value
+
+
+def _quantity(value: object) -> Any:
+    if value not in ("velocity", "displacement"):
+        raise ValueError("a sensor measures velocity or displacement")
+    return value
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError("a mapping is missing")
+    return value

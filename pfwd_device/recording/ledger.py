@@ -1,0 +1,211 @@
+"""The ledger: one line of text per acknowledged record, so that what is lost is known by number.
+
+A line is ``sequence kind segment offset length check about crc``, separated by single blanks;
+``check`` is the CRC of the record's header, ``crc`` the CRC-32 of the line before it, both as eight
+hexadecimal digits. ``about`` is ``-`` or for a drop ``number:point/drop`` with the point's name
+percent-encoded. The first line names the format and the survey.
+"""
+
+import os
+import re
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote, unquote
+
+from pfwd_device.recording.storage import Storage
+from pfwd_device.text import clean
+
+LARGEST_LEDGER = 512 * 2**20
+"""Bytes; a hundred times what ten years of drops take."""
+
+LONGEST_LINE = 4096
+
+_LINE = re.compile(
+    r"(\d{1,18}) (\d{1,9}) (\d{1,9}) (\d{1,18}) (\d{1,9}) "
+    r"([0-9a-f]{8}) ([!-~]{1,999}) ([0-9a-f]{8})",
+    re.ASCII,
+)
+_ABOUT = re.compile(r"(\d{1,9}):([^/\s]+)/(\d{1,18})", re.ASCII)
+_HEAD = re.compile(r"pfwd-ledger 1 ([0-9a-f]{32}) ([0-9a-f]{8})", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One acknowledged record."""
+
+    sequence: int
+    kind: int
+    segment: int
+    offset: int
+    length: int
+    check: int
+    about: str = "-"
+
+    def line(self) -> bytes:
+        """The line of the ledger, with its end."""
+        text = (
+            f"{self.sequence} {self.kind} {self.segment} {self.offset} {self.length} "
+            f"{self.check:08x} {self.about}"
+        )
+        return _closed(text)
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerText:
+    """What is in a ledger."""
+
+    survey: bytes | None
+    """Identity of the survey; None when the first line is damaged."""
+    entries: tuple[Entry, ...]
+    """The lines that are whole."""
+    damaged: tuple[int, ...]
+    """Numbers of the lines that are not, from 1."""
+    missing: bool = False
+    """There is no ledger."""
+
+
+def head_line(survey: bytes) -> bytes:
+    """First line of the ledger of a survey."""
+    return _closed(f"pfwd-ledger 1 {survey.hex()}")
+
+
+def about_drop(number: int, point: str, drop: int) -> str:
+    """What the ledger says of a drop."""
+    return f"{number}:{quote(point, safe='')}/{drop}"
+
+
+def read_about(about: str) -> tuple[int, str, int] | None:
+    """Survey-wide number, point and number within it; None when it is no drop."""
+    match = _ABOUT.fullmatch(about)
+    if match is None:
+        return None
+    return int(match[1]), clean(unquote(match[2])), int(match[3])
+
+
+def ledger_bytes(survey: bytes, entries: Iterable[Entry]) -> bytes:
+    """A whole ledger."""
+    return head_line(survey) + b"".join(entry.line() for entry in entries)
+
+
+def read_ledger(path: Path) -> LedgerText:
+    """The ledger at `path`; damage is told, never raised."""
+    try:
+        if os.path.getsize(path) > LARGEST_LEDGER:
+            return LedgerText(None, (), (1,))
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return LedgerText(None, (), (), missing=True)
+    except OSError:
+        return LedgerText(None, (), (1,))
+    return parse_ledger(data)
+
+
+def parse_ledger(data: bytes) -> LedgerText:
+    """What the bytes of a ledger say, whatever they are."""
+    survey = None
+    entries: list[Entry] = []
+    damaged: list[int] = []
+    for number, line in enumerate(_lines(data), start=1):
+        entry = _entry(line)
+        if entry is not None:
+            entries.append(entry)
+            continue
+        head = _HEAD.fullmatch(_text(line)) if number == 1 else None
+        if head is not None and head_line(bytes.fromhex(head[1])) == line + b"\n":
+            survey = bytes.fromhex(head[1])
+        else:
+            damaged.append(number)
+    if not data:
+        damaged.append(1)
+    return LedgerText(survey, tuple(entries), tuple(damaged))
+
+
+class LedgerWriter:
+    """Appends lines; after a failure the next one first puts a whole new ledger in place."""
+
+    def __init__(self, path: Path, survey: bytes, entries: list[Entry], storage: Storage) -> None:
+        self._path = path
+        self._survey = survey
+        self._storage = storage
+        self._entries = entries
+        self._descriptor: int | None = None
+        self._end = 0
+
+    def append(self, entry: Entry) -> None:
+        """Return when the line is on the disk; on OSError the ledger is as it was, or redone."""
+        if self._descriptor is None:
+            self._reopen()
+        assert self._descriptor is not None
+        line = entry.line()
+        try:
+            self._storage.write_at(self._descriptor, line, self._end)
+        except OSError:
+            self._cut()
+            raise
+        try:
+            self._storage.sync(self._descriptor)
+        except OSError:
+            # What a failed sync leaves on the disk is not known, and a second one may lie.
+            self.close()
+            self._rewrite([*self._entries, entry])
+            self._entries.append(entry)
+            return
+        self._end += len(line)
+        self._entries.append(entry)
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+        if self._descriptor is not None:
+            descriptor, self._descriptor = self._descriptor, None
+            self._storage.close(descriptor)
+
+    def forget(self, sequence: int) -> None:
+        """Take no line of this number or later for written; the next one rewrites the ledger."""
+        self.close()
+        while self._entries and self._entries[-1].sequence >= sequence:
+            self._entries.pop()
+
+    def _reopen(self) -> None:
+        whole = ledger_bytes(self._survey, self._entries)
+        if not self._path.exists() or self._path.read_bytes() != whole:
+            self._rewrite(self._entries)
+        self._descriptor = self._storage.open(self._path)
+        self._end = len(whole)
+
+    def _rewrite(self, entries: list[Entry]) -> None:
+        self._storage.write_file(self._path, ledger_bytes(self._survey, entries))
+
+    def _cut(self) -> None:
+        assert self._descriptor is not None
+        try:
+            self._storage.truncate(self._descriptor, self._end)
+        except OSError:
+            self.close()
+
+
+def _closed(text: str) -> bytes:
+    data = text.encode("ascii")
+    return data + b" %08x\n" % zlib.crc32(data)
+
+
+def _lines(data: bytes) -> Iterator[bytes]:
+    """Lines without their end; the last one, when it has no end, with a mark that spoils it."""
+    *lines, rest = data.split(b"\n")
+    yield from lines
+    if rest:
+        yield rest + b"\0"
+
+
+def _text(line: bytes) -> str:
+    return line.decode("latin-1") if len(line) <= LONGEST_LINE else ""
+
+
+def _entry(line: bytes) -> Entry | None:
+    match = _LINE.fullmatch(_text(line))
+    if match is None:
+        return None
+    sequence, kind, segment, offset, length = (int(match[n]) for n in range(1, 6))
+    entry = Entry(sequence, kind, segment, offset, length, int(match[6], 16), match[7])
+    return entry if entry.line() == line + b"\n" else None

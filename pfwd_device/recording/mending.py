@@ -1,0 +1,172 @@
+"""The published files of a survey: verified, listed, made again, or taken out of the way."""
+
+from pathlib import Path
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.books import Books
+from pfwd_device.recording.files import file_facts, now, publish_request, set_aside
+from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.index import FileEntry, Index
+from pfwd_device.recording.journal import read_record
+from pfwd_device.recording.layout import names_in
+from pfwd_device.recording.payload import decode_json, payload_data
+from pfwd_device.recording.publishing import Publisher
+
+MOST_FAILURES = 3
+"""Drops that cannot be published before the rest waits for the next recovery."""
+
+LARGEST_RESULT = 64 * 2**20
+"""Bytes; what a record may hold."""
+
+
+class FileMender:
+    """Goes through drops, results and captures once."""
+
+    def __init__(self, books: Books, index: Index, helper: Publisher, *, thorough: bool) -> None:
+        self.sound: set[str] = set()
+        """Paths of files that are listed and as they were."""
+        self.damaged: list[str] = []
+        """Files that cannot be made again."""
+        self.actions: list[str] = []
+        """What was done with files other than those of drops."""
+        self._books = books
+        self._layout = books.layout
+        self._storage = books.storage
+        self._index = index
+        self._helper = helper
+        self._thorough = thorough
+
+    def take_drafts_away(self) -> None:
+        """Keep the bytes of unfinished files in ``damaged``; those of the reserve are nobody's."""
+        layout = self._layout
+        for folder in (layout.folder, layout.drops, layout.results, layout.captures):
+            for name in names_in(folder):
+                if not (name.startswith(".") and name.endswith(".tmp")):
+                    continue
+                if folder == layout.folder:
+                    # Whole copies of what is there, or about to be: ledger, reserve, writer.txt.
+                    self._storage.unlink(folder / name)
+                else:
+                    set_aside(layout, self._storage, folder / name)
+                    self.actions.append(f"unfinished {name} moved to damaged")
+        for name in names_in(layout.damaged):
+            if name.startswith(".") and name.endswith(".tmp"):
+                self._storage.unlink(layout.damaged / name)  # what it copies is still in place
+
+    def mend_drop_files(self, *, publish: bool) -> list[int]:
+        """Numbers of the drops that got their file now; `publish`: make files that are missing."""
+        made: list[int] = []
+        failures = 0
+        for number, drop in sorted(self._index.drops.items()):
+            path = self._layout.drop_file(number)
+            listed = self._index.files.get(self._layout.relative(path))
+            if listed is not None and self._is_sound(listed, path):
+                self.sound.add(listed.path)
+                continue
+            if not publish or failures == MOST_FAILURES:
+                continue
+            if listed is not None and path.exists():
+                set_aside(self._layout, self._storage, path)
+            try:
+                answer = self._publish(publish_request(self._layout, drop), path)
+            except RecordingError as err:
+                self.actions.append(f"drop {number} is in the journal only: {err}")
+                failures += 1
+                continue
+            self._list({key: answer[key] for key in ("path", "size", "sha256", "number")})
+            made.append(number)
+        if publish:
+            self._set_strangers_aside()
+        return made
+
+    def mend_other_files(self) -> None:
+        """Results and captures."""
+        for listed in list(self._index.files.values()):
+            if not listed.path.startswith(("results/", "captures/")):
+                continue
+            path = self._layout.folder / listed.path
+            if self._is_sound(listed, path):
+                self.sound.add(listed.path)
+            elif not self._write_again(listed, path):
+                self.damaged.append(f"{listed.path} is damaged or missing")
+        for folder in (self._layout.results, self._layout.captures):
+            for name in names_in(folder):
+                path = folder / name
+                if self._layout.relative(path) not in self._index.files:
+                    self._take_in(path)
+
+    def _set_strangers_aside(self) -> None:
+        for number in self._layout.drop_files():
+            if number not in self._index.drops:
+                path = self._layout.drop_file(number)
+                set_aside(self._layout, self._storage, path)
+                self.actions.append(f"{path.name} holds no drop and was moved to damaged")
+
+    def _is_sound(self, listed: FileEntry, path: Path) -> bool:
+        try:
+            if path.stat().st_size != listed.size:
+                return False
+            if not self._thorough:
+                return True
+            return bool(file_facts(self._layout, path)["sha256"] == listed.sha256)
+        except OSError:
+            return False
+
+    def _publish(self, request: dict[str, Any], path: Path) -> dict[str, Any]:
+        try:
+            return self._helper.ask(request)
+        except RecordingError:
+            if not path.exists():
+                raise
+        # There is a file, and it is not this drop's.
+        set_aside(self._layout, self._storage, path)
+        self.actions.append(f"{path.name} did not verify and was moved to damaged")
+        return self._helper.ask(request)
+
+    def _write_again(self, listed: FileEntry, path: Path) -> bool:
+        """Whether a result could be taken from the journal."""
+        try:
+            frame = read_record(self._layout, listed.entry.segment, listed.entry.offset)
+            content = payload_data(frame.payload).get("content")
+        except RecordingError:
+            return False
+        if not isinstance(content, str):
+            return False
+        if path.exists():
+            set_aside(self._layout, self._storage, path)
+        self._storage.write_file(path, content.encode("ascii", "replace"))
+        self.actions.append(f"{listed.path} written again from the journal")
+        self.sound.add(listed.path)
+        return True
+
+    def _take_in(self, path: Path) -> None:
+        """List a file that a crash left unlisted."""
+        if path.parent == self._layout.results:
+            if path.suffix != ".json":
+                return
+            try:
+                if path.stat().st_size > LARGEST_RESULT:
+                    raise RecordingError("expected a result, came a larger file")
+                decode_json(path.read_bytes())
+            except RecordingError:
+                set_aside(self._layout, self._storage, path)
+                self.actions.append(f"{path.name} was unfinished and moved to damaged")
+                return
+        elif path.suffix != ".pfwdc":
+            return
+        facts = file_facts(self._layout, path)
+        self._list(facts | {"number": _number_of(path.name)})
+        self.sound.add(facts["path"])
+        self.actions.append(f"{facts['path']} listed")
+
+    def _list(self, facts: dict[str, Any]) -> None:
+        data = facts | {"time_utc": now()}
+        self._index.add(self._books.append(Kind.FILE, data), data)
+        self.sound.add(facts["path"])
+
+
+def _number_of(name: str) -> int | None:
+    """Survey-wide number in the name of a result."""
+    parts = name.split("-")
+    return int(parts[1]) if len(parts) == 3 and parts[1].isdecimal() else None

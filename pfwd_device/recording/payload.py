@@ -1,0 +1,169 @@
+"""Payload of a record: JSON, then arrays as the JSON describes them.
+
+``u32 length of the JSON | JSON in ASCII, keys sorted | arrays, little-endian``. The JSON is an
+object with ``data`` (what it says), ``arrays`` (name, dtype and shape of each, in order) and
+``packed`` (true: the arrays together are compressed by zlib). Numbers that are not finite are
+written NaN, Infinity and -Infinity, as Python's json does.
+"""
+
+import hashlib
+import json
+import math
+import struct
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device.errors import RecordingError
+
+LARGEST_ARRAYS = 512 * 2**20
+"""Bytes of all arrays of a record, unpacked; more is no drop."""
+
+MOST_ARRAYS = 4096
+DTYPES = ("<f8", "<i4", "|u1")
+
+_LENGTH = struct.Struct("<I")
+
+Array = NDArray[Any]
+
+
+def encode_json(data: Any) -> str:
+    """`data` as JSON in ASCII, always the same text for the same data.
+
+    Raises
+    ------
+    RecordingError
+        If it holds something that JSON does not know.
+    """
+    try:
+        return json.dumps(
+            data, sort_keys=True, ensure_ascii=True, separators=(",", ":"), default=_plain
+        )
+    except (TypeError, ValueError, RecursionError) as err:
+        raise RecordingError(
+            f"expected texts, numbers, lists and mappings with texts as keys, came {err}"
+        ) from err
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"a {type(value).__name__}")
+
+
+def decode_json(text: str | bytes) -> Any:
+    """What JSON says; every refusal is a RecordingError."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as err:  # UnicodeDecodeError is a ValueError
+        raise RecordingError(f"expected JSON, came {err}") from err
+
+
+def encode_payload(
+    data: Mapping[str, Any], arrays: Mapping[str, Array] | None = None, *, pack: bool = True
+) -> bytes:
+    """`data` and `arrays` as the payload of a record."""
+    described = []
+    parts = []
+    for name, array in (arrays or {}).items():
+        dtype = array.dtype.newbyteorder("<").str
+        if dtype not in DTYPES:
+            raise RecordingError(f"array {name}: expected one of {DTYPES}, came {dtype}")
+        described.append({"name": name, "dtype": dtype, "shape": list(array.shape)})
+        parts.append(np.ascontiguousarray(array, dtype=dtype).tobytes())
+    block = b"".join(parts)
+    if len(block) > LARGEST_ARRAYS:
+        raise RecordingError(
+            f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {len(block)}"
+        )
+    pack = pack and bool(block)
+    text = encode_json({"data": data, "arrays": described, "packed": pack}).encode("ascii")
+    return _LENGTH.pack(len(text)) + text + (zlib.compress(block, 1) if pack else block)
+
+
+def decode_payload(payload: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Data and arrays (read-only) of a payload.
+
+    Raises
+    ------
+    RecordingError
+        If the payload is anything else than what :func:`encode_payload` makes.
+    """
+    head, rest = _split(payload)
+    described = head.get("arrays")
+    if not isinstance(described, list) or len(described) > MOST_ARRAYS:
+        raise RecordingError(f"expected a list of at most {MOST_ARRAYS} arrays, came another thing")
+    layout = [_described(entry) for entry in described]
+    total = sum(size for *_, size in layout)
+    if total > LARGEST_ARRAYS:
+        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {total}")
+    block = _unpacked(rest, total) if head.get("packed") is True else rest
+    if len(block) != total:
+        raise RecordingError(f"expected arrays of {total} bytes, came {len(block)}")
+    arrays: dict[str, Array] = {}
+    position = 0
+    for name, dtype, shape, size in layout:
+        values = np.frombuffer(block, dtype, math.prod(shape), position)
+        arrays[name] = values.reshape(shape)
+        position += size
+    if len(arrays) != len(layout):
+        raise RecordingError("expected every array once, came a name twice")
+    return _object(head.get("data")), arrays
+
+
+def payload_data(payload: bytes) -> dict[str, Any]:
+    """The data of a payload alone, its arrays unread."""
+    return _object(_split(payload)[0].get("data"))
+
+
+def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """SHA-256 of data and arrays, which no compression changes."""
+    return hashlib.sha256(encode_payload(data, arrays, pack=False)).hexdigest()
+
+
+def _split(payload: bytes) -> tuple[dict[str, Any], bytes]:
+    if len(payload) < _LENGTH.size:
+        raise RecordingError(f"expected a payload, came {len(payload)} bytes")
+    (length,) = _LENGTH.unpack_from(payload)
+    end = _LENGTH.size + length
+    if end > len(payload):
+        raise RecordingError(f"expected {length} bytes of JSON, came {len(payload)}")
+    return _object(decode_json(payload[_LENGTH.size : end])), payload[end:]
+
+
+def _object(value: object) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise RecordingError(f"expected an object of JSON, came {type(value).__name__}")
+    return value
+
+
+def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
+    entry = _object(entry)
+    name, dtype, shape = entry.get("name"), entry.get("dtype"), entry.get("shape")
+    if not isinstance(name, str) or dtype not in DTYPES:
+        raise RecordingError(f"expected a name and one of {DTYPES}, came another array")
+    if (
+        not isinstance(shape, list)
+        or len(shape) > 2
+        or not all(type(n) is int and 0 <= n <= LARGEST_ARRAYS for n in shape)
+    ):
+        raise RecordingError(f"array {name[:64]}: expected one or two lengths, came another shape")
+    sides = tuple(shape)
+    return name, dtype, sides, math.prod(sides) * np.dtype(dtype).itemsize
+
+
+def _unpacked(packed: bytes, size: int) -> bytes:
+    # Never more than was announced: a few bytes can promise gigabytes.
+    opener = zlib.decompressobj()
+    try:
+        block = opener.decompress(packed, size + 1)
+    except (zlib.error, MemoryError) as err:
+        raise RecordingError(f"expected compressed arrays, came {err}") from err
+    if not opener.eof or opener.unused_data or len(block) > size:
+        raise RecordingError(f"expected compressed arrays of {size} bytes, came others")
+    return block

@@ -1,0 +1,166 @@
+"""The program that makes drop files, so that HDF5 never runs where a drop is being recorded.
+
+Started as ``python -m pfwd_device.recording.publisher``; reads requests as JSON lines from its
+input and answers each with one line. After an error of HDF5 or of the disk it answers and ends:
+what HDF5 does after that is not defined.
+"""
+
+import base64
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.drop_file import (
+    drop_digest,
+    drop_file_bytes,
+    drop_from_file_bytes,
+    read_drop_file_parts,
+)
+from pfwd_device.recording.drop_payload import (
+    drop_from_parts,
+    drop_parts,
+    rebound_from_payload,
+    with_rebounds,
+)
+from pfwd_device.recording.journal import read_record
+from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.payload import decode_payload, encode_payload
+from pfwd_device.recording.record import DropRecord
+from pfwd_device.recording.storage import Storage, draft_of
+
+LOCK_TIMEOUT = 30.0
+"""s; one file takes 0.1 s, so somebody who holds the lock longer is stuck."""
+
+
+def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
+    """What a request asks for.
+
+    Requests: ``{"do": "publish", "survey", "drop": [segment, offset], "rebounds": [[...]]}`` is
+    answered by path, size and SHA-256 of the file; ``{"do": "read", "survey", "number"}`` by the
+    payload of a drop record that the file holds, for recovery.
+
+    Raises
+    ------
+    RecordingError, OSError
+        If it cannot be done.
+    """
+    layout = Layout(Path(request["survey"]))
+    if request["do"] == "read":
+        return _read(layout, int(request["number"]))
+    drop = (int(request["drop"][0]), int(request["drop"][1]))
+    rebounds = [(int(segment), int(offset)) for segment, offset in request["rebounds"]]
+    try:
+        with FileLock(layout.publish_lock, timeout=LOCK_TIMEOUT, thread_local=False):
+            return publish(layout, drop, rebounds, storage, parent=request.get("parent"))
+    except Timeout as err:
+        raise RecordingError(
+            f"{layout.publish_lock}: expected to be alone, came another program that publishes; "
+            "end it and try again"
+        ) from err
+
+
+def journal_drop(
+    layout: Layout, drop: tuple[int, int], rebounds: list[tuple[int, int]]
+) -> tuple[DropRecord, int, bytes]:
+    """The drop with its rebounds, its survey-wide number, and the identity of the survey."""
+    frame = read_record(layout, *drop)
+    data, arrays = decode_payload(frame.payload)
+    later = tuple(rebound_from_payload(read_record(layout, *place).payload) for place in rebounds)
+    number = data.get("number")
+    if type(number) is not int or number < 1:
+        raise RecordingError("expected the number of a drop, came none")
+    return with_rebounds(drop_from_parts(data, arrays), later), number, frame.identity
+
+
+def publish(
+    layout: Layout,
+    drop: tuple[int, int],
+    rebounds: list[tuple[int, int]],
+    storage: Storage,
+    *,
+    parent: int | None = None,
+) -> dict[str, Any]:
+    """Make the file of a drop: draft, on the disk, read again and compared, renamed."""
+    record, number, survey = journal_drop(layout, drop, rebounds)
+    target = layout.drop_file(number)
+    if target.exists():
+        # Published before a crash, or by a program that was slower to end than to be killed.
+        found, found_number, found_survey = read_drop_file_parts(target)
+        if not _same_drop(found, record) or (found_number, found_survey) != (number, survey):
+            raise RecordingError(f"{target}: expected the file of drop {number}, came another")
+        return _published(layout, target, target.read_bytes(), number)
+    data = drop_file_bytes(record, number, survey)
+    draft = draft_of(target)
+    storage.write_draft(draft, data)
+    again = draft.read_bytes()
+    if again != data or drop_digest(drop_from_file_bytes(again, str(draft))[0], number) != (
+        drop_digest(record, number)
+    ):
+        raise RecordingError(f"{draft}: expected what was written, came other content")
+    if parent is not None and os.name != "nt" and os.getppid() != parent:
+        raise RecordingError("the program that recorded this drop has ended; recovery publishes it")
+    storage.replace(draft, target)
+    storage.sync_directory(layout.drops)
+    return _published(layout, target, data, number)
+
+
+def _same_drop(found: DropRecord, record: DropRecord) -> bool:
+    """Whether the file holds the drop; rebounds may have been recorded after it was published."""
+    whole = (*found.rebounds, *record.rebounds[len(found.rebounds) :])
+    completed = DropRecord(
+        found.point, found.drop, found.counts, found.declared, found.metadata, whole
+    )
+    return drop_digest(completed, 0) == drop_digest(record, 0)
+
+
+def _published(layout: Layout, path: Path, data: bytes, number: int) -> dict[str, Any]:
+    return {
+        "path": layout.relative(path),
+        "size": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "number": number,
+    }
+
+
+def _read(layout: Layout, number: int) -> dict[str, Any]:
+    record, found, survey = read_drop_file_parts(layout.drop_file(number))
+    data, arrays = drop_parts(record)
+    payload = encode_payload(data, arrays)
+    return {
+        "number": found,
+        "survey_id": survey.hex(),
+        "payload": base64.b64encode(payload).decode("ascii"),
+    }
+
+
+def main() -> int:
+    """Answer requests until the input ends; 1 after an error."""
+    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
+    # What libraries print must not get between the answers.
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    storage = Storage()
+    for line in sys.stdin.buffer:
+        try:
+            reply = answer(json.loads(line), storage)
+        except BaseException as err:
+            reply = {"error": f"{type(err).__name__}: {err}"}
+        try:
+            answers.write(json.dumps(reply) + "\n")
+            answers.flush()
+        except OSError:  # whoever asked has gone
+            return 1
+        if "error" in reply:
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,310 @@
+"""Puts a survey right after a crash or damage; each step may be interrupted and done again."""
+
+import base64
+import os
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.books import Books, refused
+from pfwd_device.recording.files import keep_copy, now
+from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.index import Index, about_of, build_index, damage_key
+from pfwd_device.recording.journal import read_record
+from pfwd_device.recording.layout import FORMAT_VERSION, Layout
+from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
+from pfwd_device.recording.lock import SurveyLock
+from pfwd_device.recording.mending import FileMender
+from pfwd_device.recording.payload import decode_payload, payload_data
+from pfwd_device.recording.publishing import ChildPublisher, Publisher
+from pfwd_device.recording.storage import Storage
+
+PUBLISH_TIMEOUT = 30.0
+"""s; longer than the publisher of a killed program takes for the file in hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryReport:
+    """What recovery found and did."""
+
+    survey: str
+    """Folder."""
+    drops_acknowledged: int
+    """Drops that were acknowledged, lost ones with them."""
+    drops_published: int
+    """Drops with a verified file."""
+    recovered: int
+    """Drops put back: into the ledger, into the journal, or into a file."""
+    damaged: tuple[str, ...]
+    """What is still missing or damaged, a short text each."""
+    actions: tuple[str, ...]
+    """What was done."""
+
+    @property
+    def ok(self) -> bool:
+        """Nothing acknowledged is missing."""
+        return not self.damaged
+
+
+def recover(
+    folder: str | os.PathLike[str],
+    storage: Storage | None = None,
+    *,
+    publisher: Publisher | None = None,
+) -> RecoveryReport:
+    """Put right whatever a crash left in a survey; doing it again changes nothing.
+
+    Raises
+    ------
+    SurveyLocked
+        If a program writes the survey.
+    RecordingError
+        If the folder holds no survey, or cannot be written.
+    """
+    storage = storage or Storage()
+    layout = Layout(Path(folder).absolute())
+    if not layout.exists():
+        raise RecordingError(
+            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+        )
+    lock = SurveyLock(layout, storage)
+    helper = publisher or ChildPublisher()
+    books: Books | None = None
+    try:
+        for path in layout.folders:
+            storage.make_folder(path)
+        books, index = begin(layout, storage, helper)
+        report = repair(books, index, helper, thorough=True)
+        if not index.closed:
+            books.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
+        return report
+    except OSError as err:
+        if isinstance(err, RecordingError):
+            raise
+        raise refused(err, str(layout.folder)) from err
+    finally:
+        if books is not None:
+            books.close()
+        helper.close()
+        lock.release()
+
+
+def begin(layout: Layout, storage: Storage, helper: Publisher) -> tuple[Books, Index]:
+    """Journal and ledger ready to be appended to: torn ends cut, the ledger mended.
+
+    Raises OSError or RecordingError.
+    """
+    index = build_index(layout)
+    if index.survey is None:
+        index.survey = _survey_of_files(layout, helper) or uuid.uuid4().bytes
+    for stretch in index.damage:
+        if stretch.damage.at_end:
+            _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
+    entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
+    _mend_ledger(layout, storage, index, entries)
+    segments = layout.segments()
+    continued = segments[-1] if segments else None
+    books = Books(layout, index.survey, storage, entries=entries, continued=continued)
+    if not index.info:
+        data: dict[str, Any] = {
+            "format_version": FORMAT_VERSION,
+            "survey_id": index.survey.hex(),
+            "created_utc": now(),
+            "software": _software(),
+        }
+        try:
+            index.add(books.append(Kind.SURVEY, data), data)
+        except BaseException:
+            books.close()
+            raise
+    return books, index
+
+
+def repair(
+    books: Books,
+    index: Index,
+    helper: Publisher,
+    *,
+    publish: bool = True,
+    thorough: bool = False,
+) -> RecoveryReport:
+    """Restore drops and files, and tell what is lost.
+
+    Parameters
+    ----------
+    publish : bool
+        Make the files of drops that have none.
+    thorough : bool
+        Compare the content of every file, not only its size.
+    """
+    layout = books.layout
+    unlisted = set(index.unacknowledged)
+    recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
+    actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
+    _wait_for_publisher(layout)
+    mender = FileMender(books, index, helper, thorough=thorough)
+    mender.take_drafts_away()
+    for number in _restorable(layout, index):
+        if _restore(books, index, helper, number):
+            recovered.add(number)
+            actions.append(f"drop {number} restored from its file")
+    _restore_points(books, index)
+    made = mender.mend_drop_files(publish=publish)
+    recovered |= set(made)
+    actions += [f"drop {number} published" for number in made]
+    mender.mend_other_files()
+    _settle(books, index, files_listed=publish)
+    return RecoveryReport(
+        str(layout.folder),
+        len(index.drops) + len(index.lost_drops),
+        sum(layout.relative(layout.drop_file(n)) in mender.sound for n in index.drops),
+        len(recovered),
+        (*lost_texts(index), *mender.damaged),
+        (*actions, *mender.actions),
+    )
+
+
+def lost_texts(index: Index) -> list[str]:
+    """A short text for everything acknowledged that is missing, by number."""
+    texts = [
+        f"{describe(entry)} is lost"
+        for number, entry in sorted(index.lost.items())
+        if number not in index.settled
+    ]
+    if index.gaps:
+        first, last = index.gaps[0], index.gaps[-1]
+        texts.append(f"{len(index.gaps)} records between {first} and {last} are lost unnamed")
+    return texts
+
+
+def describe(entry: Entry) -> str:
+    """Name of a record for people: a drop by its point and number."""
+    about = read_about(entry.about) if entry.kind == Kind.DROP else None
+    if about is not None:
+        return f"drop {about[1]}/{about[2]}"
+    try:
+        kind = Kind(entry.kind).name.lower()
+    except ValueError:
+        kind = f"type {entry.kind}"
+    return f"record {entry.sequence} ({kind})"
+
+
+def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: int) -> None:
+    """Take the torn end of a segment away; its bytes are kept."""
+    path = layout.segment(segment)
+    keep_copy(layout, storage, path, f"journal-{segment:04d}-{offset}.bytes", offset, length)
+    descriptor = storage.open(path)
+    try:
+        storage.truncate(descriptor, offset)
+        storage.sync(descriptor)
+    finally:
+        storage.close(descriptor)
+
+
+def _mend_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> None:
+    assert index.survey is not None
+    whole = ledger_bytes(index.survey, entries)
+    if index.ledger.missing or layout.ledger.read_bytes() != whole:
+        if index.ledger.damaged:
+            keep_copy(layout, storage, layout.ledger, layout.ledger.name)
+        storage.write_file(layout.ledger, whole)
+
+
+def _wait_for_publisher(layout: Layout) -> None:
+    """The publisher of a killed program may be at its last file."""
+    if not layout.publish_lock.exists():
+        return
+    try:
+        with FileLock(layout.publish_lock, timeout=PUBLISH_TIMEOUT, thread_local=False):
+            return
+    except Timeout as err:
+        raise RecordingError(
+            f"{layout.publish_lock}: expected to be free, came a program that still publishes; "
+            "end it and try again"
+        ) from err
+
+
+def _restorable(layout: Layout, index: Index) -> list[int]:
+    return [number for number in layout.drop_files() if number not in index.drops]
+
+
+def _restore(books: Books, index: Index, helper: Publisher, number: int) -> bool:
+    """Whether the drop, whose record is damaged, could be taken from its file."""
+    lost = {
+        about[0]: entry
+        for entry in index.lost.values()
+        if entry.kind == Kind.DROP and (about := read_about(entry.about)) is not None
+    }
+    try:
+        found = _file_record(books.layout, helper, number)
+        if found["number"] != number or found["survey_id"] != books.survey.hex():
+            return False
+        data, arrays = decode_payload(base64.b64decode(found["payload"]))
+        key = data["metadata"].get("key")
+    except (RecordingError, KeyError, ValueError, TypeError, AttributeError):
+        return False  # the file is damaged too; mend_drop_files names it
+    entry = lost.get(number)
+    data |= {
+        "number": number,
+        "key": key if isinstance(key, str) else None,
+        "restored_from": entry.sequence if entry else 0,
+    }
+    index.add(books.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
+    return True
+
+
+def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, Any]:
+    return helper.ask({"do": "read", "survey": str(layout.folder), "number": number})
+
+
+def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
+    """Identity of the survey from a drop file, when journal and ledger are gone."""
+    for number in layout.drop_files():
+        try:
+            return bytes.fromhex(str(_file_record(layout, helper, number)["survey_id"]))
+        except (RecordingError, KeyError, ValueError):
+            continue
+    return None
+
+
+def _restore_points(books: Books, index: Index) -> None:
+    for drop in sorted(index.drops.values(), key=lambda drop: drop.number):
+        if drop.point in index.points:
+            continue
+        frame = read_record(books.layout, drop.entry.segment, drop.entry.offset)
+        declared = payload_data(frame.payload).get("declared")
+        data = {
+            "name": drop.point,
+            "order": len(index.points) + 1,
+            "declared": declared if isinstance(declared, dict) else {},
+            "time_utc": now(),
+        }
+        index.add(books.append(Kind.POINT, data), data)
+
+
+def _settle(books: Books, index: Index, *, files_listed: bool) -> None:
+    """Note which damage has been dealt with, so that a check does not name it again."""
+    replaced = {Kind.CLOSE, Kind.SURVEY} | ({Kind.FILE} if files_listed else set())
+    settled = sorted(
+        number
+        for number, entry in index.lost.items()
+        if entry.kind in replaced and number not in index.settled
+    )
+    damage = [
+        damage_key(books.layout, stretch) for stretch in index.damage if not stretch.damage.at_end
+    ]
+    damage += [(e.segment, e.offset, e.length, e.check) for e, _ in index.strange]
+    fresh = [list(key) for key in damage if key not in index.known_damage]
+    if settled or fresh:
+        data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
+        index.add(books.append(Kind.EVENT, data), data)
+
+
+def _software() -> str:
+    from pfwd_device.recording.drop_file import software_version
+
+    return f"pfwd {software_version()}"

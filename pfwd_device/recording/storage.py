@@ -1,0 +1,138 @@
+"""The operating system's files, as thin as can be, so that a test can put failing ones in place."""
+
+import errno
+import os
+import shutil
+import sys
+from pathlib import Path
+
+FULL_ERRORS = frozenset(
+    number
+    for name in ("ENOSPC", "EDQUOT", "EFBIG")
+    if (number := getattr(errno, name, None)) is not None
+)
+"""What the system says when a disk, a quota or the longest file is full."""
+
+_BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends otherwise
+_NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
+
+
+class Storage:
+    """Writes files so that a power cut is survived; nothing here is buffered.
+
+    Every method may raise OSError. The offsets are the caller's: no descriptor has a position that
+    matters, so that what was torn can be written over.
+    """
+
+    def open(self, path: Path, *, create: bool = False) -> int:
+        """A descriptor for reading and writing; `create`: the file must not exist yet."""
+        flags = os.O_RDWR | _BINARY | _NOT_INHERITED
+        if create:
+            flags |= os.O_CREAT | os.O_EXCL
+        return os.open(path, flags, 0o666)
+
+    def close(self, descriptor: int) -> None:
+        """Give the descriptor back."""
+        os.close(descriptor)
+
+    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+        """Bytes written, which may be fewer than there are."""
+        if hasattr(os, "pwrite"):
+            return os.pwrite(descriptor, data, offset)
+        os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
+        return os.write(descriptor, data)
+
+    def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
+        """Write all of `data`, however short the single writes are."""
+        rest = memoryview(data)
+        while rest:
+            written = self.pwrite(descriptor, rest, offset)
+            if written <= 0:
+                raise OSError(errno.ENOSPC, "the disk took no more bytes")
+            rest = rest[written:]
+            offset += written
+
+    def sync(self, descriptor: int) -> None:
+        """Return when content and length are on the disk."""
+        if sys.platform == "darwin":  # there fsync stops at the drive's cache
+            import fcntl
+
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+        elif hasattr(os, "fdatasync"):
+            os.fdatasync(descriptor)
+        else:
+            os.fsync(descriptor)
+
+    def truncate(self, descriptor: int, size: int) -> None:
+        """Cut the file at `size` bytes."""
+        os.ftruncate(descriptor, size)
+
+    def replace(self, source: Path, target: Path) -> None:
+        """Rename within one folder; what was at `target` is gone."""
+        os.replace(source, target)
+
+    def unlink(self, path: Path) -> None:
+        """Take a name away: of the reserve, of drafts and of what has a copy in ``damaged``."""
+        os.unlink(path)
+
+    def make_directory(self, path: Path) -> None:
+        """Make one folder; one that exists is fine."""
+        if not path.is_dir():
+            os.mkdir(path)
+
+    def sync_directory(self, path: Path) -> None:
+        """Return when names made or changed in the folder are on the disk."""
+        if os.name == "nt":  # has no such call; NTFS journals names itself
+            return
+        descriptor = os.open(path, os.O_RDONLY | _NOT_INHERITED)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def free_bytes(self, path: Path) -> int:
+        """Bytes that may still be written to the disk of `path`."""
+        return shutil.disk_usage(path).free
+
+    def make_folder(self, path: Path) -> None:
+        """Make the folder and its parents, each on the disk before this returns."""
+        missing = []
+        while not path.is_dir():
+            missing.append(path)
+            if path.parent == path:
+                break
+            path = path.parent
+        for folder in reversed(missing):
+            self.make_directory(folder)
+            self.sync_directory(folder.parent)
+
+    def write_file(self, path: Path, data: bytes) -> None:
+        """Put a whole file in place at once: draft, on the disk, renamed, name on the disk."""
+        draft = draft_of(path)
+        self.write_draft(draft, data)
+        self.replace(draft, path)
+        self.sync_directory(path.parent)
+
+    def write_draft(self, draft: Path, data: bytes) -> None:
+        """Write a file that has not its final name yet, and wait until it is on the disk."""
+        if draft.exists():  # of a run that was killed
+            self.unlink(draft)
+        descriptor = self.open(draft, create=True)
+        try:
+            self.write_at(descriptor, data, 0)
+            self.sync(descriptor)
+        except OSError:
+            self.close(descriptor)
+            self.unlink(draft)
+            raise
+        self.close(descriptor)
+
+
+def draft_of(path: Path) -> Path:
+    """Name of the file that becomes `path` once it is whole."""
+    return path.with_name(f".{path.name}.tmp")
+
+
+def is_full(err: OSError) -> bool:
+    """Whether the error says that there is no room, rather than that the disk fails."""
+    return err.errno in FULL_ERRORS

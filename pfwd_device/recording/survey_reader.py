@@ -1,0 +1,315 @@
+"""Reads a survey without locking it, also while another program writes it."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.drop_payload import (
+    drop_from_parts,
+    rebound_from_payload,
+    with_rebounds,
+)
+from pfwd_device.recording.files import file_facts
+from pfwd_device.recording.framing import Kind
+from pfwd_device.recording.index import DropEntry, Index, build_index
+from pfwd_device.recording.journal import read_record
+from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.ledger import Entry
+from pfwd_device.recording.payload import decode_payload, payload_data
+from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.recovery import lost_texts
+from pfwd_device.text import clean
+
+_LONGEST_NOTE = 4096
+
+
+@dataclass(slots=True)
+class SurveyDrop:
+    """A drop with what was said of it later; its arrays are read when asked for."""
+
+    number: int
+    """Survey-wide number, from 1."""
+    point: str
+    """Name of the test point."""
+    drop: int
+    """Number within the point, from 1."""
+    key: str | None
+    """What identifies the drop on the instrument."""
+    discarded: bool
+    notes: tuple[str, ...]
+    position: Any
+    """As it was edited last; None: as recorded."""
+    target: Any
+    edits: tuple[dict[str, Any], ...]
+    """All edits, in order."""
+    results: tuple[Path, ...]
+    """Files with results, in order."""
+    file: Path | None
+    """Its HDF5 file, when it is published."""
+    source: str
+    """Where the record comes from: "journal", or "file" when the journal is damaged there."""
+    _survey: "Survey" = field(repr=False)
+
+    def read(self) -> DropRecord:
+        """The drop with all its rebounds.
+
+        Raises
+        ------
+        RecordingError
+            If neither journal nor file holds it whole.
+        """
+        return self._survey.read_drop(self.number)
+
+
+@dataclass(slots=True)
+class SurveyPoint:
+    """A test point."""
+
+    name: str
+    """As its drops name it."""
+    title: str
+    """As it was renamed last."""
+    order: int
+    declared: dict[str, Any]
+    """What was declared, edits included."""
+    discarded: bool
+    notes: tuple[str, ...]
+    position: Any
+    target: Any
+    edits: tuple[dict[str, Any], ...]
+    drops: tuple[SurveyDrop, ...]
+    """In the order of recording, discarded ones with them."""
+
+
+class Survey:
+    """What a survey holds; made by :func:`read_survey`."""
+
+    def __init__(self, layout: Layout, index: Index) -> None:
+        self.folder = layout.folder
+        self.info: dict[str, Any] = dict(index.info)
+        """``created_utc``, ``software``, ``format_version``."""
+        self.survey_id = index.survey.hex() if index.survey else ""
+        self.damage: tuple[str, ...] = ()
+        """What is lost, a short text each; ``check`` tells more."""
+        self._layout = layout
+        self._index = index
+        self._edits: dict[tuple[str, object], list[dict[str, Any]]] = {}
+        for edit in index.edits:
+            key = "number" if edit.get("number") is not None else "point"
+            self._edits.setdefault((key, str(edit.get(key))), []).append(edit)
+        self._results: dict[int | None, list[Path]] = {}
+        for listed in index.files.values():
+            if listed.path.startswith("results/"):
+                self._results.setdefault(listed.number, []).append(self.folder / listed.path)
+        self.points: tuple[SurveyPoint, ...] = self._points()
+        """In order."""
+
+    @property
+    def drops(self) -> tuple[SurveyDrop, ...]:
+        """All drops by survey-wide number."""
+        found = [drop for point in self.points for drop in point.drops]
+        return tuple(sorted(found, key=lambda drop: drop.number))
+
+    @property
+    def events(self) -> tuple[dict[str, Any], ...]:
+        """Gaps, reconnections and the like, in order."""
+        return tuple(self._data(self._index.events))
+
+    @property
+    def checks(self) -> tuple[dict[str, Any], ...]:
+        """Checks of zero and span, in order."""
+        return tuple(self._data(self._index.checks))
+
+    @property
+    def captures(self) -> tuple[Path, ...]:
+        """Raw captures that are closed."""
+        return _in_order(
+            [self.folder / path for path in self._index.files if path.startswith("captures/")]
+        )
+
+    def read_drop(self, number: int) -> DropRecord:
+        """The drop with this survey-wide number, with all its rebounds.
+
+        Raises
+        ------
+        RecordingError
+            If neither journal nor file holds it whole.
+        """
+        entry = self._index.drops.get(number)
+        if entry is not None:
+            try:
+                return self._from_journal(entry)
+            except RecordingError:
+                pass  # damaged since the survey was opened
+        record = self._from_file(number)
+        if record is None:
+            raise RecordingError(
+                f"{self.folder}: expected drop {number} in the journal or in a file, came neither "
+                "whole; try pfwd recover"
+            )
+        return with_rebounds(record, self._rebounds(self._index.rebounds.get(number, [])))
+
+    def _points(self) -> tuple[SurveyPoint, ...]:
+        drops = {entry.number: self._drop(entry) for entry in self._index.drops.values()}
+        lost = set(self._index.lost_drops)
+        for number in {*lost, *self._layout.drop_files()} - set(drops):
+            record = self._from_file(number)
+            if record is not None:
+                drops[number] = self._drop_of_file(number, record)
+                lost.discard(number)
+        self.damage = tuple(
+            text for text in lost_texts(self._index) if not self._is_found(text, drops)
+        )
+        known = dict(self._index.points)
+        for drop in drops.values():
+            known.setdefault(
+                drop.point, {"name": drop.point, "order": len(known) + 1, "declared": {}}
+            )
+        ordered = sorted(known.values(), key=lambda point: int(point["order"]))
+        return tuple(
+            self._point(
+                point, tuple(d for n, d in sorted(drops.items()) if d.point == point["name"])
+            )
+            for point in ordered
+        )
+
+    def _is_found(self, text: str, drops: dict[int, SurveyDrop]) -> bool:
+        return any(
+            text == f"drop {drop.point}/{drop.drop} is lost"
+            for drop in drops.values()
+            if drop.source == "file"
+        )
+
+    def _point(self, data: dict[str, Any], drops: tuple[SurveyDrop, ...]) -> SurveyPoint:
+        edits = self._edits_of("point", data["name"])
+        state = _state(edits)
+        declared = dict(data["declared"])
+        for edit in edits:
+            if edit["what"] == "declared" and isinstance(edit.get("value"), dict):
+                declared |= edit["value"]
+        return SurveyPoint(
+            name=data["name"],
+            title=clean(str(state.get("name") or data["name"])),
+            order=int(data["order"]),
+            declared=declared,
+            discarded=bool(state.get("discarded")),
+            notes=_notes(edits),
+            position=state.get("position"),
+            target=state.get("target"),
+            edits=edits,
+            drops=drops,
+        )
+
+    def _drop(self, entry: DropEntry) -> SurveyDrop:
+        return self._made(entry.number, entry.point, entry.drop, entry.key, "journal")
+
+    def _drop_of_file(self, number: int, record: DropRecord) -> SurveyDrop:
+        key = record.metadata.get("key")
+        text = key if isinstance(key, str) else None
+        return self._made(number, record.point, record.drop.number, text, "file")
+
+    def _made(self, number: int, point: str, drop: int, key: str | None, source: str) -> SurveyDrop:
+        edits = self._edits_of("number", number)
+        state = _state(edits)
+        path = self._layout.drop_file(number)
+        return SurveyDrop(
+            number=number,
+            point=point,
+            drop=drop,
+            key=key,
+            discarded=bool(state.get("discarded")),
+            notes=_notes(edits),
+            position=state.get("position"),
+            target=state.get("target"),
+            edits=edits,
+            results=_in_order(self._results.get(number, [])),
+            file=path if self._layout.relative(path) in self._index.files else None,
+            source=source,
+            _survey=self,
+        )
+
+    def _edits_of(self, key: str, value: object) -> tuple[dict[str, Any], ...]:
+        return tuple(self._edits.get((key, str(value)), ()))
+
+    def _data(self, entries: list[Entry]) -> Iterator[dict[str, Any]]:
+        for entry in entries:
+            try:
+                frame = read_record(self._layout, entry.segment, entry.offset)
+                yield payload_data(frame.payload)
+            except RecordingError:
+                continue
+
+    def _from_journal(self, entry: DropEntry) -> DropRecord:
+        frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
+        if frame.kind != Kind.DROP or frame.sequence != entry.entry.sequence:
+            raise RecordingError(f"expected drop {entry.number}, came another record")
+        record = drop_from_parts(*decode_payload(frame.payload))
+        return with_rebounds(record, self._rebounds(entry.rebounds))
+
+    def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
+        found = []
+        for entry in entries:
+            try:
+                frame = read_record(self._layout, entry.segment, entry.offset)
+                found.append(rebound_from_payload(frame.payload))
+            except RecordingError:
+                continue
+        return tuple(found)
+
+    def _from_file(self, number: int) -> DropRecord | None:
+        """The drop of a file that is as it was published, or None."""
+        path = self._layout.drop_file(number)
+        listed = self._index.files.get(self._layout.relative(path))
+        try:
+            # HDF5 may do anything with damaged bytes; the checksum goes first where there is one.
+            if listed and file_facts(self._layout, path)["sha256"] != listed.sha256:
+                return None
+            from pfwd_device.recording.drop_file import read_drop_file_parts
+
+            record, found, survey = read_drop_file_parts(path)
+        except (OSError, RecordingError):
+            return None
+        same = found == number and (self._index.survey in (None, survey))
+        return record if same else None
+
+
+def read_survey(folder: str | os.PathLike[str]) -> Survey:
+    """The survey in a folder, read-only; arrays are read when asked for.
+
+    Drops come from the journal; where it is damaged, from the drop's file.
+
+    Raises
+    ------
+    RecordingError
+        If there is no survey, or it cannot be read at all.
+    """
+    layout = Layout(Path(folder).absolute())
+    if not layout.exists():
+        raise RecordingError(
+            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+        )
+    return Survey(layout, build_index(layout))
+
+
+def _in_order(paths: list[Path]) -> tuple[Path, ...]:
+    return tuple(sorted(paths, key=lambda path: (len(path.name), path.name)))
+
+
+def _state(edits: tuple[dict[str, Any], ...]) -> dict[str, Any]:
+    """What counts after all edits: the last of each kind."""
+    state: dict[str, Any] = {}
+    for edit in edits:
+        what = edit["what"]
+        if what in ("discard", "restore"):
+            state["discarded"] = what == "discard"
+        else:
+            state[what] = edit.get("value")
+    return state
+
+
+def _notes(edits: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
+    texts = (str(edit.get("value")) for edit in edits if edit["what"] == "note")
+    return tuple(clean(text.replace("\n", " "), limit=_LONGEST_NOTE) for text in texts)

@@ -1,0 +1,80 @@
+"""Where a session gets its samples from: an instrument, a recorded survey, a recorded link.
+
+A session does not know which. A recorded drop is announced by `RecordedDrop`, so that the detection
+begins with what it knew when the drop was measured.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from pfwd_device.acquisition.detection import AtRest, DetectionSettings
+from pfwd_device.acquisition.items import Item
+from pfwd_device.identity import Identity
+from pfwd_device.recording.record import DropRecord
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RecordedDrop:
+    """The samples that follow are those of a drop that was recorded before."""
+
+    record: DropRecord
+    """The drop as it was recorded."""
+    identity: Identity
+    """Of the instrument, as its counts were calibrated."""
+    settings: DetectionSettings
+    """With which it was found."""
+    stream: int
+    """Number of the run of the sampler."""
+    first: int
+    """Index of the first sample."""
+    at_rest: AtRest
+    """The load at rest as the detection knew it."""
+    operator_trigger: int | None
+    """Index of the sample at which the operator triggered; None: the load did."""
+    file: str
+    """Where it is kept."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ImportedDrop:
+    """A drop that has no samples of a converter: it goes on as it is."""
+
+    record: DropRecord
+    file: str
+    """Where it is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """There is nothing more to come."""
+
+
+FeedItem = Item | RecordedDrop | ImportedDrop | Ended
+
+
+class Feed(Protocol):
+    """A source of samples."""
+
+    live: bool
+    """Whether an instrument is there now: it can be checked, and its drops are new."""
+
+    def next(self, timeout: float) -> FeedItem | None:
+        """What comes next, None when nothing came within so many seconds."""
+        ...
+
+    def shunt(self, on: bool) -> None:
+        """Switch the calibration shunt of the load cell."""
+        ...
+
+    def counters(self) -> dict[str, float | None]:
+        """Everything that was discarded, by name, and the drift of the clock in ppm."""
+        ...
+
+    @property
+    def lost_since(self) -> float | None:
+        """Monotonic clock when the instrument was lost, s; None: it answers."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...

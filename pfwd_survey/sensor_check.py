@@ -1,0 +1,202 @@
+"""Zero and span of the load cell, and whether every channel is alive, before it is relied upon."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device.acquisition.items import Samples
+from pfwd_device.calibration import load_channel, to_si
+from pfwd_device.identity import UNIT_OF_ROLE, Identity, Role
+
+AT_REST = 0.3
+"""s of samples at rest that are looked at: fifteen periods of mains hum."""
+
+SHUNTED = 0.2
+"""s of samples with the shunt, after `SETTLING`."""
+
+SETTLING = 0.05
+"""s after the shunt has been switched, which are left out."""
+
+LARGEST_ZERO = 0.01
+"""Part of the load channel's range by which its zero may be off: a percent of full scale is what a
+load cell drifts over a season; more means that something leans on it or that it is overstrained."""
+
+LARGEST_ZERO_FLOOR = 150.0
+"""N; the weight that rests on its springs counts as zero too."""
+
+SHUNT_ANSWER = 2.0
+"""s of samples within which the shunt has to be on after it was asked for."""
+
+HIT = 400.0
+"""N; a load that changes by more while the shunt is on is no noise."""
+
+SPAN_TOLERANCE = 0.02
+"""Of the shunt's reading; what a calibration is good for."""
+
+CHECK_AGAIN = 600.0
+"""s without a drop, by the samples, after which the sensors are checked again."""
+
+Finding = tuple[dict[str, Any], tuple[str, ...]]
+
+
+class Switch(Protocol):
+    """Switches the calibration shunt of the load cell."""
+
+    def __call__(self, on: bool) -> None: ...
+
+
+class SensorChecker:
+    """Checks the sensors before the first drop and after a pause, when the instrument is at rest.
+
+    Parameters
+    ----------
+    identity : Identity
+    shunt : callable
+        Switches the calibration shunt.
+    """
+
+    def __init__(self, identity: Identity, shunt: Switch) -> None:
+        self._identity = identity
+        self._shunt = shunt
+        self._rate = identity.sampling_rate
+        self._has_shunt = identity.channels[load_channel(identity)].shunt is not None
+        self._begin()
+
+    @property
+    def due(self) -> bool:
+        """Whether a check is under way or to come: the shunt may be on, which hides a drop."""
+        return self._due
+
+    def _begin(self) -> None:
+        self._due = True
+        self._asked = False
+        self._rest: list[NDArray[np.int32]] = []
+        self._shunted: list[NDArray[np.int32]] = []
+        self._unshunted = 0
+        self._left_on = 0
+        self._idle = 0
+
+    def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
+        """What a check found that is complete with these samples.
+
+        Parameters
+        ----------
+        samples : Samples
+        at_rest : bool
+            Whether no drop is under way.
+
+        Returns
+        -------
+        details : dict
+            ``zero_n``, ``span_ratio`` (None without a shunt) and for every channel its ``noise``
+            (root mean square) with ``unit``.
+        faults : tuple of str
+        """
+        if not at_rest:
+            self._idle = 0
+            self._interrupt()
+            return None
+        self._idle += len(samples.counts)
+        if not self._due:
+            if self._idle > CHECK_AGAIN * self._rate:
+                self._begin()
+            return None
+        if not self._asked:
+            return self._feed_rest(samples)
+        return self._feed_shunted(samples)
+
+    def _feed_rest(self, samples: Samples) -> Finding | None:
+        if samples.shunt:
+            # Left on by a program that ended in the middle of its check.
+            if self._left_on % max(1, round(SHUNT_ANSWER * self._rate / len(samples.counts))) == 0:
+                self._shunt(False)
+            self._left_on += 1
+            return None
+        self._rest.append(samples.counts)
+        if _length(self._rest) < AT_REST * self._rate:
+            return None
+        if not self._has_shunt:
+            return self._conclude()
+        self._asked = True
+        self._shunt(True)
+        return None
+
+    def _feed_shunted(self, samples: Samples) -> Finding | None:
+        if samples.shunt:
+            self._shunted.append(samples.counts)
+        else:
+            self._unshunted += len(samples.counts)
+        complete = _length(self._shunted) >= (SETTLING + SHUNTED) * self._rate
+        if not complete and self._unshunted < SHUNT_ANSWER * self._rate:
+            return None
+        self._shunt(False)
+        return self._conclude()
+
+    def _interrupt(self) -> None:
+        """A drop goes before a check, which begins anew after it."""
+        if self._due:
+            if self._asked:
+                self._shunt(False)
+            self._begin()
+
+    def _conclude(self) -> Finding:
+        self._due = False
+        return self._result()
+
+    def _result(self) -> Finding:
+        identity = self._identity
+        counts = np.concatenate(self._rest)
+        scale = identity.volts_per_count
+        index = load_channel(identity)
+        load = identity.channels[index]
+        # The median: a knock while it is looked at is neither zero nor span.
+        zero = float(np.median(to_si(counts[:, index], load, scale)))
+        ratio = None
+        faults = _zero_faults(zero, identity)
+        if self._has_shunt and _length(self._shunted) < (SETTLING + SHUNTED) * self._rate:
+            faults.append(
+                "span of the load cell: expected samples with the shunt on, came none; the "
+                "instrument did not switch it"
+            )
+        elif load.shunt is not None:
+            shunted = np.concatenate(self._shunted)[round(SETTLING * self._rate) :]
+            values = to_si(shunted[:, index], load, scale)
+            reading = float(np.median(values)) - zero
+            if float(np.abs(values - np.median(values)).max()) > HIT:
+                faults.append(
+                    "something hit the plate while the shunt was on, which hides a drop: expected "
+                    "rest until ready is said; repeat the drop"
+                )
+            ratio = reading / load.shunt
+            if not abs(ratio - 1) <= SPAN_TOLERANCE:
+                faults.append(
+                    f"span of the load cell: expected {load.shunt:.0f} N from the shunt, came "
+                    f"{reading:.0f} N; the calibration does not hold any more"
+                )
+        channels = []
+        for one, column in zip(identity.channels, counts.T, strict=True):
+            noise = float(to_si(column, one, scale).std())
+            channels.append({"name": one.name, "noise": noise, "unit": UNIT_OF_ROLE[one.role]})
+            if one.role is not Role.UNUSED and np.ptp(column) == 0:
+                faults.append(
+                    f"channel {one.name}: expected at least the noise of the converter, came the "
+                    f"same value {column[0]} all the time; check its cable"
+                )
+        details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}
+        return details, tuple(faults)
+
+
+def _zero_faults(zero: float, identity: Identity) -> list[str]:
+    load = identity.channels[load_channel(identity)]
+    limit = max(LARGEST_ZERO * abs(identity.adc_range / load.sensitivity), LARGEST_ZERO_FLOOR)
+    if abs(zero) <= limit:
+        return []
+    return [
+        f"zero of the load cell: expected at most {limit:.0f} N at rest, came {zero:.0f} N; take "
+        "everything off the plate, then check the cell and its cable"
+    ]
+
+
+def _length(parts: list[NDArray[np.int32]]) -> int:
+    return sum(map(len, parts))

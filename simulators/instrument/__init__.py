@@ -1,0 +1,22 @@
+"""A mock instrument: drops from finite elements, over a virtual serial port or TCP."""
+
+from simulators.instrument.checks import ScenarioError
+from simulators.instrument.endpoint import EndpointError
+from simulators.instrument.run import SimulatedInstrument, SimulateOptions, serve, simulate
+from simulators.instrument.scenario import (
+    Scenario,
+    builtin_scenarios,
+    load_scenario,
+)
+
+__all__ = [
+    "EndpointError",
+    "Scenario",
+    "ScenarioError",
+    "SimulateOptions",
+    "SimulatedInstrument",
+    "builtin_scenarios",
+    "load_scenario",
+    "serve",
+    "simulate",
+]

@@ -1,0 +1,394 @@
+"""The instrument as a machine: bytes in, bytes out, simulated time; no port and no real clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pfwd_device.identity import FASTEST_SAMPLING
+from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, VERSION
+from pfwd_device.wire.messages import (
+    Configure,
+    Event,
+    EventKind,
+    Hello,
+    HostMessage,
+    InstrumentMessage,
+    Refusal,
+    RefusalCode,
+    SampleBlock,
+    Shunt,
+    Start,
+    Status,
+    Stop,
+)
+from simulators.instrument.faults import BadCable
+from simulators.instrument.language import language_of
+from simulators.instrument.scenario import Fault, Scenario
+from simulators.instrument.schedule import Knock
+from simulators.instrument.timeline import PAGE, Bench, Timeline
+from simulators.instrument.truth import drop_truth
+from simulators.instrument.units import UnitDrops, with_drawn_soil
+
+LONGEST_BLOCK = 0.005
+"""s of samples in a frame: one that is lost then hides a part of a pulse and never a whole one."""
+LONGEST_SHUNT = 10.0
+"""s after which the shunt goes off by itself: the host may be gone."""
+LOOK_AHEAD = 1.0
+"""s before a touch at which its drop has to have been computed; a turn of the loop is shorter."""
+_STREAM = 7  # stream of random numbers
+
+
+@dataclass(slots=True)
+class _Stream:
+    """One run of the sampler."""
+
+    number: int
+    began: float
+    """s of simulated time."""
+    origin: float
+    """s that were sampled in earlier streams."""
+    timeline: Timeline
+    first_drop: int
+    end: int | None
+    index: int = 0
+    """Of the next sample."""
+
+
+class Instrument:
+    """A simulated instrument.
+
+    The caller hands over what the host sends (`receive`), lets time pass (`advance`), and takes
+    what is to be sent (`output`, `sent`).
+
+    Parameters
+    ----------
+    scenario : Scenario
+    seed : int
+    drops : int or None
+        How many; then comes the end. None: for ever.
+    overruns : bool
+        Whether samples are thrown away when nobody takes them; else they wait without limit, and
+        it is the caller who has to let no time pass.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int = 0,
+        drops: int | None = None,
+        overruns: bool = True,
+    ) -> None:
+        self.scenario = with_drawn_soil(scenario, seed)
+        self._seed, self._last_drop = seed, drops
+        settings = self.scenario.drops
+        given = settings.seating if drops is None else settings.seating[:drops]
+        self._bench = Bench(self.scenario, UnitDrops(self.scenario, (*given, 1.0)), seed)
+        self._rate = self.scenario.device.sampling_rate
+        self._language = language_of(self.scenario.link.dialect, self._rate)
+        self._cable = BadCable(self.scenario.link, seed)
+        self._overruns_on = overruns
+        self._due = list(self.scenario.faults_of(*(k for k in Fault.KEYS if k != "knock")))
+        self._starts = 0
+        self._drops_given = 0
+        self._truth: list[dict[str, Any]] = []
+        self._sampled = 0.0
+        self._bytes_per_sample = 3.0 * len(self.scenario.device.channels)
+        self._stream: _Stream | None = None
+        self._greeted = False
+        self.output = bytearray()
+        """What is to be sent; `sent` shortens it."""
+        self.ended = False
+        """Whether everything has been said."""
+        self.unplugged: Fault | None = None
+        """The cable is to be pulled, once the host has what was sent; until `plug`."""
+        self.time = 0.0
+        """s since the first switching on."""
+        self._switch_on()
+
+    def _switch_on(self) -> None:
+        self._halt()
+        self._on_since = self.time
+        self._clock_offset = self.scenario.device.clock_start_us
+        self._overruns = 0
+        self._shunt, self._shunt_until = False, math.inf
+        self._stalled_until = -math.inf
+
+    @property
+    def sampling(self) -> bool:
+        """Whether samples are being made."""
+        return self._stream is not None
+
+    @property
+    def stalled(self) -> bool:
+        """Whether it keeps silent although it has something to say."""
+        return self.time < self._stalled_until
+
+    @property
+    def ready(self) -> bool:
+        """Whether time can pass without waiting for a drop that is still being computed."""
+        stream, number = self._stream, self._drops_given + 1
+        if stream is None or (self._last_drop is not None and number > self._last_drop):
+            return True
+        left = stream.timeline.touch(number) - stream.index / self._rate
+        soon = left < LOOK_AHEAD + PAGE / self._rate
+        return not soon or self._bench.ready(self._bench.schedule.modulus_factor(number))
+
+    # What the host does
+
+    def connect(self) -> None:
+        """Somebody listens."""
+        if not self._greeted:
+            self._greeted = True
+            self.output += self._cable.garbage(self.scenario.link.garbage_at_start)
+        if self._language.starts_by_itself and not self.sampling and not self.ended:
+            self._start()
+
+    def disconnect(self) -> None:
+        """Nobody listens any more: sampling stops, what was not taken is gone."""
+        self._halt()
+        self._cable.release()
+        self.output.clear()
+        self.ended = self.ended or self._all_given()
+
+    def receive(self, data: bytes) -> None:
+        """The host said this."""
+        for message in self._language.hear(data):
+            self._answer(message)
+
+    def _answer(self, message: HostMessage | None) -> None:
+        match message:
+            case Hello():
+                if message.oldest_version <= VERSION <= message.newest_version:
+                    self._send(self.scenario.device.identity(self._rate))
+                else:
+                    self._refuse(RefusalCode.VERSION, f"this instrument speaks version {VERSION}")
+            case Configure():
+                self._configure(message.sampling_rate)
+            case Start():
+                if self.ended:
+                    self._refuse(RefusalCode.BUSY, "there are no more drops")
+                else:
+                    self._start()
+            case Stop():
+                self._halt()
+                self.status()
+                if self._all_given() and not self.ended:  # a host that has what it wanted
+                    self._say_end()
+            case Shunt():
+                self._switch_shunt(message.on)
+            case None:
+                self._refuse(RefusalCode.UNKNOWN, "unknown message")
+
+    def _configure(self, wanted: float) -> None:
+        if self.sampling:
+            self._refuse(RefusalCode.BUSY, "stop sampling first")
+        elif not 0 < wanted <= FASTEST_SAMPLING:  # NaN is neither
+            self._refuse(RefusalCode.ARGUMENT, f"no sampling rate of {wanted:g} Hz")
+        else:
+            rates = self.scenario.device.sampling_rates
+            self._rate = min(rates, key=lambda rate: (abs(rate - wanted), rate))
+            self._send(self.scenario.device.identity(self._rate))
+
+    def _switch_shunt(self, on: bool) -> None:
+        if all(channel.shunt is None for channel in self.scenario.device.channels):
+            self._refuse(RefusalCode.ARGUMENT, "there is no shunt")
+            return
+        self._shunt = on
+        self._shunt_until = self.time + LONGEST_SHUNT
+        self._event(EventKind.SHUNT_ON if on else EventKind.SHUNT_OFF)
+
+    def _watch_shunt(self) -> None:
+        if self._shunt and self.time >= self._shunt_until:
+            self._switch_shunt(False)
+
+    def _halt(self) -> None:
+        if self._stream is not None:
+            self._sampled += self._stream.index / self._rate
+            self._stream = None
+
+    def _start(self) -> None:
+        self._halt()
+        self._starts += 1
+        number = int(np.random.default_rng([self._seed, _STREAM, self._starts]).integers(1 << 32))
+        knocks = tuple(
+            Knock(fault.at_s - self._sampled, fault.load)
+            for fault in self.scenario.faults_of("knock")
+        )
+        first = self._drops_given + 1
+        timeline = Timeline(self._bench, self._rate, first, self._last_drop, knocks)
+        end = timeline.end_index()
+        self._stream = _Stream(number, self.time, self._sampled, timeline, first, end)
+
+    # Time
+
+    def advance(self, seconds: float) -> None:
+        """Simulated time passes; stops early when the cable is to be pulled."""
+        until = self.time + seconds
+        while self._stream is not None and self.unplugged is None:
+            stream = self._stream
+            if stream.end is not None and stream.index >= stream.end:
+                self._end(stream)
+                break
+            stop = stream.index + self._block_samples()
+            if stream.end is not None:
+                stop = min(stop, stream.end)
+            if self._due:
+                at = math.ceil((self._due[0].at_s - stream.origin) * self._rate - 1e-6)
+                if at <= stream.index:
+                    self.time = max(self.time, stream.began + stream.index / self._rate)
+                    self._happen(self._due.pop(0))
+                    continue
+                stop = min(stop, at)  # blocks are cut where something happens
+            if stream.began + stop / self._rate > until + 1e-9:
+                break
+            self.time = max(self.time, stream.began + stream.index / self._rate)
+            self._watch_shunt()
+            self._emit(stream, stop)
+        if self.unplugged is None:
+            self.time = max(self.time, until)
+            self._watch_shunt()
+
+    def pass_unplugged(self, seconds: float) -> None:
+        """Time passes without a cable: what is sampled meanwhile is lost."""
+        self.time += seconds
+        stream = self._stream
+        if stream is not None:
+            index = math.floor((self.time - stream.began) * self._rate)
+            index = index if stream.end is None else min(index, stream.end - 1)
+            self._skip(stream, max(0, index - stream.index))
+
+    def plug(self) -> None:
+        """The cable is in again; without power meanwhile the instrument begins anew."""
+        fault, self.unplugged = self.unplugged, None
+        self._cable.release()
+        self.output.clear()
+        if fault is not None and not fault.powered:
+            self._switch_on()
+            self._event(EventKind.BOOT)
+
+    def _block_samples(self) -> int:
+        most = MOST_SAMPLE_BYTES // (3 * len(self.scenario.device.channels))
+        wanted = self.scenario.link.block_samples or math.ceil(LONGEST_BLOCK * self._rate)
+        return min(wanted, most)
+
+    def _emit(self, stream: _Stream, stop: int) -> None:
+        """The samples before `stop`, or their loss when there is no room."""
+        room = self.scenario.link.buffer * self._rate * self._bytes_per_sample
+        if self._overruns_on and len(self.output) > room:
+            self._overruns += stop - stream.index
+            self._skip(stream, stop - stream.index)
+            return
+        counts = stream.timeline.counts(stream.index, stop)
+        if self._shunt:
+            counts = self._with_shunt(counts)
+        clock = self._clock_us(stream.began + stream.index / self._rate)
+        frame = self._language.frame(
+            SampleBlock(stream.number, stream.index, clock, counts, self._shunt)
+        )
+        self._bytes_per_sample = len(frame) / len(counts)
+        self.output += self._cable.carry(frame)
+        self._skip(stream, stop - stream.index)
+
+    def _skip(self, stream: _Stream, count: int) -> None:
+        stream.index += count
+        self._note_drops(stream)
+
+    def _with_shunt(self, counts: Any) -> Any:
+        device = self.scenario.device
+        full = 1 << (device.adc_bits - 1)
+        volts = [channel.sensitivity * (channel.shunt or 0.0) for channel in device.channels]
+        shift = np.rint(np.array(volts) * full / device.adc_range).astype(np.int32)
+        return np.clip(counts + shift, -full, full - 1)
+
+    def _note_drops(self, stream: _Stream) -> None:
+        """Keep the truth of the drops that have been touched."""
+        while self._last_drop is None or self._drops_given < self._last_drop:
+            number = self._drops_given + 1
+            index = stream.timeline.touch_index(number)
+            if index >= stream.index:
+                break
+            self._drops_given = number
+            where = {
+                "stream": stream.number,
+                "touch_sample": index,
+                "touch_s": stream.timeline.touch(number),
+            }
+            self._truth.append({**drop_truth(self._bench, number), **where})
+
+    def _end(self, stream: _Stream) -> None:
+        self.time = stream.began + stream.index / self._rate
+        self._halt()
+        self._say_end()
+
+    def _all_given(self) -> bool:
+        return self._last_drop is not None and self._drops_given >= self._last_drop
+
+    def _say_end(self) -> None:
+        self._event(EventKind.END)
+        self.output += self._cable.release()
+        self.ended = True
+
+    # Faults
+
+    def _happen(self, fault: Fault) -> None:
+        match fault.kind:
+            case "lost" | "repeated" | "reordered" | "bit-errors":
+                self._cable.order(fault.kind, fault.count)
+            case "garbage":
+                self.output += self._cable.garbage(fault.count)
+            case "overrun":
+                if self._stream is not None:
+                    self._overruns += fault.count
+                    self._skip(self._stream, fault.count)
+            case "stall":
+                self._stalled_until = self.time + fault.seconds
+            case "clock-jump":
+                self._clock_offset += round(fault.seconds * 1e6)
+            case "reset":
+                self._switch_on()
+                self._event(EventKind.BOOT)
+                if self._language.starts_by_itself:
+                    self._start()
+            case "unplug":
+                self.unplugged = fault
+                if not fault.powered:
+                    self._halt()
+            case "trigger":
+                self._event(EventKind.TRIGGER)
+            case "low-battery":
+                self._event(EventKind.LOW_BATTERY)
+
+    # What the instrument says
+
+    def status(self) -> None:
+        """Say how it is; to be called at least every half second of real time."""
+        device = self.scenario.device
+        clock = self._clock_us(self.time)
+        self._send(Status(clock, device.battery, device.temperature, self._overruns, self.sampling))
+
+    def sent(self, count: int) -> None:
+        """So many bytes of `output` are on their way."""
+        del self.output[:count]
+
+    def _clock_us(self, time: float) -> int:
+        drift = 1 + 1e-6 * self.scenario.device.clock_drift_ppm
+        return max(0, self._clock_offset + round((time - self._on_since) * drift * 1e6))
+
+    def _event(self, kind: EventKind) -> None:
+        self._send(Event(kind, self._clock_us(self.time), self.scenario.device.message))
+
+    def _refuse(self, code: RefusalCode, reason: str) -> None:
+        self._send(Refusal(code, reason))
+
+    def _send(self, message: InstrumentMessage) -> None:
+        self.output += self._cable.carry(self._language.frame(message), samples=False)
+
+    # What nobody on the wire is told
+
+    def truth(self) -> list[dict[str, Any]]:
+        """What was simulated in each drop so far; SI units, units in the names."""
+        return list(self._truth)

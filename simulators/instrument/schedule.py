@@ -1,0 +1,92 @@
+"""When the hammer falls and rebounds: a function of the seed and the number of the drop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from simulators.instrument.scenario import Scenario
+
+_DROPS = 1  # stream of random numbers, beside those of other modules
+
+
+@dataclass(frozen=True)
+class Impact:
+    """The hammer on the plate."""
+
+    delay: float
+    """s after the touch of the drop."""
+    factor: float
+    """Over the drop from the height of the scenario."""
+
+
+@dataclass(frozen=True)
+class Knock:
+    """Something small that hits the plate and is no drop."""
+
+    time: float
+    """s."""
+    load: float
+    """Peak, N."""
+
+
+@dataclass(frozen=True)
+class PlannedDrop:
+    """One fall of the hammer with all that follows it."""
+
+    number: int
+    """From 1."""
+    shift: float
+    """Of the touch against the regular interval, s."""
+    modulus_factor: float
+    """Modulus of the soil over that of the scenario: below 1 while the plate seats itself."""
+    impacts: tuple[Impact, ...]
+    """The first is the drop itself, the others are its rebounds."""
+    knock: Knock | None = None
+    """Before the next drop; its time is from the touch of this one."""
+
+
+class Schedule:
+    """The drops of a scenario in their order.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    seed : int
+    """
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        self._settings = scenario.drops
+        self._seed = seed
+        self.drop = lru_cache(maxsize=64)(self._drop)
+        """The drop of a number, from 1."""
+
+    def modulus_factor(self, number: int) -> float:
+        """Factor of the modulus under a drop."""
+        settings = self._settings
+        place = number - 1
+        if settings.drops_per_point:
+            place %= settings.drops_per_point
+        return settings.seating[place] if place < len(settings.seating) else 1.0
+
+    def _drop(self, number: int) -> PlannedDrop:
+        settings = self._settings
+        generator = np.random.default_rng([self._seed, _DROPS, number])
+        shift = settings.jitter * float(generator.uniform(-1, 1))
+        factor = max(0.2, 1 + settings.height_scatter * float(generator.standard_normal()))
+        count = int(generator.integers(settings.bounces[0], settings.bounces[1], endpoint=True))
+        impacts = [Impact(0.0, factor)]
+        wait_low, wait_high = settings.bounce_interval
+        ratio_low, ratio_high = settings.bounce_ratio
+        for _ in range(count):
+            last = impacts[-1]
+            wait = float(generator.uniform(wait_low, wait_high))
+            ratio = float(generator.uniform(ratio_low, ratio_high))
+            impacts.append(Impact(last.delay + wait, last.factor * ratio))
+        knock = None
+        if generator.uniform() < settings.knock_probability:
+            when = float(generator.uniform(0.5, 0.7)) * settings.interval
+            knock = Knock(when, settings.knock_load * float(generator.uniform(0.7, 1.0)))
+        return PlannedDrop(number, shift, self.modulus_factor(number), tuple(impacts), knock)

@@ -1,0 +1,217 @@
+"""The samples of one stream as counts of the converter: a function of seed, scenario and index.
+
+Nothing here depends on when or in which portions samples are asked for: they are made in pages at
+fixed places, and every random number belongs to a place or to the number of a drop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.instrument.response import LONGEST_RESPONSE, DropResponse, channel_gain
+from simulators.instrument.scenario import Scenario
+from simulators.instrument.schedule import Knock, Schedule
+from simulators.instrument.units import UnitDrops
+from simulators.mesh import Array
+
+PAGE = 4096
+"""Samples that are made at a time."""
+NOISE_PERIODS = (65_521, 32_749)
+"""Samples after which the two tables of noise begin again; primes, so that their sum does not for
+two milliards of samples."""
+HUM_HARMONICS = ((1, 1.0), (3, 0.35), (5, 0.15))
+"""Order and relative amplitude of what the mains induce."""
+WANDER_PERIODS = (211.0, 67.0, 23.0)
+"""s; of the sines that a slow drift is made of."""
+_NOISE, _WANDER = 2, 3  # streams of random numbers
+
+
+class Bench:
+    """What all streams of one instrument share: responses to drops, tables of noise, schedule.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    units : UnitDrops
+        Its drops, perhaps still being computed.
+    seed : int
+    """
+
+    def __init__(self, scenario: Scenario, units: UnitDrops, seed: int) -> None:
+        self.scenario, self.seed = scenario, seed
+        self._units = units
+        self._responses: dict[float, DropResponse] = {}
+        self.schedule = Schedule(scenario, seed)
+        channels = scenario.device.channels
+        self.gains = np.array([channel_gain(c, scenario.effects) for c in channels])
+        self.sensitivities = np.array([channel.sensitivity for channel in channels])
+        generator = np.random.default_rng([seed, _NOISE])
+        # Two tables of equal variance; what an amplifier adds, so no gain of a sensor is in it.
+        noise = self.sensitivities * [channel.noise for channel in channels] / math.sqrt(2)
+        self.noise = [
+            (generator.standard_normal((period, len(channels))) * noise).astype(np.float32)
+            for period in NOISE_PERIODS
+        ]
+        phases = np.random.default_rng([seed, _WANDER]).uniform(
+            0, 2 * math.pi, (len(WANDER_PERIODS), len(channels))
+        )
+        self.wander_phases = phases
+
+    def ready(self, factor: float) -> bool:
+        """Whether what the others tell about this factor can be told without waiting."""
+        return self._units.ready(factor)
+
+    def response(self, factor: float) -> DropResponse:
+        """What the channels read of a unit drop on soil with this factor; may wait for it."""
+        if factor not in self._responses:
+            self._responses[factor] = DropResponse(self.scenario, self._units.get(factor))
+        return self._responses[factor]
+
+    def peaks(self, factor: float) -> tuple[float, float]:
+        """Peak load, N, and displacement under the first sensor, m, of a unit drop."""
+        unit = self._units.get(factor)
+        sensors = [
+            row
+            for row, channel in enumerate(self.scenario.device.channels)
+            if channel.role in ("geophone", "displacement")
+        ]
+        deflection = float(np.max(unit.displacement[sensors[0]])) if sensors else math.nan
+        return float(np.max(unit.load)), deflection
+
+
+class Timeline:
+    """The samples of one stream.
+
+    Parameters
+    ----------
+    bench : Bench
+    sampling_rate : float, Hz
+    first_drop : int
+        Number of the first drop in this stream.
+    last_drop : int or None
+        None: there is always another one.
+    knocks : besides those of the schedule, at times in the stream
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        sampling_rate: float,
+        first_drop: int = 1,
+        last_drop: int | None = None,
+        knocks: tuple[Knock, ...] = (),
+    ) -> None:
+        self._bench = bench
+        self._rate = sampling_rate
+        self._first, self._last = first_drop, last_drop
+        self._knocks = knocks
+        self._page = (-1, np.zeros((0, 0), np.int32))
+        device, settings = bench.scenario.device, bench.scenario.drops
+        self._drops = settings
+        self._volts_per_count = device.adc_range / (1 << (device.adc_bits - 1))
+        self._limits = (-(1 << (device.adc_bits - 1)), (1 << (device.adc_bits - 1)) - 1)
+        channels, sensed = device.channels, bench.sensitivities * bench.gains
+        self._rest = np.array([c.zero for c in channels]) + sensed * [c.rest for c in channels]
+        self._hum = bench.sensitivities * [c.hum for c in channels]
+        self._wander = bench.sensitivities * [c.drift for c in channels] / len(WANDER_PERIODS)
+        self._sensed = sensed
+
+    def touch(self, number: int) -> float:
+        """Time of the first touch of a drop, s in the stream."""
+        regular = self._drops.first + (number - self._first) * self._drops.interval
+        return regular + self._bench.schedule.drop(number).shift
+
+    def touch_index(self, number: int) -> int:
+        """Index of the first sample at or after the touch of a drop."""
+        return math.ceil(self.touch(number) * self._rate)
+
+    def end_index(self) -> int | None:
+        """Samples of the stream until after the quiet that follows the last drop."""
+        if self._last is None:
+            return None
+        quiet = self._drops.quiet
+        if self._last < self._first:  # they have all been given in earlier streams
+            return math.ceil(quiet * self._rate)
+        planned = self._bench.schedule.drop(self._last)
+        return math.ceil((self.touch(self._last) + planned.impacts[-1].delay + quiet) * self._rate)
+
+    def counts(self, start: int, stop: int) -> NDArray[np.int32]:
+        """Samples from index `start` to before `stop`, (stop - start, channels)."""
+        parts = []
+        while start < stop:
+            number, offset = divmod(start, PAGE)
+            if self._page[0] != number:
+                self._page = (number, self._make(number))
+            end = min(stop, (number + 1) * PAGE)
+            parts.append(self._page[1][offset : offset + end - start])
+            start = end
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _make(self, number: int) -> NDArray[np.int32]:
+        start = number * PAGE
+        volts = self._quiet(start)
+        for touch, response, factor in self._impacts(start):
+            low = max(start, math.ceil(touch * self._rate))
+            high = min(start + PAGE, math.floor((touch + response.duration) * self._rate) + 1)
+            if low < high:
+                time = np.arange(low, high) / self._rate - touch
+                inside = np.clip(time, 0.0, response.duration)
+                volts[low - start : high - start] += factor * self._sensed * response.at(inside)
+        counts = np.rint(volts / self._volts_per_count)
+        return np.clip(counts, *self._limits).astype(np.int32)
+
+    def _quiet(self, start: int) -> Array:
+        """A page in volts with no drop in it."""
+        index = np.arange(start, start + PAGE)
+        volts = np.zeros((PAGE, self._rest.size))
+        for table in self._bench.noise:
+            volts += table[index % len(table)]
+        volts += self._rest
+        if np.any(self._hum):
+            frequency = self._bench.scenario.device.hum_frequency
+            phase = 2 * math.pi * ((index * (frequency / self._rate)) % 1.0)
+            wave = sum(size * np.sin(order * phase) for order, size in HUM_HARMONICS)
+            volts += np.multiply.outer(wave, self._hum)
+        if np.any(self._wander):
+            ends = np.array([start, start + PAGE]) / self._rate
+            phases = self._bench.wander_phases
+            knots = np.zeros((2, self._rest.size))
+            for period, phase in zip(WANDER_PERIODS, phases, strict=True):
+                turn = 2 * math.pi * ends[:, None] / period
+                knots += np.sin(turn + phase) - np.sin(phase)  # nothing at the start
+            # A page is short against the periods: straight within it.
+            share = (np.arange(PAGE) / PAGE)[:, None]
+            volts += self._wander * (knots[0] + share * (knots[1] - knots[0]))
+        return volts
+
+    def _impacts(self, start: int) -> Iterator[tuple[float, DropResponse, float]]:
+        """Touch, response and factor of everything that can be heard in a page."""
+        begin, end = start / self._rate, (start + PAGE) / self._rate
+        settings = self._drops
+        # What a drop brings: rebounds, the knock before the next one, and ringing down.
+        rebounds = settings.bounces[1] * settings.bounce_interval[1]
+        span = max(rebounds, settings.interval) + LONGEST_RESPONSE
+        number = self._first
+        if begin > span + settings.first:
+            number += max(0, math.floor((begin - span - settings.first) / settings.interval) - 1)
+        while self._last is None or number <= self._last:
+            if settings.first + (number - self._first) * settings.interval > end + settings.jitter:
+                break
+            drop = self._bench.schedule.drop(number)
+            response = self._bench.response(drop.modulus_factor)
+            for impact in drop.impacts:
+                yield self.touch(number) + impact.delay, response, impact.factor
+            if drop.knock is not None:
+                factor = drop.knock.load / self._bench.peaks(drop.modulus_factor)[0]
+                yield self.touch(number) + drop.knock.time, response, factor
+            number += 1
+        # On the soil of the first drop, the one that is computed first.
+        soil = self._bench.schedule.modulus_factor(self._first)
+        for knock in self._knocks:
+            if begin - LONGEST_RESPONSE < knock.time < end:
+                factor = knock.load / self._bench.peaks(soil)[0]
+                yield knock.time, self._bench.response(soil), factor

@@ -1,0 +1,182 @@
+"""Drops of one height, computed once by finite elements and scaled to all others.
+
+The system is linear, so the hammer's height, its rebounds and knocks only scale a drop; another
+modulus needs another computation. The drops of the built-in scenarios come with the program
+(`python -m simulators.instrument.units` makes them); others are computed in the background.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from simulators.drop import DropSimulator, Hammer
+from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
+from simulators.mesh import Array
+
+DURATION = 0.2  # s: what is left of the motion by then is below 0.1 % of the peak
+TIME_STEP = 2e-4  # s: sixty samples in a pulse
+TABLES = files("simulators").joinpath("scenarios").joinpath("unit_drops.npz")
+_SOIL = 8  # stream of random numbers
+SHIPPED_OFFSETS = (0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2)
+
+
+@dataclass(frozen=True)
+class UnitDrop:
+    """One drop from the height of the scenario, noiseless, at the sensors' offsets."""
+
+    load: Array
+    """(n,) N, every `TIME_STEP` from the first touch."""
+    velocity: Array
+    """(offsets, n) m/s."""
+    displacement: Array
+    """(offsets, n) m."""
+
+
+class UnitDrops:
+    """The unit drops of a scenario, by the factor of the modulus.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its soil must be the one to compute, without scatter.
+    factors : of the modulus, in the order in which they will be needed
+    """
+
+    def __init__(self, scenario: Scenario, factors: Sequence[float]) -> None:
+        self._scenario = scenario
+        self._drops: dict[float, UnitDrop | BaseException] = {}
+        self._changed = threading.Condition()
+        wanted = list(dict.fromkeys(factors))
+        for factor in wanted:
+            drop = _shipped(scenario, factor)
+            if drop is not None:
+                self._drops[factor] = drop
+        missing = [factor for factor in wanted if factor not in self._drops]
+        if missing:
+            threading.Thread(target=self._compute, args=(missing,), daemon=True).start()
+
+    def get(self, factor: float) -> UnitDrop:
+        """The drop on soil whose modulus is `factor` times that of the scenario; may wait."""
+        with self._changed:
+            self._changed.wait_for(lambda: factor in self._drops)
+            drop = self._drops[factor]
+        if isinstance(drop, BaseException):
+            raise drop
+        return drop
+
+    def ready(self, factor: float) -> bool:
+        """Whether `get` will not wait."""
+        with self._changed:
+            return factor in self._drops
+
+    def _compute(self, factors: Sequence[float]) -> None:
+        for factor in factors:
+            drop: UnitDrop | BaseException
+            try:
+                drop = compute_unit_drop(self._scenario, factor, sensor_offsets(self._scenario))
+            except Exception as err:  # told to whoever asks for the drop
+                drop = err
+            with self._changed:
+                self._drops[factor] = drop
+                self._changed.notify_all()
+
+
+def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
+    """The scenario with the scatter of its soil drawn."""
+    soil = scenario.soil
+    if soil.scatter == 0:
+        return scenario
+    generator = np.random.default_rng([seed, _SOIL])
+    modulus, viscosity = np.exp(soil.scatter * generator.standard_normal(2)).tolist()
+    drawn = dataclasses.replace(
+        soil, modulus=soil.modulus * modulus, viscosity=soil.viscosity * viscosity, scatter=0.0
+    )
+    return dataclasses.replace(scenario, soil=drawn)
+
+
+def sensor_offsets(scenario: Scenario) -> tuple[float, ...]:
+    """Of every channel, in order; that of a load channel does not matter."""
+    return tuple(channel.offset for channel in scenario.device.channels)
+
+
+def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float]) -> UnitDrop:
+    """One drop by finite elements; takes some seconds."""
+    settings = scenario.hammer
+    hammer = Hammer(settings.mass, settings.stiffness, settings.velocity)
+    places = tuple(dict.fromkeys(offsets))
+    simulator = DropSimulator(
+        scenario.soil.ground(factor),
+        scenario.device.plate,
+        places,
+        DURATION,
+        TIME_STEP,
+        hammer.pulse_duration,
+    )
+    drop = simulator.run(hammer)
+    rows = [places.index(offset) for offset in offsets]
+    return UnitDrop(drop.load, drop.ground_velocity[rows], drop.ground_displacement[rows])
+
+
+def _fingerprint(scenario: Scenario) -> dict[str, Any]:
+    """Everything that a unit drop depends on, besides the factor and the offsets."""
+    return {
+        "soil": dataclasses.asdict(scenario.soil),
+        "hammer": dataclasses.asdict(scenario.hammer),
+        "plate": [scenario.device.plate_radius, scenario.device.plate_mass],
+        "record": [DURATION, TIME_STEP],
+    }
+
+
+def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
+    """The drop that comes with the program; None: there is none for this scenario."""
+    if not TABLES.is_file():
+        return None
+    with TABLES.open("rb") as file, np.load(file) as tables:
+        entries = json.loads(str(tables["index"]))
+        for number, entry in enumerate(entries):
+            offsets = entry["offsets"]
+            same = entry["drop"] == _fingerprint(scenario) and entry["factor"] == factor
+            if same and set(sensor_offsets(scenario)) <= set(offsets):
+                rows = [offsets.index(offset) for offset in sensor_offsets(scenario)]
+                load, *velocities = tables[f"drop{number}"].astype(float)
+                velocity = np.array(velocities)[rows]
+                return UnitDrop(load, velocity, _integral(velocity))
+    return None
+
+
+def _integral(velocity: Array) -> Array:
+    """Displacement from rest, of the cubic through the samples."""
+    time = np.arange(velocity.shape[-1]) * TIME_STEP
+    return np.asarray(CubicSpline(time, velocity, axis=-1).antiderivative()(time))
+
+
+def make_tables(path: Any) -> None:
+    """Compute the drops of the built-in scenarios and write them."""
+    index: list[dict[str, Any]] = []
+    arrays: dict[str, Any] = {}
+    for name in ["default", *builtin_scenarios()]:
+        scenario = load_scenario(name)
+        offsets = SHIPPED_OFFSETS if name == "default" else (0.0, 0.3, 0.6)
+        for factor in (*scenario.drops.seating, 1.0):
+            entry = {"drop": _fingerprint(scenario), "factor": factor}
+            if any(entry.items() <= other.items() for other in index):
+                continue
+            drop = compute_unit_drop(scenario, factor, offsets)
+            data = np.vstack([drop.load, drop.velocity])
+            arrays[f"drop{len(index)}"] = data.astype(np.float32)
+            index.append({**entry, "offsets": list(offsets)})
+            print(f"{name}: modulus times {factor:g}")
+    np.savez_compressed(path, index=np.array(json.dumps(index)), **arrays)
+
+
+if __name__ == "__main__":
+    make_tables(str(TABLES))

@@ -1,0 +1,97 @@
+"""The clock of the instrument, with delays as a cable and a busy computer make them."""
+
+import numpy as np
+import pytest
+
+from pfwd_device.acquisition.clock import _MOST_BINS, DeviceClock
+
+
+def run(
+    clock: DeviceClock,
+    seconds: float,
+    *,
+    speed: float = 1.0,
+    begin: float = 1000.0,
+    device: float = 5.0,
+    jitter: float = 0.002,
+    seed: int = 1,
+    every: float = 0.02,
+) -> None:
+    """Messages every 20 ms, late by an exponential delay and now and then by much more."""
+    generator = np.random.default_rng(seed)
+    sent = np.arange(0.0, seconds, every)
+    delay = generator.exponential(jitter, sent.size)
+    delay += np.where(generator.random(sent.size) < 0.02, generator.uniform(0, 0.3, sent.size), 0)
+    host = np.maximum.accumulate(sent + delay)
+    for then, now in zip(sent, host, strict=True):
+        clock.add(device + speed * float(then), begin + float(now))
+
+
+def test_nothing_is_known_at_first() -> None:
+    clock = DeviceClock()
+    assert (clock.speed, clock.drift_ppm, clock.is_real_time) == (None, None, None)
+    run(clock, 2.0)
+    assert clock.drift_ppm is None
+
+
+@pytest.mark.parametrize("ppm", [-80.0, 0.0, 40.0, 300.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_drift_is_found(ppm: float, seed: int) -> None:
+    clock = DeviceClock()
+    run(clock, 120.0, speed=1 + ppm / 1e6, seed=seed)
+    assert clock.is_real_time
+    assert clock.drift_ppm == pytest.approx(ppm, abs=15)
+    assert clock.jumps == 0
+
+
+def test_memory_is_bounded() -> None:
+    clock = DeviceClock()
+    run(clock, 3000.0, speed=1 + 25e-6, every=0.2)
+    assert len(clock._bins) <= _MOST_BINS
+    assert clock.drift_ppm == pytest.approx(25, abs=2)
+
+
+@pytest.mark.parametrize("speed", [0.1, 5.0, 100.0])
+def test_another_speed_is_no_drift_and_no_jump(speed: float) -> None:
+    clock = DeviceClock()
+    run(clock, 20.0, speed=speed)
+    assert clock.speed == pytest.approx(speed, rel=0.02)
+    assert clock.is_real_time is False
+    assert clock.drift_ppm is None
+    assert clock.jumps == 0
+
+
+@pytest.mark.parametrize("jump", [-3600.0, -3.0, 2.0, 3600.0])
+def test_a_jump_is_counted_once(jump: float) -> None:
+    clock = DeviceClock()
+    run(clock, 20.0)
+    run(clock, 40.0, begin=1020.0, device=25.0 + jump)
+    assert clock.jumps == 1
+    assert clock.drift_ppm == pytest.approx(0, abs=50)
+
+
+def test_a_slow_backward_step_is_noticed_by_its_persistence() -> None:
+    """As when the first message after it is of another kind: nothing runs backward then."""
+    clock = DeviceClock()
+    run(clock, 20.0)
+    for step in range(500):
+        clock.add(23.0 + 0.02 * step, 1020.0 + 0.02 * step, "another")
+    assert clock.jumps == 1
+
+
+def test_a_pause_and_late_arrivals_are_no_jump() -> None:
+    clock = DeviceClock()
+    run(clock, 20.0)
+    run(clock, 20.0, begin=1050.0, device=55.0)
+    for step in range(100):  # two seconds of messages, all at once
+        clock.add(75.0 + 0.02 * step, 1072.0)
+    run(clock, 20.0, begin=1072.0, device=77.0)
+    assert clock.jumps == 0
+
+
+def test_a_new_beginning_is_no_jump() -> None:
+    clock = DeviceClock()
+    run(clock, 20.0)
+    clock.restart()
+    run(clock, 20.0, begin=1020.0, device=0.0)
+    assert clock.jumps == 0

@@ -1,0 +1,192 @@
+"""From bytes to items, live or recorded."""
+
+import datetime
+import itertools
+import random
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pfwd_device.acquisition import decoder as decoder_module
+from pfwd_device.acquisition.decoder import Decoder
+from pfwd_device.acquisition.items import Connected, Gap, Item, Samples, StreamBegan
+from pfwd_device.wire.binary import BinaryDialect, encode_message
+from pfwd_device.wire.messages import Event, EventKind, Message, Refusal, Status
+from tests.pfwd_device.acquisition.scripted import block, counts, identity
+
+UTC = datetime.datetime(2026, 5, 4, tzinfo=datetime.UTC)
+
+
+def encode(messages: Sequence[Message]) -> list[bytes]:
+    return [encode_message(message, number) for number, message in enumerate(messages)]
+
+
+def feed(decoder: Decoder, pieces: Sequence[bytes]) -> list[Item]:
+    items: list[Item] = []
+    for piece in pieces:
+        items += decoder.feed(piece, 0.0, UTC)
+    return items + decoder.idle(1e9)
+
+
+def story(items: Sequence[Item]) -> list[object]:
+    """Items without how samples were cut."""
+    told: list[object] = []
+    for item in items:
+        match item:
+            case Samples():
+                np.testing.assert_array_equal(item.counts, counts(item.first, len(item.counts)))
+                end = item.first + len(item.counts)
+                last = told[-1] if told else None
+                same = (item.stream, item.first, item.shunt)
+                if isinstance(last, tuple) and (last[0], *last[2:]) == same:
+                    told[-1] = (*last[:2], end, item.shunt)
+                else:
+                    told.append((item.stream, item.first, end, item.shunt))
+            case Connected():
+                told.append((item.identity, item.again))
+            case _:
+                told.append(item)
+    return told
+
+
+def status(overruns: int = 0, clock: int = 0, *, sampling: bool = True) -> Status:
+    return Status(clock, None, None, overruns, sampling)
+
+
+def test_a_recorded_session() -> None:
+    other = identity(rate=5000.0)
+    messages = [identity(), status(), other, block(0), block(20), block(60), Refusal(4, "busy")]
+    items = feed(Decoder(BinaryDialect(), "somewhere"), encode(messages))
+    assert story(items) == [
+        status(), (other, False), StreamBegan(7), (7, 0, 40, False), Refusal(4, "busy"),
+        Gap(7, 40, 20), (7, 60, 80, False),
+    ]  # fmt: skip
+    (connected,) = [item for item in items if isinstance(item, Connected)]
+    assert connected.url == "somewhere"
+    assert connected.time_utc == UTC
+
+
+def test_a_cut_link_that_goes_on() -> None:
+    """The half frame is lost, the gap told, nothing handed on twice."""
+    pieces = encode([identity(), *(block(20 * k) for k in range(10))])
+    again = encode([identity(), *(block(20 * k) for k in range(7, 100))])
+    decoder = Decoder(BinaryDialect())
+    items = feed(decoder, [*pieces[:6], pieces[6][:30]])
+    items += decoder.cut()
+    items += feed(decoder, again)
+    assert story(items) == [
+        (identity(), False), StreamBegan(7), (7, 0, 100, False),
+        (identity(), True), Gap(7, 100, 40), (7, 140, 2000, False),
+    ]  # fmt: skip
+    assert decoder.counters.samples_lost == 40
+    assert decoder.counters.samples_repeated == 0
+
+
+def test_what_is_sent_twice_is_handed_on_once() -> None:
+    first = encode([identity(), *(block(20 * k) for k in range(10))])
+    decoder = Decoder(BinaryDialect())
+    items = feed(decoder, first)
+    items += decoder.cut()
+    items += feed(decoder, encode([identity(), *(block(20 * k) for k in range(5, 15))]))
+    assert story(items)[2:] == [(7, 0, 200, False), (identity(), True), (7, 200, 300, False)]
+    assert decoder.counters.samples_repeated == 100
+
+
+@pytest.mark.parametrize("kind", [EventKind.END, EventKind.BOOT])
+def test_before_the_end_everything_is_handed_on(kind: EventKind) -> None:
+    decoder = Decoder(BinaryDialect())
+    last = Event(kind, 0)
+    items = feed(decoder, encode([identity(), block(0), block(40), last]))
+    assert story(items)[2:] == [(7, 0, 20, False), Gap(7, 20, 20), (7, 40, 60, False), last]
+
+
+def test_samples_wait_for_the_identity(monkeypatch: pytest.MonkeyPatch) -> None:
+    decoder = Decoder(BinaryDialect(), automatic=False)
+    blocks = encode([block(20 * k) for k in range(10)])
+    assert feed(decoder, blocks[:9]) == []
+    assert feed(decoder, encode([identity()])) == []
+    assert story(decoder.accept(UTC))[1:] == [StreamBegan(7), (7, 0, 180, False)]
+    assert story(feed(decoder, blocks[9:])) == [(7, 180, 200, False)]
+
+    monkeypatch.setattr(decoder_module, "MOST_EARLY_BYTES", 1000)
+    decoder = Decoder(BinaryDialect(), automatic=False)
+    feed(decoder, blocks)
+    assert decoder.counters.samples_early == 160
+    feed(decoder, encode([identity()]))
+    items = decoder.accept(UTC) + decoder.idle(1e9)
+    assert story(items)[2:] == [Gap(7, 0, 160), (7, 160, 200, False)]
+
+
+def test_accepting_nothing_is_a_mistake() -> None:
+    with pytest.raises(RuntimeError, match="identity"):
+        Decoder(BinaryDialect()).accept(UTC)
+
+
+def test_overruns_are_added_up_across_resets() -> None:
+    decoder = Decoder(BinaryDialect())
+    boot = Event(EventKind.BOOT, 0)
+    feed(decoder, encode([identity(), status(3), status(10), boot, status(2), status(1)]))
+    assert decoder.counters.instrument_overruns == 10 + 2 + 1
+    assert decoder.counters.instrument_resets == 1
+
+
+def test_the_clock_is_compared() -> None:
+    decoder = Decoder(BinaryDialect())
+    decoder.feed(encode([identity()])[0], 0.0, UTC)
+    for k in range(400):
+        # 20 samples at 2 kHz: the last one is 10 ms younger than the first.
+        message = block(20 * k, clock=round((1 + 0.1 * k - 0.01) * 1e6 * (1 + 1e-4)))
+        decoder.feed(encode_message(message, k), 50 + 0.1 * k, UTC)
+    assert decoder.clock.drift_ppm == pytest.approx(100, abs=5)
+    assert decoder.counters.clock_jumps == 0
+
+
+def cut(data: bytes, places: Sequence[int]) -> list[bytes]:
+    edges = [0, *sorted(place % (len(data) + 1) for place in places), len(data)]
+    return [data[a:b] for a, b in itertools.pairwise(edges)]
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    places=st.lists(st.integers(0, 10**6), max_size=40),
+    seed=st.integers(0, 2**32),
+    damage=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), max_size=3),
+)
+def test_items_do_not_depend_on_how_bytes_were_cut(
+    places: list[int], seed: int, damage: list[tuple[int, int]]
+) -> None:
+    generator = random.Random(seed)
+    messages: list[Message] = [identity()]
+    first = 0
+    for _ in range(40):
+        length = generator.randint(1, 40)
+        messages.append(block(first, length, shunt=generator.random() < 0.1))
+        first += length
+        if generator.random() < 0.2:
+            messages.append(status(clock=first))
+    for _ in range(5):  # neighbours change places, some are lost, some come again
+        place = generator.randrange(1, len(messages) - 1)
+        messages[place : place + 2] = reversed(messages[place : place + 2])
+        messages.pop(generator.randrange(2, len(messages)))
+        place = generator.randrange(2, len(messages))
+        messages.insert(place, generator.choice(messages[max(1, place - 6) : place + 6]))
+    data = bytearray(b"".join(encode(messages)))
+    for place, change in damage:
+        data[len(data) // 2 + place % (len(data) // 2)] ^= change
+    whole, pieces = Decoder(BinaryDialect()), Decoder(BinaryDialect())
+    assert story(feed(whole, [bytes(data)])) == story(feed(pieces, cut(bytes(data), places)))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.binary(max_size=300), max_size=30), st.booleans())
+def test_any_bytes_are_survived(pieces: list[bytes], met: bool) -> None:
+    decoder = Decoder(BinaryDialect())
+    if met:
+        feed(decoder, encode([identity(), block(0)]))
+    feed(decoder, pieces)
+    decoder.cut()
+    feed(decoder, [b"\0", *encode([identity(), block(20), block(40)])])
+    assert decoder.counters.samples >= 40

@@ -1,0 +1,351 @@
+"""The driver with an instrument in the same process; real ports in test_driver_links.py."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd_device.acquisition.decoder import Decoder
+from pfwd_device.acquisition.driver import Driver
+from pfwd_device.acquisition.items import (
+    Connected,
+    Disconnected,
+    Gap,
+    Item,
+    Samples,
+    StreamBegan,
+)
+from pfwd_device.errors import DeviceRefused, PortError
+from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.messages import (
+    Configure,
+    Event,
+    EventKind,
+    Hello,
+    Refusal,
+    RefusalCode,
+    Shunt,
+    Start,
+    Status,
+    Stop,
+)
+from tests.pfwd_device.acquisition.scripted import (
+    Instrument,
+    Socket,
+    assert_each_sample_once,
+    collect,
+    identity,
+    no_reader_left,
+    of,
+)
+
+MakeDriver = Callable[..., Driver]
+
+
+@pytest.fixture
+def make() -> Iterator[MakeDriver]:
+    """Makes drivers, closes them, and looks that nothing is left of them."""
+    made: list[Driver] = []
+
+    def _make(port: Any, **options: Any) -> Driver:
+        made.append(Driver(port, BinaryDialect(), **options))
+        return made[-1]
+
+    yield _make
+    for driver in made:
+        driver.close()
+    assert no_reader_left()
+
+
+def is_samples(item: Item) -> bool:
+    return isinstance(item, Samples)
+
+
+def test_connect_and_stream(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument))
+    assert (driver.connected, driver.identity, driver.url) == (False, None, "")
+    items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    kinds = [type(item) for item in items if not isinstance(item, Status)]
+    assert kinds[:3] == [Connected, StreamBegan, Samples]
+    assert_each_sample_once(items)
+    assert driver.connected
+    assert driver.lost_since is driver.trouble is None
+    assert driver.identity == instrument.identity
+    assert instrument.heard == [Hello(), Start()]
+    began = time.monotonic()
+    driver.close()
+    assert time.monotonic() - began < 5
+    assert instrument.heard[-1] == Stop()
+    assert driver.next(1) is None
+    assert list(driver) == []
+
+
+def test_next_gives_up_in_time(make: MakeDriver) -> None:
+    instrument = Instrument()
+    instrument.silent = True
+    driver = make(Socket(instrument))
+    began = time.monotonic()
+    assert driver.next(0.1) is None
+    assert driver.next(0) is None
+    assert 0.05 < time.monotonic() - began < 5
+    assert driver.lost_since is not None
+    assert not driver.connected
+
+
+def test_the_rate_that_was_asked_for(make: MakeDriver) -> None:
+    instrument = Instrument(rate=1000.0)
+    instrument.begin()  # it streams already, at another rate
+    driver = make(Socket(instrument), sampling_rate=2500.0)
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    (connected,) = of(items, Connected)
+    assert connected.identity.sampling_rate == 2500.0
+    assert_each_sample_once(items)
+    assert of(items, Samples)[0].first == 0
+    asked = [each for each in instrument.heard if each != Hello()]
+    assert asked == [Stop(), Configure(2500.0), Start()]
+
+
+def test_one_that_streams_already_is_joined(make: MakeDriver) -> None:
+    instrument = Instrument()
+    instrument.begin()
+    time.sleep(0.1)
+    items = collect(make(Socket(instrument)), lambda seen: len(of(seen, Samples)) > 2)
+    assert_each_sample_once(items)
+    assert of(items, StreamBegan) == [StreamBegan(instrument.stream)]
+
+
+def test_unplug_and_replug(make: MakeDriver) -> None:
+    """Noticed within a second; the gap is exact; nothing twice; the stream is not begun anew."""
+    instrument = Instrument()
+    port = Socket(instrument)
+    driver = make(port)
+    items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    unplugged = time.monotonic()
+    port.unplug()
+    items += collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert time.monotonic() - unplugged < 1.0
+    assert driver.lost_since is not None
+    assert driver.lost_since >= unplugged
+    assert driver.trouble is not None
+    time.sleep(0.2)
+    port.instrument = instrument
+    items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    assert_each_sample_once(items)
+    assert [each.again for each in of(items, Connected)] == [False, True]
+    assert len(of(items, Disconnected)) == len(of(items, StreamBegan)) == 1
+    assert of(items, Gap)[0].length >= 0.1 * 2000
+    assert driver.counters.reconnects == 1
+    assert driver.counters.samples_lost == sum(gap.length for gap in of(items, Gap))
+    assert instrument.heard.count(Start()) == 1
+
+
+def test_silence_is_a_loss(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument), answer_time=1.0)
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    instrument.silent = True
+    began = time.monotonic()
+    items += collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert 0.9 < time.monotonic() - began < 5
+    assert "silent" in of(items, Disconnected)[0].reason
+    instrument.silent = False
+    items += collect(driver, lambda seen: bool(of(seen, Samples)))
+    assert_each_sample_once(items)
+
+
+@pytest.mark.parametrize("tell", [True, False])
+def test_a_reset_in_mid_stream(make: MakeDriver, tell: bool) -> None:
+    """Told by an event, or only by a status that says that it does not sample."""
+    instrument = Instrument()
+    driver = make(Socket(instrument), sampling_rate=3000.0)
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    instrument.reset(tell=tell)
+    instrument.identity = identity(rate=1000.0)  # it forgot its settings
+    items += collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
+    assert_each_sample_once(items)
+    assert [each.identity.sampling_rate for each in of(items, Connected)] == [3000.0, 3000.0]
+    assert len(of(items, StreamBegan)) == 2
+    assert len(of(items, Event)) == driver.counters.instrument_resets == int(tell)
+    assert not of(items, Disconnected)
+
+
+def test_a_new_stream_is_no_mystery(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument))
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    instrument.begin()
+    items += collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
+    assert_each_sample_once(items)
+    assert instrument.heard.count(Start()) == 1
+    assert of(items, Samples)[-1].stream == instrument.stream
+
+
+def test_another_instrument_is_not_taken(make: MakeDriver) -> None:
+    instrument, other = Instrument(), Instrument("SN-2")
+    port = Socket(instrument)
+    driver = make(port)
+    collect(driver, lambda seen: bool(of(seen, Samples)))
+    port.unplug()
+    port.instrument = other
+    items = collect(driver, lambda seen: len(of(seen, Disconnected)) == 2)
+    assert "another instrument answers: SN-2, waiting for SN-1" in items[-1].reason  # type: ignore[union-attr]
+    assert not of(items, Samples)
+    assert not other.sampling
+    assert driver.identity == instrument.identity
+    port.instrument = instrument
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    assert of(items, Connected)[0].again
+
+
+def test_only_the_expected_instrument(make: MakeDriver) -> None:
+    driver = make(Socket(Instrument("SN-2")), expected_serial_number="SN-1")
+    items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert "waiting for SN-1" in items[-1].reason  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("asked", "code"),
+    [(Hello, RefusalCode.VERSION), (Configure, RefusalCode.ARGUMENT), (Start, RefusalCode.UNKNOWN)],
+)
+def test_a_final_refusal_is_raised_once(make: MakeDriver, asked: type, code: int) -> None:
+    instrument = Instrument()
+    instrument.refusals[asked] = [code]
+    # An instrument that refuses to start is connected; that is told, not raised.
+    driver = make(Socket(instrument), sampling_rate=3000.0)
+    if asked is Start:
+        items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
+        assert of(items, Refusal) == [Refusal(code, "no")]
+        assert "refuses" in items[-1].reason  # type: ignore[union-attr]
+        return
+    with pytest.raises(DeviceRefused, match="refuses"):
+        collect(driver, lambda seen: False)
+    instrument.refusals.clear()
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    assert of(items, Refusal) == [Refusal(code, "no")]
+
+
+def test_refusals_are_asked_about_at_a_measured_pace(make: MakeDriver) -> None:
+    instrument = Instrument()
+    instrument.refusals[Start] = [RefusalCode.BUSY]
+    driver = make(Socket(instrument))
+    end = time.monotonic() + 1.5
+    while time.monotonic() < end:
+        driver.next(0.1)
+    assert 1 <= instrument.heard.count(Start()) <= 3
+
+
+def test_commands(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument))
+    collect(driver, lambda seen: bool(of(seen, Samples)))
+    driver.shunt(True)
+    collect(driver, lambda seen: is_samples(seen[-1]) and of(seen, Samples)[-1].shunt)
+    driver.stop()
+    collect(driver, lambda seen: isinstance(seen[-1], Status) and not seen[-1].sampling)
+    assert instrument.heard[-2:] == [Shunt(True), Stop()]
+    driver.start()
+    collect(driver, lambda seen: bool(of(seen, Samples)))
+    driver.configure(1000.0)
+    items = collect(driver, lambda seen: bool(of(seen, Connected)) and is_samples(seen[-1]))
+    assert of(items, Connected)[0].identity.sampling_rate == 1000.0
+    assert not of(items, Disconnected)
+    assert driver.counters.reconnects == 0
+
+
+def test_one_without_samples(make: MakeDriver) -> None:
+    instrument = Instrument()
+    items = collect(make(Socket(instrument), sampling=False), lambda seen: len(seen) > 3)
+    assert {type(item) for item in items} == {Connected, Status}
+    assert instrument.heard == [Hello()]
+
+
+def test_the_end_is_no_reason_to_start_again(make: MakeDriver) -> None:
+    instrument = Instrument()
+    driver = make(Socket(instrument))
+    collect(driver, lambda seen: bool(of(seen, Samples)))
+    instrument.sampling = False
+    instrument.say(Event(EventKind.END, 0))
+    items = collect(driver, lambda seen: len(of(seen, Status)) > 4)
+    assert of(items, Event)
+    assert instrument.heard.count(Start()) == 1
+
+
+def test_a_missing_port_is_an_error_unless_waited_for(make: MakeDriver) -> None:
+    port = Socket(Instrument())
+    instrument, port.instrument = port.instrument, None
+    with pytest.raises(PortError, match="no such port"):
+        make(port).next(1)
+    driver = make(port).open(wait=True)
+    items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert "no such port" in items[0].reason  # type: ignore[union-attr]
+    port.instrument = instrument
+    items = collect(driver, lambda seen: bool(of(seen, Samples)))
+    assert not of(items, Disconnected)
+
+
+def test_close_from_another_thread_ends_the_iteration(make: MakeDriver) -> None:
+    driver = make(Socket(Instrument()))
+    timer = threading.Timer(0.3, driver.close)
+    timer.start()
+    items = list(driver)
+    timer.join()
+    assert of(items, Samples)
+    assert no_reader_left()
+
+
+def test_the_reader_never_waits_and_overflow_is_counted(make: MakeDriver) -> None:
+    instrument = Instrument(rate=20_000.0)
+    driver = make(Socket(instrument), queue_bytes=20_000)
+    items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    end = time.monotonic() + 20
+    while not driver.counters.queue_overflow_bytes and time.monotonic() < end:
+        time.sleep(0.05)  # nobody looks
+    items += collect(driver, lambda seen: bool(of(seen, Gap)) and is_samples(seen[-1]))
+    assert_each_sample_once(items)
+    assert driver.counters.queue_overflow_bytes > 0
+    assert driver.counters.samples_lost > 0
+    assert not of(items, Disconnected)
+
+
+def test_what_was_captured_replays_to_the_same(make: MakeDriver) -> None:
+    instrument = Instrument()
+    captured: list[tuple[int, Any, str, bytes]] = []
+    port = Socket(instrument)
+    driver = make(port, sampling_rate=4000.0, capture=lambda *line: captured.append(line))
+    items = collect(driver, lambda seen: len(of(seen, Samples)) > 5)
+    port.unplug()
+    port.instrument = instrument
+    items += collect(driver, lambda seen: len(of(seen, Samples)) > 5)
+    driver.close()
+
+    decoder = Decoder(BinaryDialect())
+    replayed: list[Item] = []
+    for host_ns, utc, direction, data in captured:
+        if direction == "from" and data:
+            replayed += decoder.feed(data, host_ns / 1e9, utc)
+        elif direction == "from":
+            replayed += decoder.cut()
+    assert {direction for *_, direction, _ in captured} == {"from", "to"}
+
+    def told(story: list[Item]) -> list[Any]:
+        kept = [each for each in story if isinstance(each, Connected | StreamBegan | Gap)]
+        return [each.again if isinstance(each, Connected) else each for each in kept]
+
+    live = np.concatenate([each.counts for each in of(items, Samples)])
+    again = np.concatenate([each.counts for each in of(replayed, Samples)])
+    np.testing.assert_array_equal(again[: len(live)], live)
+    assert told(replayed)[: len(told(items))] == told(items)
+
+
+def test_a_capture_that_fails_ends_and_nothing_else(make: MakeDriver) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    driver = make(Socket(Instrument()), capture=fail)
+    collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    assert "no space" in str(driver.capture_error)
+    assert driver.counters.capture_failures > 3

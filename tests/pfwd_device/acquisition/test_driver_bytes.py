@@ -1,0 +1,95 @@
+"""What the driver takes: chunks in a queue, instruments that only talk, a reader that breaks."""
+
+from typing import Any
+
+import pytest
+
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.driver import Driver
+from pfwd_device.acquisition.items import Connected, Disconnected, Samples
+from pfwd_device.acquisition.link import Chunk, Lost, Queue
+from pfwd_device.errors import DeviceRefused
+from pfwd_device.wire.binary import BinaryDialect
+from tests.pfwd_device.acquisition.scripted import (
+    Instrument,
+    Socket,
+    assert_each_sample_once,
+    collect,
+    identity,
+    no_reader_left,
+    of,
+)
+
+
+def test_small_chunks_cost_more_than_their_bytes() -> None:
+    counters = Counters()
+    queue = Queue(10_000, counters)
+    now = identity  # any object will do for the time
+    for _ in range(1000):
+        queue.put(Chunk(b"x", 0.0, now))  # type: ignore[arg-type]
+    assert counters.queue_overflow_bytes > 900
+    queue.put(Lost("told even so", now, was_open=True))  # type: ignore[arg-type]
+    happenings = list(iter(lambda: queue.get(0), None))
+    assert isinstance(happenings[-1], Lost)
+    queue.put(Chunk(bytes(9000), 0.0, now))  # type: ignore[arg-type]
+    assert queue.get(0) is not None
+
+
+class Lines:
+    """A dialect without a word for anything, as lines of numbers."""
+
+    name = "lines"
+
+    def __init__(self) -> None:
+        self._inner = BinaryDialect()
+        self.counters = self._inner.counters
+        self._told = False
+
+    def feed(self, data: bytes) -> list[Any]:
+        blocks = [each for each in self._inner.feed(data) if hasattr(each, "counts")]
+        if blocks and not self._told:
+            self._told = True
+            return [identity(), *blocks]
+        return blocks
+
+    def encode(self, message: object) -> bytes:
+        return b""
+
+    def reset(self) -> None:
+        self._told = False
+        self._inner.reset()
+
+
+def test_one_that_only_talks() -> None:
+    instrument = Instrument()
+    instrument.begin()
+    port = Socket(instrument)
+    with Driver(port, Lines()) as driver:
+        items = collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+        with pytest.raises(DeviceRefused, match="only sends lines"):
+            driver.shunt(True)
+        with pytest.raises(DeviceRefused, match="only sends lines"):
+            driver.configure(1000.0)
+        port.unplug()
+        port.instrument = instrument
+        items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
+    assert_each_sample_once(items)
+    assert len(of(items, Connected)) == 2
+    assert instrument.heard == []
+    assert no_reader_left()
+
+
+def test_a_reader_that_breaks_is_told() -> None:
+    class Broken:
+        url = description = "broken"
+
+        def read(self, timeout: float) -> bytes:
+            raise ZeroDivisionError("a mistake")
+
+        def write(self, data: bytes) -> None: ...
+
+        def close(self) -> None: ...
+
+    with Driver(Broken, BinaryDialect()) as driver:
+        items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
+    assert "nobody foresaw" in items[-1].reason  # type: ignore[union-attr]

@@ -1,0 +1,194 @@
+"""The driver on real links: pseudo-terminals and sockets, with plugs pulled."""
+
+import contextlib
+import random
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pfwd_device.acquisition.driver import Driver
+from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Item, Samples, StreamBegan
+from pfwd_device.errors import PortError
+from pfwd_device.transport import ports
+from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.messages import Start
+from tests.pfwd_device.acquisition.scripted import (
+    POSIX,
+    Instrument,
+    PtyHost,
+    assert_each_sample_once,
+    collect,
+    no_reader_left,
+    tcp_host,
+)
+
+posix = pytest.mark.skipif(not POSIX, reason="Windows has no pseudo-terminals")
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    yield
+    assert no_reader_left()
+
+
+def sampled(items: list[Item]) -> bool:
+    return sum(isinstance(item, Samples) for item in items) > 3
+
+
+def lost(items: list[Item]) -> bool:
+    return isinstance(items[-1], Disconnected)
+
+
+@posix
+def test_unplug_and_another_pseudo_terminal_behind_the_same_link(tmp_path: Path) -> None:
+    instrument, link = Instrument(), str(tmp_path / "instrument")
+    host = PtyHost(instrument, link)
+    with Driver(link, BinaryDialect()) as driver:
+        items = collect(driver, sampled)
+        began = time.monotonic()
+        host.unplug()
+        items += collect(driver, lost)
+        assert time.monotonic() - began < 1.0
+        host = PtyHost(instrument, link)
+        items += collect(driver, sampled)
+        assert driver.url == link
+    host.unplug()
+    assert_each_sample_once(items)
+    assert sum(isinstance(item, StreamBegan) for item in items) == 1
+    assert instrument.heard.count(Start()) == 1
+    assert driver.counters.samples_lost > 0
+
+
+@posix
+def test_twenty_unplugs(tmp_path: Path) -> None:
+    """At any moment: within a frame, within the greeting, before it."""
+    instrument, link = Instrument(rate=5000.0), str(tmp_path / "instrument")
+    generator = random.Random(5)
+    items: list[Item] = []
+    host = PtyHost(instrument, link)
+    with Driver(link, BinaryDialect()) as driver:
+        for cycle in range(20):
+            if cycle % 2:
+                items += collect(driver, sampled)
+            end = time.monotonic() + generator.uniform(0.0, 0.15)
+            while time.monotonic() < end:
+                items += filter(None, [driver.next(0.01)])
+            host.unplug()
+            host = PtyHost(instrument, link)
+        items += collect(driver, sampled)
+    host.unplug()
+    assert_each_sample_once(items)
+    assert sum(isinstance(item, Gap) for item in items) >= 9
+    assert driver.counters.reconnects >= 10
+    assert instrument.heard.count(Start()) == 1
+
+
+@posix
+def test_the_adapter_comes_back_under_another_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the old name belongs to another adapter by then."""
+    plugged: list[Any] = []
+    monkeypatch.setattr(ports._serial_ports, "comports", lambda: list(plugged))
+
+    def usb(path: Path, number: str) -> Any:
+        return SimpleNamespace(
+            device=str(path), description="USB", vid=0x0403, pid=0x6001, serial_number=number
+        )
+
+    first, second = tmp_path / "ttyUSB0", tmp_path / "ttyUSB1"
+    instrument, stranger = Instrument(), Instrument("STRANGER")
+    host = PtyHost(instrument, str(first))
+    plugged[:] = [usb(first, "A1")]
+    with Driver(str(first), BinaryDialect()) as driver:
+        items = collect(driver, sampled)
+        plugged[:] = []
+        host.unplug()
+        items += collect(driver, lost)
+        other = PtyHost(stranger, str(first))
+        host = PtyHost(instrument, str(second))
+        plugged[:] = [usb(first, "B2"), usb(second, "A1")]
+        items += collect(driver, sampled)
+        assert driver.url == str(second)
+    host.unplug()
+    other.unplug()
+    assert_each_sample_once(items)
+    assert [item.url for item in items if isinstance(item, Connected)] == [str(first), str(second)]
+    assert stranger.heard == []
+
+
+def assert_stopped(instrument: Instrument) -> None:
+    """Closing said so, and it was sent before the port was closed."""
+    end = time.monotonic() + 10
+    while instrument.sampling and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not instrument.sampling
+
+
+@posix
+def test_what_was_sent_before_the_open_is_not_needed(tmp_path: Path) -> None:
+    """The port flushes it; the instrument is asked."""
+    instrument, link = Instrument(), str(tmp_path / "instrument")
+    instrument.reset()
+    host = PtyHost(instrument, link)
+    time.sleep(0.1)
+    with Driver(link, BinaryDialect()) as driver:
+        collect(driver, sampled)
+    assert_stopped(instrument)
+    host.unplug()
+
+
+@posix
+def test_a_port_in_use_is_told(tmp_path: Path) -> None:
+    instrument, link = Instrument(), str(tmp_path / "instrument")
+    host = PtyHost(instrument, link)
+    with Driver(link, BinaryDialect()) as driver:
+        collect(driver, sampled)
+        with pytest.raises(PortError, match="in use"), Driver(link, BinaryDialect()):
+            pass
+        collect(driver, sampled)
+    host.unplug()
+
+
+def test_over_the_network() -> None:
+    instrument = Instrument(rate=20_000.0)
+    with tcp_host(instrument) as url:
+        with Driver(url, BinaryDialect()) as driver:
+            items = collect(driver, sampled)
+            assert driver.url == url
+        assert_stopped(instrument)
+    assert_each_sample_once(items)
+
+
+def test_a_consumer_that_is_always_late_is_answered_to() -> None:
+    """There is always something to decode; what has to be said is said even so."""
+    instrument = Instrument(rate=20_000.0)
+    instrument.begin()
+    with tcp_host(instrument) as url:
+        driver = Driver(url, BinaryDialect(), sampling_rate=10_000.0, answer_time=1.0)
+        end = time.monotonic() + 1.5
+        with driver:
+            items = []
+            while time.monotonic() < end:
+                items += filter(None, [driver.next(0.5)])
+                time.sleep(0.02)
+    assert not any(isinstance(item, Disconnected) for item in items)
+    assert instrument.heard.count(Start()) == 1
+
+
+def test_a_network_that_comes_back() -> None:
+    instrument = Instrument()
+    with contextlib.ExitStack() as stack:
+        with tcp_host(instrument) as url:
+            driver = stack.enter_context(Driver(url, BinaryDialect()))
+            items = collect(driver, sampled)
+        items += collect(driver, lost)
+        stack.enter_context(tcp_host(instrument, int(url.rpartition(":")[2])))
+        items += collect(driver, sampled)
+        driver.close()
+    assert_each_sample_once(items)
+    assert driver.counters.reconnects == 1

@@ -1,0 +1,51 @@
+"""Small surveys, and records that are compared bit by bit."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.power_loss import make_record
+from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.publishing import InlinePublisher
+
+
+def a_rebound(sample: int = 7000) -> Rebound:
+    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
+
+
+@pytest.fixture
+def new_record() -> Callable[[int], DropRecord]:
+    """Makes the n-th drop of a survey, always the same one."""
+    return lambda number: make_record(number, np.random.default_rng(number), 32)
+
+
+@pytest.fixture
+def new_survey(
+    tmp_path: Path, new_record: Callable[[int], DropRecord]
+) -> Callable[..., dict[int, str]]:
+    """Records a closed survey; gives the digests of its drops by number."""
+
+    def make(folder: Path | None = None, drops: int = 3, *, extras: bool = True) -> dict[int, str]:
+        digests = {}
+        storage = Storage()
+        with SurveyWriter.open(
+            folder or tmp_path / "survey",
+            publisher=InlinePublisher(storage),
+            reserve_bytes=4096,
+        ) as writer:
+            writer.add_point("P 1", {"plate_radius_m": 0.15})
+            for number in range(1, drops + 1):
+                record = new_record(number)
+                digests[writer.save_drop(record)] = drop_digest(record, 0)
+            if extras:
+                writer.note_event("gap", {"samples": 12})
+                writer.edit("note", "wet", number=1)
+                writer.save_result(1, {"modulus_pa": 45e6, "seed": 1})
+                capture = writer.open_capture("link", {"url": "socket://x"})
+                capture.write("from", b"\x00\x01\x02")
+        return digests
+
+    return make

@@ -1,0 +1,116 @@
+"""Raw captures: every byte with its direction, whatever happened to the file."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmarks.noted_disk import NotingStorage
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import CaptureReader, CaptureWriter
+
+
+def a_capture(path: Path) -> bytes:
+    writer = CaptureWriter(path, {"url": "/dev/pts/3", "identity": {"serial": "7 ü"}})
+    writer.write("to", b"start")
+    writer.write("from", b"\x00\xff" * 10)
+    writer.write("from", b"")
+    writer.close()
+    return path.read_bytes()
+
+
+def test_bytes_come_back_in_order(tmp_path: Path) -> None:
+    a_capture(tmp_path / "a.pfwdc")
+    reader = CaptureReader(tmp_path / "a.pfwdc")
+    assert reader.header == {
+        "format_version": 1,
+        "url": "/dev/pts/3",
+        "identity": {"serial": "7 ü"},
+    }
+    items = list(reader)
+    assert [(item.direction, item.data) for item in items] == [
+        ("to", b"start"),
+        ("from", b"\x00\xff" * 10),
+        ("from", b""),
+    ]
+    assert items[0].monotonic_ns <= items[1].monotonic_ns
+    assert reader.damage == []
+    assert list(reader) == items
+
+
+def test_damage_costs_what_it_hit_and_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.pfwdc"
+    data = a_capture(path)
+    whole = list(CaptureReader(path))
+    for position in range(len(data)):
+        broken = bytearray(data)
+        broken[position] ^= 0x10
+        path.write_bytes(bytes(broken))
+        reader = CaptureReader(path)
+        found = list(reader)
+        assert reader.damage
+        assert all(item in whole for item in found)
+        assert len(found) + (reader.header != {}) == len(whole)
+
+
+def test_a_torn_end_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.pfwdc"
+    data = a_capture(path)
+    for size in range(len(data)):
+        path.write_bytes(data[:size])
+        reader = CaptureReader(path)
+        found = list(reader)
+        assert len(found) < 3
+        # A cut between two records is no damage of the capture; the survey's list of files sees it.
+        torn = bool(reader.damage)
+        assert torn or size in (0, *_ends(data))
+
+
+def _ends(data: bytes) -> list[int]:
+    magic = b"\x89PFWDJ\r\n"
+    return [index for index in range(len(data)) if data.startswith(magic, index)]
+
+
+def test_what_waits_is_written_after_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd_device.recording.capture.FLUSH_INTERVAL", 0.2)
+    path = tmp_path / "a.pfwdc"
+    writer = CaptureWriter(path, {})
+    for data in (b"abc", b"def"):
+        before = len(list(CaptureReader(path)))
+        writer.write("from", data)
+        assert len(list(CaptureReader(path))) == before
+        deadline = time.monotonic() + 5.0
+        while len(list(CaptureReader(path))) == before and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert [item.data for item in CaptureReader(path)][before:] == [data]
+    writer.close()
+
+
+def test_a_full_disk_ends_the_capture_alone(tmp_path: Path) -> None:
+    full = False
+
+    def fault(call: str, _: int) -> OSError | int | None:
+        return OSError(28, "No space left on device") if full and call == "write" else None
+
+    path = tmp_path / "a.pfwdc"
+    writer = CaptureWriter(path, {}, storage=NotingStorage(tmp_path, fault))
+    writer.write("from", b"abc")
+    writer.flush()
+    full = True
+    writer.write("from", bytes(2**21))
+    assert writer.failure == "No space left on device"
+    writer.write("from", b"more")
+    writer.close()
+    reader = CaptureReader(path)
+    assert [item.data for item in reader] == [b"abc"]
+    assert reader.damage == []
+
+
+def test_a_capture_writes_over_nothing(tmp_path: Path) -> None:
+    a_capture(tmp_path / "a.pfwdc")
+    with pytest.raises(RecordingError, match="expected a new file"):
+        CaptureWriter(tmp_path / "a.pfwdc", {})
+    with pytest.raises(RecordingError, match="expected a capture"):
+        CaptureReader(tmp_path / "none.pfwdc")

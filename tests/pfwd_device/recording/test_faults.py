@@ -1,0 +1,366 @@
+"""Failing disks, kills at every call and power cuts; and that these checks notice a planted bug."""
+
+import errno
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from benchmarks import noted_disk, power_loss
+from benchmarks.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
+from benchmarks.power_loss import (
+    Recorded,
+    make_record,
+    record_run,
+    replay_kills,
+    replay_power_cuts,
+)
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.framing import Kind, scan_bytes
+from pfwd_device.recording.publishing import InlinePublisher
+
+NewRecord = Callable[[int], DropRecord]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Forty drops, with a disk that now and then is full or fails."""
+    return record_run(tmp_path_factory.mktemp("run"), 40, seed=3)
+
+
+def test_kills_between_calls_lose_nothing(run: Recorded) -> None:
+    outcome = replay_kills(run, every=23, first=5)
+    assert outcome.states > 25
+    assert (outcome.losing, outcome.unreadable) == (0, 0)
+
+
+def test_power_cuts_lose_nothing(run: Recorded) -> None:
+    outcome = replay_power_cuts(run, 20, seed=11)
+    assert (outcome.states, outcome.losing, outcome.unreadable) == (20, 0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_kills_at_every_call_lose_nothing(tmp_path: Path, seed: int) -> None:
+    outcome = replay_kills(record_run(tmp_path, 40, seed))
+    assert outcome.states > 500
+    assert (outcome.losing, outcome.unreadable) == (0, 0)
+
+
+@pytest.mark.slow
+def test_two_hundred_power_cuts_lose_nothing() -> None:
+    reports: list[dict[str, Any]] = []
+    assert power_loss.campaign(40, 200, 5, lambda **values: reports.append(values), every=50)
+    assert [report["what"] for report in reports] == ["kill", "power loss"]
+    assert reports[1]["states"] == 200
+
+
+@pytest.mark.parametrize("planted", [NoSync, NoDirectorySync])
+def test_a_forgotten_sync_is_noticed(tmp_path: Path, planted: type[NotingStorage]) -> None:
+    broken = record_run(tmp_path, 10, 3, storage_type=planted, faults=False, publish=False)
+    outcome = replay_power_cuts(broken, 20, seed=1)
+    assert outcome.losing + outcome.unreadable >= 5
+
+
+@pytest.mark.parametrize("planted", [NotingStorage, NoTruncate])
+def test_a_forgotten_cut_after_a_failed_append_is_noticed(
+    tmp_path: Path, planted: type[NotingStorage]
+) -> None:
+    full: list[int] = []
+
+    def fault(call: str, number: int) -> OSError | int | None:
+        if not full or call != "write":
+            return None
+        full[0] -= 1
+        return 900 if full[0] > 0 else OSError(errno.ENOSPC, "no space")
+
+    storage = planted(tmp_path, fault)
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(make_record(1, np.random.default_rng(0)))
+        full.append(2)
+        with pytest.raises(StorageFull):
+            writer.save_drop(make_record(2, np.random.default_rng(0)))
+        full.clear()
+    assert check(survey).ok == (planted is NotingStorage)
+
+
+@pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)])
+def test_recovery_cut_off_anywhere_is_done_again(
+    tmp_path: Path, new_survey: Callable[..., dict[int, str]], every: int
+) -> None:
+    """Torn end, damaged record, damaged ledger, missing and damaged files; then the power goes."""
+    survey = tmp_path / "run" / "survey"
+    digests = new_survey(survey, drops=6)
+    journal = survey / "journal" / "0001.pfwdj"
+    data = bytearray(journal.read_bytes())
+    drops = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.DROP]
+    data[drops[2].offset + 200] ^= 1
+    journal.write_bytes(data + b"torn" * 300)
+    ledger = (survey / "acknowledged.txt").read_bytes()
+    (survey / "acknowledged.txt").write_bytes(ledger[:400] + b"#" + ledger[401:-30])
+    (survey / "drops" / "drop-000001.h5").unlink()
+    (survey / "drops" / "drop-000002.h5").write_bytes(b"HDF")
+    for path in survey.glob("*lock"):
+        path.unlink()
+    before = noted_disk.take(tmp_path / "run")
+    storage = NotingStorage(tmp_path / "run")
+    recover(survey, storage, publisher=InlinePublisher(storage))
+    for index, _, disk in power_loss.follow(storage.notes, before):
+        if index % every == 0:
+            rng = np.random.default_rng(index)
+            for number, state in enumerate([disk.killed(), disk.power_cut(rng)]):
+                folder = tmp_path / f"{index}-{number}"
+                folder.mkdir()
+                noted_disk.put(state, folder)
+                assert power_loss.lost_drops(folder, 6, digests) == []
+                shutil.rmtree(folder)
+    assert len(storage.notes) > 40
+
+
+def test_the_checker_compares_content(run: Recorded, tmp_path: Path) -> None:
+    disk = Disk()
+    for note in run.notes:
+        disk.follow(note)
+    noted_disk.put(disk.killed(), tmp_path)
+    assert power_loss.lost_drops(tmp_path, 40, run.digests) == []
+    wrong = run.digests | {7: "0" * 64}
+    assert power_loss.lost_drops(tmp_path, 40, wrong) == [7]
+
+
+def test_power_cuts_keep_what_was_synced_and_tear_the_rest() -> None:
+    disk = Disk()
+    for note in [
+        ("make_directory", "d"),
+        ("sync_directory", ""),
+        ("create", "d/a"),
+        ("sync_directory", "d"),
+        ("write", "d/a", 0, b"x" * 1024),
+        ("sync", "d/a"),
+        ("write", "d/a", 1024, b"y" * 1024),
+        ("create", "d/b"),
+    ]:
+        disk.follow(note)
+    states = [disk.power_cut(np.random.default_rng(seed)) for seed in range(60)]
+    contents = [bytes(state["d/a"] or b"") for state in states]
+    assert all(content.startswith(b"x" * 1024) for content in contents)
+    assert {len(content) for content in contents} == {1024, 1536, 2048}
+    assert any(content[1024:1536] == bytes(512) for content in contents)
+    assert {("d/b" in state) for state in states} == {True, False}
+
+
+FAULTS = st.lists(
+    st.tuples(
+        st.integers(0, 120),
+        st.sampled_from(
+            [
+                ("write", errno.ENOSPC),
+                ("write", errno.EIO),
+                ("write", errno.EFBIG),
+                ("sync", errno.EIO),
+                ("sync", errno.ENOSPC),
+                ("truncate", errno.EIO),
+                ("open", errno.ENOSPC),
+                ("sync_directory", errno.EIO),
+                ("replace", errno.EIO),
+                ("unlink", errno.EIO),
+            ]
+        ),
+        st.integers(1, 6),
+    ),
+    max_size=5,
+)
+
+
+SHORT = st.sampled_from([200, 1000, None])
+STEPS = st.integers(60, 150)
+RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@settings(RELAXED, max_examples=15)
+@given(faults=FAULTS, short=SHORT, step=STEPS)
+def test_whatever_fails_acknowledged_drops_are_there(
+    tmp_path_factory: pytest.TempPathFactory, faults: Any, short: int | None, step: int
+) -> None:
+    check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
+
+
+@pytest.mark.slow
+@settings(RELAXED, max_examples=300)
+@given(faults=FAULTS, short=SHORT, step=STEPS)
+def test_whatever_fails_at_length(
+    tmp_path_factory: pytest.TempPathFactory, faults: Any, short: int | None, step: int
+) -> None:
+    check_faults(tmp_path_factory.mktemp("faults"), faults, short, step)
+
+
+def check_faults(folder: Path, faults: Any, short: int | None, step: int) -> None:
+    """Faults at any call, each lasting a few calls; every write may be short."""
+
+    def fault(call: str, number: int) -> OSError | int | None:
+        for begin, (name, code), length in faults:
+            if name == call and begin <= number < begin + length:
+                return OSError(code, "planted")
+        return short if call == "write" else None
+
+    storage = NotingStorage(folder, fault)
+    rng = np.random.default_rng(0)
+    digests: dict[int, str] = {}
+    for _ in range(3):  # the program is started again after whatever happened
+        try:
+            writer = SurveyWriter.open(
+                folder / "survey", storage=storage, publish=False, reserve_bytes=1024
+            )
+        except RecordingError:
+            continue
+        with writer:
+            for _ in range(3):
+                record = make_record(len(digests) + 1, rng, 24)
+                for _ in range(4):
+                    try:
+                        number = writer.save_drop(record)
+                    except RecordingError:
+                        continue
+                    digests[number] = drop_digest(record, 0)
+                    storage.mark(len(digests))
+                    break
+    recorded = Recorded(storage.notes, digests, 0)
+    assert sorted(digests) == list(range(1, len(digests) + 1))
+    if digests:
+        assert len(read_survey(folder / "survey").drops) == len(digests)
+    kills = replay_kills(recorded, step, step // 2)
+    cuts = replay_power_cuts(recorded, 2, seed=step)
+    assert (kills.losing, kills.unreadable, cuts.losing, cuts.unreadable) == (0, 0, 0, 0)
+
+
+def test_the_reserve_saves_the_drop_in_hand(tmp_path: Path, new_record: NewRecord) -> None:
+    """A disk that is full but for the reserve."""
+    full = False
+
+    def fault(call: str, _: int) -> OSError | int | None:
+        if full and call == "write" and (tmp_path / "survey" / "reserve").exists():
+            return OSError(errno.ENOSPC, "no space")
+        return None
+
+    storage = NotingStorage(tmp_path, fault)
+    with SurveyWriter.open(
+        tmp_path / "survey", storage=storage, publish=False, reserve_bytes=1024
+    ) as writer:
+        full = True
+        assert writer.save_drop(new_record(1)) == 1
+    assert not (tmp_path / "survey" / "reserve").exists()
+    assert check(tmp_path / "survey").ok
+
+
+def test_a_failed_sync_is_never_tried_again(tmp_path: Path, new_record: NewRecord) -> None:
+    fail = 0
+
+    def fault(call: str, _: int) -> OSError | int | None:
+        nonlocal fail
+        if fail and call == "sync":
+            fail -= 1
+            return OSError(errno.EIO, "planted")
+        return None
+
+    storage = NotingStorage(tmp_path, fault)
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+        fail = 1
+        assert writer.save_drop(new_record(2)) == 2
+        fail = 2
+        with pytest.raises(RecordingError, match="expected a disk that takes what is written"):
+            writer.save_drop(new_record(3))
+        assert writer.save_drop(new_record(3)) == 3
+    assert len(list((survey / "journal").iterdir())) == 4
+    assert check(survey).ok
+    assert [drop.number for drop in read_survey(survey).drops] == [1, 2, 3]
+
+
+class BrokenLedger(NotingStorage):
+    """Refuses lines of the ledger as often as `failures` says."""
+
+    failures = 0
+
+    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+        if self.failures and self._paths[descriptor].name == "acknowledged.txt":
+            self.failures -= 1
+            raise OSError(errno.EIO, "planted")
+        return super().pwrite(descriptor, data, offset)
+
+
+def test_what_the_ledger_did_not_take_is_not_in_the_journal(
+    tmp_path: Path, new_record: NewRecord
+) -> None:
+    storage = BrokenLedger(tmp_path)
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+        size = (survey / "journal" / "0001.pfwdj").stat().st_size
+        storage.failures = 1
+        with pytest.raises(RecordingError, match="came 'planted'"):
+            writer.save_drop(new_record(2))
+        assert (survey / "journal" / "0001.pfwdj").stat().st_size == size
+        assert writer.drops_acknowledged == 1
+        assert writer.save_drop(new_record(2)) == 2
+    lines = (survey / "acknowledged.txt").read_bytes().splitlines()[1:]
+    assert [int(line.split()[0]) for line in lines] == list(range(1, len(lines) + 1))
+    assert check(survey).ok
+
+
+@pytest.mark.parametrize("call", ["write", "sync"])
+@pytest.mark.parametrize("later", range(3))
+def test_an_interrupt_in_the_middle_leaves_whole_books(
+    tmp_path: Path, new_record: NewRecord, call: str, later: int
+) -> None:
+    left: list[int] = []
+
+    def fault(name: str, _: int) -> OSError | int | None:
+        if left and name == call:
+            left[0] -= 1
+            if left[0] < 0:
+                left.clear()
+                raise KeyboardInterrupt
+        return None
+
+    survey = tmp_path / "survey"
+    storage = NotingStorage(tmp_path, fault)
+    with SurveyWriter.open(survey, storage=storage, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+        left.append(later)
+        for _ in range(2):
+            try:
+                writer.save_drop(new_record(2))
+                writer.save_check({"zero": 0})
+            except KeyboardInterrupt:
+                continue
+        assert writer.save_drop(new_record(3)) == 3
+    assert check(survey).damaged == ()
+    assert [drop.number for drop in read_survey(survey).drops] == [1, 2, 3]
+
+
+def test_a_file_put_in_place_survives_power_cuts(tmp_path: Path) -> None:
+    storage = NotingStorage(tmp_path)
+    storage.write_file(tmp_path / "a.json", b"x" * 2000)
+    storage.write_file(tmp_path / "a.json", b"y" * 2000)
+    disk = Disk()
+    for note in storage.notes:
+        disk.follow(note)
+    states = [disk.power_cut(np.random.default_rng(seed)) for seed in range(20)]
+    assert states == [{"a.json": b"y" * 2000}] * 20
+
+
+def test_a_new_folder_survives_power_cuts(tmp_path: Path) -> None:
+    storage = NotingStorage(tmp_path)
+    storage.make_folder(tmp_path / "a" / "b")
+    disk = Disk()
+    for note in storage.notes:
+        disk.follow(note)
+    assert disk.power_cut(np.random.default_rng(0)) == {"a": None, "a/b": None}

@@ -1,0 +1,70 @@
+"""The documented example runs, and recordings of every version open."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd_device.recording import (
+    CaptureReader,
+    Storage,
+    check,
+    read_drop_file,
+    read_survey,
+    recover,
+)
+from pfwd_device.recording.publishing import InlinePublisher
+
+TOP = Path(__file__).resolve().parents[3]
+VERSION_1 = TOP / "tests" / "data" / "recording-v1"
+
+
+def test_the_example_of_the_documentation_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (TOP / "docs" / "recording.md").read_text(encoding="utf-8")
+    found = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
+    assert found is not None
+    monkeypatch.chdir(VERSION_1)
+    names: dict[str, np.ndarray] = {}
+    exec(compile(found[1], "recording.md", "exec"), names)
+    np.testing.assert_array_equal(names["load"], 1000.0 + np.arange(24))
+    np.testing.assert_array_equal(names["time"], (np.arange(24) - 4) / 8192.0)
+    assert np.isnan(names["velocity"][5])
+
+
+def test_version_1_opens() -> None:
+    survey = read_survey(VERSION_1)
+    (point,) = survey.points
+    assert (point.name, point.declared) == ("Köln 1", {"plate_radius_m": 0.15})
+    one, two = point.drops
+    assert (one.notes, one.discarded, two.discarded) == (("nass",), False, True)
+    assert [event["event"] for event in survey.events] == ["gap"]
+    assert survey.checks[0]["details"] == {"zero": 0.5}
+    assert one.results[0].name == "drop-000001-1.json"
+    step = np.arange(24)
+    for number, drop in ((1, one), (2, two)):
+        assert drop.file is not None
+        for record in (drop.read(), read_drop_file(drop.file)):
+            assert record.declared["bedrock_depth_m"] == np.inf
+            assert record.metadata["key"] == f"PFWD-7/3/{number}"
+            assert record.metadata["operator"] == "T. Ünal"
+            assert record.drop.number == number
+            np.testing.assert_array_equal(record.drop.load, 1000.0 * number + step)
+            velocity = np.where(step == 5, np.nan, 0.001 * step * number)
+            np.testing.assert_array_equal(record.drop.channels[0].values, velocity)
+            np.testing.assert_array_equal(record.counts, np.column_stack([step, -step]) * number)
+            rebounds = [(r.delay, r.peak_load, r.first_sample) for r in record.rebounds]
+            assert rebounds == ([(0.4375, 812.5, 4242)] if number == 2 else [])
+    (capture,) = survey.captures
+    assert [item.data for item in CaptureReader(capture)] == [b"\x00\x01"]
+
+
+def test_version_1_is_whole_and_needs_no_recovery(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(VERSION_1, copy)
+    report = check(copy)
+    assert (report.ok, report.notes, report.closed) == (True, (), True)
+    recovered = recover(copy, publisher=InlinePublisher(Storage()))
+    assert (recovered.ok, recovered.actions, recovered.drops_published) == (True, (), 2)
+    assert check(copy).ok

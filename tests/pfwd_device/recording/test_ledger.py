@@ -1,0 +1,108 @@
+"""The ledger: every line is checked, and any bytes are read without an error."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.noted_disk import NotingStorage
+from pfwd_device.recording.ledger import (
+    Entry,
+    LedgerWriter,
+    about_drop,
+    ledger_bytes,
+    parse_ledger,
+    read_about,
+    read_ledger,
+)
+
+ME = bytes(range(16))
+ENTRIES = [
+    Entry(1, 1, 1, 0, 90, 0xABC),
+    Entry(2, 3, 1, 90, 700, 0xFFFFFFFF, about_drop(1, "A ü/1", 1)),
+]
+
+
+def test_lines_come_back() -> None:
+    found = parse_ledger(ledger_bytes(ME, ENTRIES))
+    assert found.survey == ME
+    assert list(found.entries) == ENTRIES
+    assert found.damaged == ()
+    assert read_about(found.entries[1].about) == (1, "A ü/1", 1)
+    assert read_about("-") is None
+
+
+def test_every_flipped_bit_is_seen() -> None:
+    data = ledger_bytes(ME, ENTRIES)
+    for bit in range(8 * len(data)):
+        broken = bytearray(data)
+        broken[bit // 8] ^= 1 << bit % 8
+        assert parse_ledger(bytes(broken)).damaged
+
+
+def test_a_cut_within_a_line_is_seen() -> None:
+    data = ledger_bytes(ME, ENTRIES)
+    ends = [0, *(index + 1 for index, byte in enumerate(data) if byte == 10)]
+    for size in range(len(data)):
+        found = parse_ledger(data[:size])
+        assert bool(found.damaged) == (size not in ends[1:])
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_read(data: bytes) -> None:
+    parse_ledger(data)
+
+
+def test_a_missing_ledger_is_told(tmp_path: Path) -> None:
+    assert read_ledger(tmp_path / "none").missing
+    assert read_ledger(tmp_path).damaged == (1,)
+
+
+@pytest.mark.parametrize("call", ["write", "sync"])
+def test_after_a_failure_the_next_line_follows_a_whole_ledger(tmp_path: Path, call: str) -> None:
+    failing = False
+    writes = 0
+
+    def fault(name: str, _: int) -> OSError | int | None:
+        nonlocal writes
+        if not failing:
+            return None
+        writes += name == "write"
+        if call == "write" and name == "write" and writes == 1:
+            return 3  # the disk takes a little, then nothing, and cannot even be cut back
+        if name in (call, "truncate"):
+            return OSError(5, "input/output error")
+        return None
+
+    path = tmp_path / "acknowledged.txt"
+    writer = LedgerWriter(path, ME, [], NotingStorage(tmp_path, fault))
+    writer.append(ENTRIES[0])
+    failing = True
+    with pytest.raises(OSError, match="input/output"):
+        writer.append(ENTRIES[1])
+    assert path.read_bytes() != ledger_bytes(ME, ENTRIES[:1])
+    failing = False
+    writer.append(ENTRIES[1])
+    writer.close()
+    assert path.read_bytes() == ledger_bytes(ME, ENTRIES)
+
+
+def test_a_torn_long_line_leaves_nothing_behind_a_short_one(tmp_path: Path) -> None:
+    left: list[int] = []
+
+    def fault(name: str, _: int) -> OSError | int | None:
+        if not left or name != "write":
+            return None
+        return left.pop() or OSError(28, "no space")
+
+    path = tmp_path / "acknowledged.txt"
+    writer = LedgerWriter(path, ME, [], NotingStorage(tmp_path, fault))
+    writer.append(ENTRIES[0])
+    left.extend([0, 45])  # 45 bytes, then nothing
+    with pytest.raises(OSError, match="no space"):
+        writer.append(ENTRIES[1])
+    assert path.read_bytes() == ledger_bytes(ME, ENTRIES[:1])
+    writer.append(Entry(2, 1, 1, 90, 9, 1))
+    writer.close()
+    assert path.read_bytes() == ledger_bytes(ME, [ENTRIES[0], Entry(2, 1, 1, 90, 9, 1)])

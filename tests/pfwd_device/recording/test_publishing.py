@@ -1,0 +1,213 @@
+"""Drop files are made by another process, whose failures cost no drop."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import (
+    DropRecord,
+    Storage,
+    SurveyWriter,
+    check,
+    read_drop_file,
+    read_survey,
+    recover,
+)
+from pfwd_device.recording.publisher import answer
+from pfwd_device.recording.publishing import ChildPublisher, InlinePublisher, PublishingThread
+
+TOP = Path(__file__).resolve().parents[3]
+NewRecord = Callable[[int], DropRecord]
+
+
+def test_the_recording_process_never_meets_hdf5(tmp_path: Path) -> None:
+    code = """
+import sys
+import numpy as np
+from pfwd_device import Channel, Drop
+from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
+time = np.arange(50) / 1e4
+for number in (1, 2):
+    with SurveyWriter.open(sys.argv[1]) as writer:
+        drop = Drop(number, time, time, (Channel(0.0, "velocity", time),))
+        writer.save_drop(DropRecord("P", drop))
+assert recover(sys.argv[1]).ok
+assert check(sys.argv[1]).drops_published == 2
+assert len(read_survey(sys.argv[1]).drops[1].read().drop.time) == 50
+print(*({"h5py", "scipy", "textual", "inversion", "simulators"} & set(sys.modules)))
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "s")],
+        cwd=TOP,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (run.stdout, run.stderr) == ("\n", "")
+
+
+def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord) -> None:
+    with SurveyWriter.open(tmp_path, reserve_bytes=0) as writer:
+        number = writer.save_drop(new_record(1))
+        writer.publish(number)
+        writer.publish(number)
+    assert check(tmp_path).ok
+    path = tmp_path / "drops" / "drop-000001.h5"
+    with h5py.File(path) as file:
+        assert file.attrs["format_version"] == 1
+        assert file.attrs["point"] == "P 1"
+        assert file.attrs["plate_radius_m"] == 0.15
+        assert file.attrs["key"] == "7/1/1"
+        units = {}
+
+        def look(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                units[name] = item.attrs["units"]
+                assert item.fletcher32 or item.shape == ()
+
+        file.visititems(look)
+    assert units == {
+        "time": "s",
+        "load": "N",
+        "counts": "counts",
+        "sensors/1/values": "m/s",
+        "sensors/2/values": "m/s",
+        "declared": "JSON",
+        "metadata": "JSON",
+    }
+    assert path.read_bytes()[8] == 0  # version of the superblock: the oldest readers open it
+
+
+class Failing:
+    """Fails for the first drops that it is asked for."""
+
+    def __init__(self, failures: int) -> None:
+        self.failures = failures
+        self.inner = InlinePublisher(Storage())
+
+    def ask(self, request: Any) -> dict[str, Any]:
+        if self.failures:
+            self.failures -= 1
+            raise RecordingError("planted")
+        return self.inner.ask(request)
+
+    def close(self) -> None: ...
+
+
+def test_a_failed_drop_is_published_later(tmp_path: Path, new_record: NewRecord) -> None:
+    with SurveyWriter.open(tmp_path, publisher=Failing(1), reserve_bytes=0) as writer:
+        for number in (1, 2):
+            writer.publish(writer.save_drop(new_record(number)))
+        writer.close()
+        assert writer.publishing_failures == {1: "planted"}
+    report = check(tmp_path)
+    assert report.ok
+    assert (report.drops_acknowledged, report.drops_published) == (2, 1)
+    assert report.notes == ("drop P 1/1 has no file yet: run pfwd recover",)
+    with SurveyWriter.open(
+        tmp_path, publisher=InlinePublisher(Storage()), reserve_bytes=0
+    ) as writer:
+        assert writer.recovery.recovered == 1
+    assert check(tmp_path).drops_published == 2
+
+
+class Silent:
+    """Never answers in time."""
+
+    def ask(self, request: Any) -> dict[str, Any]:
+        time.sleep(2.0)
+        raise RecordingError("too late")
+
+    def close(self) -> None: ...
+
+
+def test_a_publisher_that_hangs_holds_up_nobody(tmp_path: Path, new_record: NewRecord) -> None:
+    writer = SurveyWriter.open(tmp_path, publisher=Silent(), reserve_bytes=0)
+    begun = time.monotonic()
+    for number in (1, 2):
+        writer.publish(writer.save_drop(new_record(number)))
+    assert time.monotonic() - begun < 1.0
+    writer.close(timeout=0.2)
+    assert time.monotonic() - begun < 1.5
+    assert check(tmp_path).ok
+    assert len(read_survey(tmp_path).drops) == 2
+
+
+def test_a_child_that_is_silent_or_ends_is_replaced(tmp_path: Path, new_record: NewRecord) -> None:
+    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+    publisher = ChildPublisher()
+    request = {"do": "publish", "survey": str(tmp_path), "drop": [1, 0], "rebounds": []}
+    with pytest.raises(RecordingError, match="the program that publishes failed: RecordingError"):
+        publisher.ask(request)
+    with pytest.raises(RecordingError, match="KeyError"):
+        publisher.ask({"do": "publish", "survey": str(tmp_path)})
+    publisher.close()
+    hurried = ChildPublisher(timeout=0.01)
+    with pytest.raises(RecordingError, match="it ended"):
+        hurried.ask(request)
+    hurried.close()
+    assert recover(tmp_path).drops_published == 1
+
+
+def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRecord) -> None:
+    class Lying(Storage):
+        def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
+            if data.startswith(b"\x89HDF"):
+                data = data[:3000] + bytes([data[3000] ^ 1]) + data[3001:]
+            super().write_at(descriptor, data, offset)
+
+    with SurveyWriter.open(tmp_path, publisher=InlinePublisher(Lying()), reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+        writer.close()
+        assert "expected what was written, came other content" in writer.publishing_failures[1]
+    assert not (tmp_path / "drops" / "drop-000001.h5").exists()
+
+
+def test_a_file_of_another_drop_is_not_taken_for_this_one(
+    tmp_path: Path, new_record: NewRecord
+) -> None:
+    storage = Storage()
+    with SurveyWriter.open(tmp_path, publisher=InlinePublisher(storage), reserve_bytes=0) as writer:
+        for number in (1, 2):
+            writer.save_drop(new_record(number))
+    drops = tmp_path / "drops"
+    (drops / "drop-000001.h5").write_bytes((drops / "drop-000002.h5").read_bytes())
+    report = recover(tmp_path, publisher=InlinePublisher(storage))
+    assert report.ok
+    assert read_drop_file(drops / "drop-000001.h5").drop.number == 1
+    assert (tmp_path / "damaged" / "drop-000001.h5").exists()
+    with pytest.raises(RecordingError, match="expected the file of a drop, came damage"):
+        read_drop_file(tmp_path / "acknowledged.txt")
+    with pytest.raises(RecordingError, match="expected a readable drop file"):
+        read_drop_file(tmp_path / "none.h5")
+    with pytest.raises(RecordingError, match="expected a record, came damage"):
+        answer({"do": "publish", "survey": tmp_path, "drop": [1, 3], "rebounds": []}, storage)
+
+
+def test_changed_content_is_refused(tmp_path: Path, new_record: NewRecord) -> None:
+    with SurveyWriter.open(
+        tmp_path, publisher=InlinePublisher(Storage()), reserve_bytes=0
+    ) as writer:
+        writer.save_drop(new_record(1))
+    path = tmp_path / "drops" / "drop-000001.h5"
+    with h5py.File(path, "r+") as file:
+        file["load"][0] += 1.0
+    with pytest.raises(RecordingError, match="expected the content that was written"):
+        read_drop_file(path)
+    # Readers take the journal's; recovery puts the file right.
+    assert np.all(read_survey(tmp_path).drops[0].read().drop.load == new_record(1).drop.load)
+
+
+def test_a_thread_that_is_closed_twice_ends_once(tmp_path: Path) -> None:
+    thread = PublishingThread(Failing(0), lambda request, answer: None)
+    assert thread.close(1.0)
+    assert thread.close(0.0)

@@ -1,0 +1,231 @@
+"""A survey written, continued and read: what is saved is there, once, and as it was."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd_device import Channel, Drop
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording import (
+    DropRecord,
+    Rebound,
+    Storage,
+    SurveyWriter,
+    check,
+    read_drop_file,
+    read_survey,
+    recover,
+)
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.publishing import InlinePublisher
+
+NewRecord = Callable[[int], DropRecord]
+NewSurvey = Callable[..., dict[int, str]]
+
+
+def rebound(sample: int) -> Rebound:
+    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
+
+
+def opened(folder: Path, **options: object) -> SurveyWriter:
+    options = {"publisher": InlinePublisher(Storage()), "reserve_bytes": 4096} | options
+    return SurveyWriter.open(folder, **options)  # type: ignore[arg-type]
+
+
+def test_everything_comes_back(tmp_path: Path, new_record: NewRecord) -> None:
+    folder = tmp_path / "deep" / "er" / "survey ü"
+    with opened(folder) as writer:
+        assert writer.add_point("P 1", {"plate_radius_m": 0.15}) == "P 1"
+        assert writer.next_number("P 1") == 1
+        numbers = [writer.save_drop(new_record(n)) for n in (1, 2, 11)]
+        writer.save_rebound(1, rebound(7000))
+        writer.save_rebound(1, rebound(9000))
+        writer.edit("note", "wet", number=2)
+        writer.edit("discard", number=2)
+        writer.edit("discard", number=1)
+        writer.edit("restore", number=1)
+        writer.edit("target", "D1", point="P 1")
+        writer.edit("declared", {"operator": "ü"}, point="P 1")
+        writer.note_event("gap", {"samples": 12})
+        writer.save_check({"zero": 3})
+        results = [writer.save_result(2, {"modulus_pa": value}) for value in (1.0, 2.0)]
+        assert writer.next_number("P 1") == 3
+    assert numbers == [1, 2, 3]
+    survey = read_survey(folder)
+    assert [point.name for point in survey.points] == ["P 1", "P 2"]
+    one = survey.points[0]
+    assert one.declared == {"plate_radius_m": 0.15, "operator": "ü"}
+    assert one.target == "D1"
+    assert [(d.number, d.drop, d.discarded, d.notes) for d in one.drops] == [
+        (1, 1, False, ()),
+        (2, 2, True, ("wet",)),
+    ]
+    assert one.drops[1].results == tuple(results)
+    assert [path.name for path in results] == ["drop-000002-1.json", "drop-000002-2.json"]
+    assert [event["details"] for event in survey.events] == [{"samples": 12}]
+    assert [entry["details"] for entry in survey.checks] == [{"zero": 3}]
+    assert survey.damage == ()
+    for drop, original in zip(survey.drops, (1, 2, 11), strict=True):
+        record = drop.read()
+        saved = new_record(original)
+        whole = DropRecord(
+            saved.point, saved.drop, saved.counts, saved.declared, saved.metadata, record.rebounds
+        )
+        assert drop_digest(record, 0) == drop_digest(whole, 0)
+        assert drop.file is not None
+        assert drop_digest(read_drop_file(drop.file), 0) == drop_digest(record, 0)
+    assert [r.first_sample for r in survey.drops[0].read().rebounds] == [7000, 9000]
+    report = check(folder)
+    assert (report.ok, report.damaged, report.notes, report.closed) == (True, (), (), True)
+    assert (report.drops_acknowledged, report.drops_published) == (3, 3)
+
+
+def test_a_survey_is_continued(tmp_path: Path, new_record: NewRecord) -> None:
+    for number in range(1, 5):
+        with opened(tmp_path) as writer:
+            assert writer.points == (() if number == 1 else ("P 1",))
+            assert writer.next_number("P 1") == number
+            assert writer.save_drop(new_record(number)) == number
+            assert writer.recovery.ok
+            assert writer.recovery.actions == ()
+    report = check(tmp_path)
+    assert report.ok
+    assert report.drops_published == 4
+    assert len(read_survey(tmp_path).drops) == 4
+
+
+def test_a_drop_is_never_recorded_twice(tmp_path: Path, new_record: NewRecord) -> None:
+    with opened(tmp_path) as writer:
+        assert writer.save_drop(new_record(1)) == 1
+        assert writer.save_drop(new_record(1)) == 1
+        assert writer.find_key("7/1/1") == 1
+    with opened(tmp_path) as writer:
+        assert writer.save_drop(new_record(1)) == 1
+        assert writer.drops_acknowledged == 1
+        same_number = DropRecord("P 1", new_record(1).drop)
+        with pytest.raises(RecordingError, match=r"drop P 1/1: .* came one that is not; 2 is"):
+            writer.save_drop(same_number)
+        with pytest.raises(RecordingError, match="key of a drop: expected text, came int"):
+            writer.save_drop(DropRecord("P 1", new_record(2).drop, metadata={"key": 3}))
+    assert len(read_survey(tmp_path).drops) == 1
+
+
+def test_a_rebound_after_publication_is_read_with_the_drop(
+    tmp_path: Path, new_record: NewRecord
+) -> None:
+    with opened(tmp_path) as writer:
+        writer.save_drop(new_record(1))
+        writer.save_rebound(1, rebound(7000))
+    with opened(tmp_path) as writer:
+        writer.save_rebound(1, rebound(9000))
+    drop = read_survey(tmp_path).drops[0]
+    assert drop.file is not None
+    assert [r.first_sample for r in read_drop_file(drop.file).rebounds] == [7000]
+    assert [r.first_sample for r in drop.read().rebounds] == [7000, 9000]
+    assert recover(tmp_path, publisher=InlinePublisher(Storage())).actions == ()
+    assert check(tmp_path).ok
+
+
+def test_sensors_and_counts_may_be_missing(tmp_path: Path) -> None:
+    time = np.arange(20) / 1e4
+    load = np.full(20, np.nan)
+    bare = DropRecord("Ω/../\\x", Drop(1, time, load, ()))
+    no_channel = DropRecord(
+        "Ω/../\\x", Drop(2, time, load, (Channel(0.0, "velocity", load),)), np.zeros((20, 0), int)
+    )
+    with opened(tmp_path) as writer:
+        writer.save_drop(bare)
+        writer.save_drop(no_channel)
+    one, two = (drop.read() for drop in read_survey(tmp_path).drops)
+    assert one.point == "Ω/../\\x"
+    assert one.counts is None
+    assert two.counts is not None
+    assert two.counts.shape == (20, 0)
+    assert check(tmp_path).drops_published == 2
+
+
+def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> None:
+    with opened(tmp_path) as writer:
+        writer.save_drop(new_record(1))
+        with pytest.raises(RecordingError, match="recorded drop, came 9"):
+            writer.save_rebound(9, rebound(1))
+        with pytest.raises(RecordingError, match="recorded drop, came 9"):
+            writer.save_result(9, {})
+        with pytest.raises(RecordingError, match="one of the survey's points, came 'Q'"):
+            writer.edit("note", "x", point="Q")
+        with pytest.raises(RecordingError, match="expected a point or the number"):
+            writer.edit("note", "x")
+        with pytest.raises(RecordingError, match="expected one of note, target"):
+            writer.edit("delete", number=1)
+        with pytest.raises(RecordingError, match="at most 65536 bytes"):
+            writer.edit("note", "x" * 70_000, number=1)
+    with pytest.raises(RecordingError, match="expected an open survey, came a closed one"):
+        writer.save_drop(new_record(2))
+    for action in (read_survey, check, recover):
+        with pytest.raises(RecordingError, match="expected the folder of a survey, came none"):
+            action(tmp_path / "none")
+
+
+def test_a_newer_survey_is_not_touched(
+    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd_device.recording.recovery.FORMAT_VERSION", 2)
+    with opened(tmp_path) as writer:
+        writer.save_drop(new_record(1))
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix}
+    for action in (read_survey, check, recover, opened):
+        with pytest.raises(RecordingError, match=r"format version 1, came 2; a newer version"):
+            action(tmp_path)
+    assert {p: p.read_bytes() for p in before if p.name != "writer.txt"} == {
+        p: data for p, data in before.items() if p.name != "writer.txt"
+    }
+
+
+class SmallDisk(Storage):
+    free = 0
+
+    def free_bytes(self, path: Path) -> int:
+        return self.free
+
+
+def test_a_filling_disk_is_announced_and_then_refused(
+    tmp_path: Path, new_record: NewRecord
+) -> None:
+    disk = SmallDisk()
+    disk.free = 10**9
+    with opened(tmp_path, storage=disk) as writer:
+        writer.save_drop(new_record(1))
+        assert writer.storage_warning() is None
+        writer.check_room()
+        disk.free = 199 * 10**6
+        assert "The disk is filling: room for about" in str(writer.storage_warning())
+        assert writer.free_drops(10**6) == 199
+        disk.free = 15 * 4096
+        with pytest.raises(StorageFull, match="room for 20 drops before arming, came room for"):
+            writer.check_room()
+
+
+def test_the_reserve_is_of_real_blocks(tmp_path: Path) -> None:
+    with opened(tmp_path, reserve_bytes=2**20):
+        status = (tmp_path / "reserve").stat()
+        assert status.st_size == 2**20
+        if hasattr(status, "st_blocks"):
+            assert status.st_blocks * 512 >= 2**20
+
+
+def test_thousands_of_drops_are_listed_without_reading_them(
+    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with opened(tmp_path, publish=False) as writer:
+        for number in range(1, 31):
+            writer.save_drop(new_record(number))
+    survey = read_survey(tmp_path)
+    shutil.move(tmp_path / "journal", tmp_path / "elsewhere")
+    assert len(survey.drops) == 30
+    with pytest.raises(RecordingError, match="expected drop 7 in the journal or in a file"):
+        survey.drops[6].read()
+    shutil.move(tmp_path / "elsewhere", tmp_path / "journal")
+    assert survey.drops[6].read().drop.number == 7

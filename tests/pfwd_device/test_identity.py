@@ -1,0 +1,91 @@
+"""What an identity may say, and how it is refused."""
+
+import math
+from typing import Any
+
+import pytest
+
+from pfwd_device.errors import DeviceError, SetupError
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+
+LOAD = ChannelIdentity("load", Role.LOAD)
+
+
+def identity(**changes: Any) -> Identity:
+    about: dict[str, Any] = {
+        "serial_number": "A-17",
+        "model": "m",
+        "firmware": "1",
+        "sampling_rate": 10_000.0,
+        "adc_bits": 24,
+        "adc_range": 2.5,
+        "channels": (LOAD,),
+    }
+    return Identity(**{**about, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"serial_number": "x" * 33}, "serial_number up to 32 letters, came 33"),
+        ({"model": "x" * 40}, "identity of 'A-17': expected model up to 32 letters, came 40"),
+        ({"firmware": "x" * 33}, "firmware up to 32"),
+        ({"sampling_rate": 0.0}, "sampling_rate > 0 and <= 50000 Hz, came 0.0"),
+        ({"sampling_rate": math.nan}, "sampling_rate .* came nan"),
+        ({"sampling_rate": 50_000.1}, "sampling_rate .* came 50000.1"),
+        ({"adc_bits": 7}, "adc_bits from 8 to 24, came 7"),
+        ({"adc_bits": 25}, "adc_bits from 8 to 24, came 25"),
+        ({"adc_range": 0.0}, "adc_range > 0 V, came 0.0"),
+        ({"adc_range": math.inf}, "adc_range > 0 V, came inf"),
+        ({"adc_range": math.nan}, "adc_range > 0 V, came nan"),
+        ({"channels": ()}, "1 to 8 channels, came 0"),
+        ({"channels": (LOAD,) * 9}, "1 to 8 channels, came 9"),
+        ({"plate_radius": 0.0}, "plate_radius > 0 m, came 0.0"),
+        ({"plate_radius": math.nan}, "plate_radius > 0 m, came nan"),
+        ({"plate_mass": -1.0}, "plate_mass >= 0 kg, came -1.0"),
+        ({"plate_mass": math.inf}, "plate_mass >= 0 kg, came inf"),
+        ({"centre_sensor": "air"}, 'centre_sensor "plate" or "ground", came air'),
+    ],
+)
+def test_an_impossible_instrument_is_refused(changes: dict[str, Any], match: str) -> None:
+    with pytest.raises(SetupError, match=match) as caught:
+        identity(**changes)
+    assert isinstance(caught.value, DeviceError)
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"name": "x" * 33}, "a name up to 32 letters, came 33"),
+        ({"offset": -0.1}, "channel 'c': expected offset >= 0 m, came -0.1"),
+        ({"offset": math.nan}, "offset >= 0 m, came nan"),
+        ({"offset": math.inf}, "offset >= 0 m, came inf"),
+        ({"sensitivity": 0.0}, "finite sensitivity other than 0, came 0.0"),
+        ({"sensitivity": math.nan}, "finite sensitivity other than 0, came nan"),
+        ({"zero": math.inf}, "a finite zero, V, came inf"),
+        ({"natural_frequency": 0.0, "damping": 0.5}, "natural_frequency > 0, came 0.0"),
+        ({"natural_frequency": 4.5, "damping": math.nan}, "damping > 0, came nan"),
+        ({"natural_frequency": 4.5}, "natural_frequency and damping together, came one of them"),
+        ({"damping": 0.5}, "natural_frequency and damping together"),
+        ({"shunt": -5.0}, "shunt > 0, came -5.0"),
+    ],
+)
+def test_an_impossible_channel_is_refused(changes: dict[str, Any], match: str) -> None:
+    with pytest.raises(SetupError, match=match):
+        ChannelIdentity(**{"name": "c", "role": Role.GEOPHONE, **changes})
+
+
+def test_the_extremes_are_allowed() -> None:
+    identity(
+        serial_number="",
+        model="x" * 32,
+        sampling_rate=50_000,
+        adc_bits=8,
+        channels=(ChannelIdentity("é" * 32, Role.GEOPHONE, sensitivity=-1e-300),) * 8,
+        plate_mass=0.0,
+    )
+
+
+def test_volts_per_count() -> None:
+    assert identity(adc_bits=24, adc_range=2.5).volts_per_count == 2.5 / 8_388_608
+    assert identity(adc_bits=8, adc_range=1.28).volts_per_count == 0.01

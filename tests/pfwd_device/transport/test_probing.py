@@ -1,0 +1,131 @@
+"""Who answers at a port."""
+
+import contextlib
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.transport import probing
+from pfwd_device.transport.opening import open_transport
+from pfwd_device.transport.probing import Probe, _is_lines, probe, probe_all
+from pfwd_device.wire.binary import BinaryDialect
+from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+
+
+def ask(url: str, timeout: float = 0.5) -> Probe:
+    return probe(url, [BinaryDialect()], timeout)
+
+
+@contextlib.contextmanager
+def talker(say: Callable[[int], bytes]) -> Iterator[str]:
+    """A server that says what `say` makes of a counter, every 5 ms."""
+    stop = threading.Event()
+    server = socket.create_server(("127.0.0.1", 0))
+    server.settimeout(0.05)
+
+    def run() -> None:
+        number = 0
+        while not stop.is_set():
+            with contextlib.suppress(OSError):
+                peer, _ = server.accept()
+                with peer:
+                    while not stop.wait(0.005):
+                        peer.sendall(say(number))
+                        number += 1
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
+    stop.set()
+    thread.join()
+    server.close()
+
+
+def test_an_instrument_answers() -> None:
+    instrument = Instrument()
+    with tcp_host(instrument) as url:
+        answer = ask(url, 10.0)
+    assert (answer.answers, answer.identity) == ("pfwd", instrument.identity)
+    assert "SN-1" in answer.reason
+    assert not instrument.sampling
+
+
+def test_lines_of_numbers_are_told() -> None:
+    with talker(lambda k: f"{100 * k},{0.5 * k:.3f},-1e-3\r\n".encode()) as url:
+        answer = ask(url, 10.0)
+    assert (answer.answers, answer.identity) == ("ascii", None)
+    assert "setup file" in answer.reason
+
+
+def test_others_and_nobody() -> None:
+    with talker(lambda k: b"$GPGGA,123519,4807.038,N\r\n") as url:
+        answer = ask(url)
+    assert answer.answers is None
+    assert "not as a PFWD" in answer.reason
+    with talker(lambda k: b"") as url:
+        assert "silent" in ask(url).reason
+    assert "refused" in ask(url).reason
+
+
+@posix
+def test_a_port_in_use_and_one_that_is_not_there(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    with contextlib.closing(open_transport(os.ttyname(slave))):
+        assert "in use" in ask(os.ttyname(slave)).reason
+    os.close(slave)
+    os.close(master)
+    assert "no such port" in ask(str(tmp_path / "ttyUSB9")).reason
+
+
+@posix
+def test_all_at_once(tmp_path: Path) -> None:
+    instrument, silent = Instrument(), Instrument()
+    silent.silent = True
+    first = PtyHost(instrument, str(tmp_path / "one"))
+    second = PtyHost(silent, str(tmp_path / "two"))
+    urls = [str(tmp_path / name) for name in ("two", "one", "three")]
+    answers = probe_all(urls, [BinaryDialect], 0.8)
+    first.unplug()
+    second.unplug()
+    assert [answer.url for answer in answers] == urls
+    assert [answer.answers for answer in answers] == [None, "pfwd", None]
+
+
+def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    release = threading.Event()
+
+    def hang(*_: object) -> Probe:
+        release.wait(30)
+        return Probe("", None, None, "")
+
+    monkeypatch.setattr(probing, "probe", hang)
+    monkeypatch.setattr(probing, "_OPENING_TIME", 0.1)
+    began = time.monotonic()
+    (answer,) = probe_all(["/dev/rfcomm0"], [BinaryDialect], 0.1)
+    assert time.monotonic() - began < 10
+    assert "did not open" in answer.reason
+    release.set()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (b"0,1\n1,2\n2,3\n3,4\n4,", True),
+        (b"\xff\xfe,1\r\n100, -2.5, 3e-4\r\n200,2,3\r\n300,2,3\r\n", False),  # the last may go on
+        (b"x\n100, -2.5, 3e-4\r\n200,2,3\r\n300,2,3\r\n4", True),
+        (b"0,1\n1,2\n", False),
+        (b"0\n1\n2\n3\n4\n5\n", False),
+        (b"a,1\na,2\na,3\na,4\na,5\n", False),
+        (b"", False),
+    ],
+)
+def test_what_lines_look_like(text: bytes, expected: bool) -> None:
+    assert _is_lines(text) is expected

@@ -1,0 +1,315 @@
+"""Serial ports, on pseudo-terminals; each test is a trap that was met."""
+
+import contextlib
+import errno
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from pfwd_device.errors import DeviceError, DeviceLost, PortError
+from pfwd_device.transport.base import PORT_ERRORS
+from pfwd_device.transport.opening import open_transport
+from pfwd_device.transport.serial_port import SerialTransport, port_error
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+LONG = 10.0
+"""s; nothing takes so long, however busy the computer is."""
+
+
+class Pty:
+    """A pseudo-terminal; `unplug` takes the instrument's end away."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.name = os.ttyname(slave)
+        os.close(slave)
+        self._open = True
+
+    def unplug(self) -> None:
+        if self._open:
+            os.close(self.master)
+            self._open = False
+
+
+@pytest.fixture
+def pty() -> Iterator[Pty]:
+    pair = Pty()
+    yield pair
+    pair.unplug()
+
+
+def read_all(transport: Any, count: int) -> bytes:
+    """`count` bytes, however they are cut."""
+    data, end = b"", time.monotonic() + LONG
+    while len(data) < count and time.monotonic() < end:
+        data += transport.read(0.5)
+    return data
+
+
+@posix
+def test_bytes_go_both_ways(pty: Pty) -> None:
+    with contextlib.closing(open_transport(pty.name)) as transport:
+        assert transport.url == pty.name
+        assert "115200" in transport.description
+        transport.write(b"question\0")
+        assert os.read(pty.master, 100) == b"question\0"
+        os.write(pty.master, b"answer\0")
+        assert read_all(transport, 7) == b"answer\0"
+
+
+@posix
+def test_silence_is_no_loss(pty: Pty) -> None:
+    with contextlib.closing(open_transport(pty.name)) as transport:
+        began = time.monotonic()
+        assert transport.read(0.2) == b""
+        assert 0.1 < time.monotonic() - began < LONG
+
+
+@posix
+def test_bytes_that_came_before_the_unplug_are_delivered(pty: Pty) -> None:
+    """A read of a fixed size throws away what it holds when the device goes."""
+    transport = open_transport(pty.name)
+    got, lost = [], threading.Event()
+
+    def read() -> None:
+        try:
+            while True:
+                got.append(transport.read(LONG))
+        except DeviceLost:
+            lost.set()
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    os.write(pty.master, bytes(1000))
+    end = time.monotonic() + LONG
+    while sum(map(len, got)) < 1000 and time.monotonic() < end:
+        time.sleep(0.01)
+    began = time.monotonic()
+    pty.unplug()
+    assert lost.wait(LONG)
+    assert time.monotonic() - began < 1.0
+    reader.join()
+    transport.close()
+    assert sum(map(len, got)) == 1000
+
+
+@posix
+def test_every_call_after_an_unplug_is_a_lost_device(pty: Pty) -> None:
+    """in_waiting raises a bare OSError then, write a SerialException, flush a termios.error."""
+    with contextlib.closing(open_transport(pty.name)) as transport:
+        pty.unplug()
+        with pytest.raises(DeviceLost, match="unplugged"):
+            read_all(transport, 1)
+        with pytest.raises(DeviceLost, match="unplugged"):
+            transport.read(0.1)
+        with pytest.raises(DeviceLost, match=pty.name):
+            transport.write(b"hello")
+
+
+@posix
+def test_what_pyserial_raises_after_an_unplug_is_caught(pty: Pty) -> None:
+    """The errors themselves, so that a new version of pyserial that raises others is noticed."""
+    import termios
+
+    with serial.Serial(pty.name, timeout=0.1) as port:
+        pty.unplug()
+        with pytest.raises(OSError, match=f"{errno.EIO}") as waiting:
+            _ = port.in_waiting
+        with pytest.raises(termios.error) as flushing:
+            port.flush()
+        assert not isinstance(flushing.value, OSError)
+        assert isinstance(flushing.value, PORT_ERRORS)
+        assert isinstance(waiting.value, PORT_ERRORS)
+        assert port.is_open
+
+
+@posix
+def test_close_from_another_thread_ends_a_read(pty: Pty) -> None:
+    """Closing pyserial's port under its reader is a TypeError in the reader."""
+    transport = open_transport(pty.name)
+    ended: list[BaseException] = []
+
+    def read() -> None:
+        try:
+            transport.read(LONG)
+        except BaseException as err:
+            ended.append(err)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    time.sleep(0.05)
+    began = time.monotonic()
+    transport.close()
+    reader.join(LONG)
+    assert time.monotonic() - began < 5.0
+    assert [type(err) for err in ended] == [DeviceLost]
+    transport.close()  # once more does no harm
+
+
+class TornPort:
+    """Behaves as pyserial's port does that is closed under its reader."""
+
+    port, baudrate, timeout = "torn", 9600, 0.1
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    @property
+    def in_waiting(self) -> int:
+        return 1
+
+    def read(self, size: int) -> bytes:
+        raise self._error
+
+    def write(self, data: bytes) -> int:
+        raise self._error
+
+    def close(self) -> None:
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        TypeError("'NoneType' object cannot be interpreted as an integer"),
+        OSError(errno.EIO, "Input/output error"),
+        serial.SerialException("device reports readiness to read but returned no data"),
+        AttributeError("'NoneType' object has no attribute 'hEvent'"),
+    ],
+)
+def test_any_error_of_a_port_is_a_lost_device(error: Exception) -> None:
+    transport = open_transport(TornPort(error))
+    with pytest.raises(DeviceLost, match="torn"):
+        transport.read(0.1)
+    with pytest.raises(DeviceLost, match="torn"):
+        transport.write(b"x")
+    transport.close()
+
+
+class DyingPort(TornPort):
+    """Gives one byte, then dies before the rest can be counted."""
+
+    def __init__(self) -> None:
+        super().__init__(OSError(errno.EIO, "gone"))
+        self._left = [b"a"]
+        self._counted = 0
+
+    @property
+    def in_waiting(self) -> int:
+        self._counted += 1
+        if self._counted > 1:
+            raise self._error
+        return 0
+
+    def read(self, size: int) -> bytes:
+        return self._left.pop()
+
+
+def test_a_byte_read_is_not_lost_with_the_device() -> None:
+    transport = SerialTransport(DyingPort())
+    assert transport.read(0.1) == b"a"
+    with pytest.raises(DeviceLost):
+        transport.read(0.1)
+    transport.close()
+
+
+@posix
+def test_a_second_open_is_refused(pty: Pty) -> None:
+    """Without the lock it succeeds, and the two steal each other's bytes."""
+    first = open_transport(pty.name)
+    with contextlib.closing(first), pytest.raises(PortError, match="in use by another program"):
+        open_transport(pty.name)
+    open_transport(pty.name).close()
+
+
+@posix
+def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(PortError, match=r"no such port.*pfwd ports"):
+        open_transport(str(tmp_path / "ttyUSB9"))
+
+
+@posix
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_no_port(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "not-a-port"
+    if kind == "file":
+        path.write_bytes(b"")
+    else:
+        path.mkdir()
+    with pytest.raises(PortError, match="no serial port"):
+        open_transport(str(path))
+
+
+def test_what_is_no_url() -> None:
+    with pytest.raises(PortError, match=r"foo.*check the spelling"):
+        open_transport("foo://bar")
+
+
+@pytest.mark.parametrize(
+    ("cause", "match"),
+    [
+        (serial.SerialException(errno.EACCES, "Permission denied"), "this user may not open"),
+        (serial.SerialException("could not open port 'COM3': FileNotFoundError(2, '', None, 2)"),
+         "no such port"),
+        (serial.SerialException("could not open port 'COM3': PermissionError(13, '', None, 5)"),
+         "in use"),
+        (serial.SerialException(errno.EIO, "Input/output error"), "plug it in again"),
+    ],
+)  # fmt: skip
+def test_why_a_port_does_not_open(cause: Exception, match: str) -> None:
+    error = port_error("COM3", cause)
+    assert isinstance(error, OSError)
+    assert isinstance(error, DeviceError)
+    with pytest.raises(PortError, match=match):
+        raise error
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the group is Linux's")
+def test_missing_permission_names_the_group() -> None:
+    cause = serial.SerialException(errno.EACCES, "Permission denied")
+    assert "dialout" in str(port_error("/dev/ttyUSB0", cause))
+
+
+@posix
+def test_who_does_not_read_blocks_nobody_for_long(pty: Pty) -> None:
+    with contextlib.closing(open_transport(pty.name, write_timeout=0.3)) as transport:
+        began = time.monotonic()
+        with pytest.raises(DeviceLost, match="to be taken"):
+            transport.write(bytes(1_000_000))
+        assert time.monotonic() - began < LONG
+
+
+@posix
+def test_what_was_sent_before_the_open_is_gone(pty: Pty) -> None:
+    """Hence the instrument greets on request, not when it starts."""
+    os.write(pty.master, b"greeting")
+    with contextlib.closing(open_transport(pty.name)) as transport:
+        assert transport.read(0.2) == b""
+        os.write(pty.master, b"later")
+        assert read_all(transport, 5) == b"later"
+
+
+def test_loop_url() -> None:
+    with contextlib.closing(open_transport("loop://")) as transport:
+        transport.write(b"hello")
+        assert read_all(transport, 5) == b"hello"
+        assert transport.read(0.01) == b""
+
+
+def test_an_open_port_is_taken_as_it_is() -> None:
+    with contextlib.closing(serial.serial_for_url("loop://")) as port:
+        transport = open_transport(port)
+        transport.write(b"hello")
+        assert read_all(transport, 5) == b"hello"
+        assert open_transport(transport) is transport
+        transport.close()

@@ -1,0 +1,364 @@
+"""Messages: round trips at the extremes, what is refused, what a newer instrument may send."""
+
+import dataclasses
+import datetime
+import math
+import string
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pfwd_device.errors import ProtocolError
+from pfwd_device.identity import FASTEST_SAMPLING, ChannelIdentity, Identity, Role
+from pfwd_device.text import clean
+from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
+from pfwd_device.wire.fields import day, day_of, pack_int24, unpack_int24
+from pfwd_device.wire.messages import (
+    Configure,
+    Event,
+    Hello,
+    Message,
+    Refusal,
+    RefusalCode,
+    SampleBlock,
+    Shunt,
+    Start,
+    Status,
+    Stop,
+)
+from tests.pfwd_device.wire import by_hand
+from tests.pfwd_device.wire.test_protocol_document import IDENTITY, STATED
+
+U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
+LONG = st.text(max_size=60).map(lambda value: clean(value, 60))
+NAME = st.text(string.printable + "äµ日本🦀", max_size=32).map(lambda value: clean(value, 32))
+POSITIVE = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+DAYS = st.none() | st.dates()
+
+
+def maybe(values: st.SearchStrategy[float]) -> st.SearchStrategy[float | None]:
+    return st.none() | values
+
+
+@st.composite
+def channels(draw: st.DrawFn) -> ChannelIdentity:
+    geophone = draw(st.booleans())
+    return ChannelIdentity(
+        name=draw(NAME),
+        role=draw(st.sampled_from(Role)),
+        offset=draw(st.floats(0, allow_infinity=False)),
+        sensitivity=draw(FINITE.filter(bool)),
+        zero=draw(FINITE),
+        natural_frequency=draw(POSITIVE) if geophone else None,
+        damping=draw(POSITIVE) if geophone else None,
+        shunt=draw(maybe(POSITIVE)),
+        calibrated=draw(DAYS),
+        due=draw(DAYS),
+    )
+
+
+@st.composite
+def identities(draw: st.DrawFn) -> Identity:
+    return Identity(
+        serial_number=draw(NAME),
+        model=draw(NAME),
+        firmware=draw(NAME),
+        sampling_rate=draw(st.floats(0, FASTEST_SAMPLING, exclude_min=True)),
+        adc_bits=draw(st.integers(8, 24)),
+        adc_range=draw(POSITIVE),
+        channels=tuple(draw(st.lists(channels(), min_size=1, max_size=8))),
+        plate_radius=draw(maybe(POSITIVE)),
+        plate_mass=draw(maybe(st.floats(0, allow_infinity=False))),
+        centre_sensor=draw(st.sampled_from(["plate", "ground"])),
+        protocol_version=draw(st.integers(0, 255)),
+    )
+
+
+SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
+FROM_INSTRUMENT = st.one_of(
+    identities(),
+    st.builds(Status, U64, maybe(SINGLE), maybe(SINGLE), U64, st.booleans()),
+    st.builds(Event, U16, U64, LONG),
+    st.builds(Refusal, U16, LONG),
+)
+BYTES = st.integers(0, 255)
+FROM_HOST = st.one_of(
+    st.builds(Hello, BYTES, BYTES),
+    st.builds(Configure, st.floats(allow_nan=False)),
+    st.builds(Shunt, st.booleans()),
+    st.sampled_from([Start(), Stop()]),
+)
+
+
+@given(message=FROM_INSTRUMENT, counter=st.integers(0, 2**40))
+def test_what_the_instrument_says_arrives(message: Message, counter: int) -> None:
+    assert BinaryDialect().feed(encode_message(message, counter)) == [message]
+
+
+@given(message=FROM_HOST)
+def test_what_the_host_says_arrives(message: Any) -> None:
+    end, dialect = BinaryInstrumentEnd(), BinaryDialect()
+    assert end.feed(dialect.encode(message) + dialect.encode(Stop())) == [message, Stop()]
+    assert end.counters.frames_lost == 0
+
+
+EDGES = [-(2**23), -(2**23) + 1, -65537, -65536, -257, -256, -255, -1, 0, 1, 255, 256, 2**23 - 1]
+
+
+@given(
+    st.integers(1, 8),
+    st.lists(st.sampled_from(EDGES) | st.integers(-(2**23), 2**23 - 1), min_size=8, max_size=80),
+    U32,
+    st.integers(0, 2**62),
+    st.none() | st.integers(0, 2**64 - 2),
+    st.booleans(),
+)
+def test_samples_arrive(
+    width: int, values: list[int], stream: int, first: int, clock: int | None, shunt: bool
+) -> None:
+    counts = np.array(values[: len(values) // width * width], np.int32).reshape(-1, width)
+    block = SampleBlock(stream, first, clock, counts, shunt)
+    (came,) = BinaryDialect().feed(encode_message(block, 0))
+    assert isinstance(came, SampleBlock)
+    assert (came.stream, came.first_sample, came.clock_us) == (stream, first, clock)
+    assert came.shunt is shunt
+    assert came.counts.dtype == np.int32
+    np.testing.assert_array_equal(came.counts, counts)
+
+
+def test_int24_is_twos_complement() -> None:
+    counts = np.array(EDGES, np.int32)
+    data = b"".join(value.to_bytes(3, "little", signed=True) for value in EDGES)
+    assert pack_int24(counts) == data
+    np.testing.assert_array_equal(unpack_int24(data), counts)
+    assert pack_int24(counts[::-2]) == pack_int24(counts[::-2].copy())  # not contiguous
+    assert unpack_int24(b"").shape == (0,)
+
+
+def test_blocks_that_follow_each_other_come_as_one() -> None:
+    block = STATED["Samples"]
+    steps: list[dict[str, Any]] = [
+        {},
+        {"first_sample": 303},  # follows
+        {"first_sample": 307},  # a gap of one
+        {"first_sample": 310, "shunt": True},
+        {"first_sample": 313, "shunt": True, "stream": 5},
+        {"first_sample": 316, "stream": 5, "shunt": True, "counts": block.counts[:, :1]},
+        {
+            "first_sample": 318,
+            "stream": 5,
+            "shunt": True,
+            "counts": block.counts[:, :1],
+        },  # overlaps
+    ]
+    blocks = [dataclasses.replace(block, **step) for step in steps]
+    data = b"".join(encode_message(block, at) for at, block in enumerate(blocks))
+    came = BinaryDialect().feed(data)
+    assert [len(block.counts) for block in came if isinstance(block, SampleBlock)] == [6] + [3] * 5
+    assert came[0].clock_us == block.clock_us  # type: ignore[union-attr]
+    data = b"".join(
+        encode_message(message, 0)
+        for message in (block, STATED["Status"], dataclasses.replace(block, first_sample=303))
+    )
+    kinds = [type(message) for message in BinaryDialect().feed(data)]
+    assert kinds == [SampleBlock, Status, SampleBlock]  # the order stays
+
+
+def block_of(counts: Any, **fields: Any) -> SampleBlock:
+    return SampleBlock(
+        **{"stream": 1, "first_sample": 0, "clock_us": 0, "counts": counts, **fields}
+    )
+
+
+@pytest.mark.parametrize(
+    ("message", "match"),
+    [
+        (block_of(np.zeros((2049, 1), np.int32)), "SampleBlock: expected at most 6144 bytes"),
+        (block_of(np.zeros((0, 2), np.int32)), "SampleBlock: expected samples of 1 to 8 channels"),
+        (block_of(np.zeros((1, 9), np.int32)), "samples of 1 to 8 channels, came 1x9"),
+        (block_of(np.full((1, 1), 2**23, np.int32)), "24 bits, came 8388608 to 8388608"),
+        (block_of(np.full((1, 1), -(2**23) - 1, np.int32)), "24 bits, came -8388609"),
+        (block_of(np.zeros((1, 1), np.int32), stream=-1), "SampleBlock"),
+        (Status(0, 1e300, None, 0, False), "Status: float too large"),
+        (Status(-1, None, None, 0, False), "Status"),
+        (Event(70_000, 0), "Event"),
+        (Event(1, 0, "é" * 128), "Event: expected a text of at most 255 bytes, came 256"),
+        (Refusal(1, "\ud800"), "Refusal"),
+        (Hello(1, 256), "Hello"),
+    ],
+)
+def test_what_does_not_fit_is_refused(message: Message, match: str) -> None:
+    with pytest.raises(ProtocolError, match=match):
+        encode_message(message, 0)
+
+
+@pytest.mark.parametrize("name", by_hand.EXAMPLES)
+def test_bytes_of_a_newer_version_behind_the_fields_are_ignored(name: str) -> None:
+    type_, counter, payload = by_hand.EXAMPLES[name]
+    end = BinaryInstrumentEnd() if type_ < 0x80 else BinaryDialect()
+    (message,) = end.feed(by_hand.frame(type_, counter, payload + b"\1\0\3 more"))
+    if name == "Samples":
+        np.testing.assert_array_equal(message.counts, by_hand.ROWS)
+    else:
+        assert message == STATED[name]
+
+
+@pytest.mark.parametrize("name", by_hand.EXAMPLES)
+def test_every_payload_that_is_too_short_is_damaged(name: str) -> None:
+    type_, counter, payload = by_hand.EXAMPLES[name]
+    for length in range(len(payload)):
+        end = BinaryInstrumentEnd() if type_ < 0x80 else BinaryDialect()
+        assert end.feed(by_hand.frame(type_, counter, payload[:length])) == []
+        assert (end.counters.frames_good, end.counters.frames_damaged) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("type_", "payload"),
+    [
+        (0x82, by_hand.samples(1, 0, 0, [[0] * 9])),
+        (0x82, by_hand.samples(1, 0, 0, [[]])),
+        (0x82, by_hand.samples(1, 2**63, 0, [[1]])),
+        (0x82, by_hand.samples(1, 0, 0, [[1]])[:22] + b"\0\0"),
+        (0x01, b"PFWE\1\1"),
+    ],
+)
+def test_nonsense_with_a_right_check_is_damaged(type_: int, payload: bytes) -> None:
+    end = BinaryInstrumentEnd() if type_ < 0x80 else BinaryDialect()
+    assert end.feed(by_hand.frame(type_, 0, payload)) == []
+    assert end.counters.frames_damaged == 1
+
+
+def test_unknown_types_are_counted_and_passed_over() -> None:
+    dialect = BinaryDialect()
+    known = by_hand.frame(0x85, 2, by_hand.u(5, 2) + by_hand.txt("no"))
+    data = by_hand.frame(0x90, 0, b"new") + by_hand.frame(0x01, 1, b"PFWD\1\1") + known
+    assert dialect.feed(data) == [Refusal(5, "no")]
+    assert (dialect.counters.frames_unknown, dialect.counters.frames_good) == (2, 3)
+
+
+def test_unknown_flags_roles_and_seats_do_no_harm() -> None:
+    payload = by_hand.IDENTITY
+    seat = len(payload) - len(by_hand.LOAD) - len(by_hand.CENTRE) - 2
+    changed = bytearray(payload)
+    changed[seat] = 7
+    changed[seat + 2 + 5] = 99  # the role of the first channel
+    (identity,) = BinaryDialect().feed(by_hand.frame(0x81, 0, bytes(changed)))
+    assert isinstance(identity, Identity)
+    assert identity.centre_sensor == "plate"
+    assert [channel.role for channel in identity.channels] == [Role.UNUSED, Role.GEOPHONE]
+    (block,) = BinaryDialect().feed(by_hand.frame(0x82, 0, by_hand.samples(1, 0, 0, [[1]], 0xFE)))
+    assert isinstance(block, SampleBlock)
+    assert not block.shunt
+
+
+def test_a_clock_that_is_not_there_and_readings_that_are_none() -> None:
+    (block,) = BinaryDialect().feed(by_hand.frame(0x82, 0, by_hand.samples(1, 0, 2**64 - 1, [[1]])))
+    assert isinstance(block, SampleBlock)
+    assert block.clock_us is None
+    payload = by_hand.u(1, 8) + by_hand.f32(math.inf) + by_hand.f32(math.nan) + by_hand.u(0, 9)
+    assert BinaryDialect().feed(by_hand.frame(0x83, 0, payload)) == [
+        Status(1, None, None, 0, False)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        (by_hand.f64(10_000.0), by_hand.f64(math.nan), "identity of 'PFWD-0001': .*sampling_rate"),
+        (
+            by_hand.f64(10_000.0),
+            by_hand.f64(50_001.0),
+            "sampling_rate > 0 and <= 50000 Hz, came 50001",
+        ),
+        (by_hand.f64(0.15), by_hand.f64(math.inf), "plate_radius > 0 m, came inf"),
+        (by_hand.f64(-28.8), by_hand.f64(0.0), "channel 'centre': .*sensitivity other than 0"),
+        (by_hand.f64(0.56), by_hand.f64(math.nan), "channel 'centre': .*damping together"),
+        (by_hand.u(20270131, 4), by_hand.u(20270230, 4), "channel 'load': due: .*came 20270230"),
+        (by_hand.u(20270131, 4), by_hand.u(2**32 - 1, 4), "yyyymmdd or 0, came 4294967295"),
+    ],
+)
+def test_an_impossible_identity_says_what_is_wrong(old: bytes, new: bytes, match: str) -> None:
+    assert by_hand.IDENTITY.count(old) == 1
+    payload = by_hand.IDENTITY.replace(old, new)
+    (refusal,) = BinaryDialect().feed(by_hand.frame(0x81, 0, payload))
+    assert isinstance(refusal, Refusal)
+    assert refusal.code == RefusalCode.FAULT
+    with pytest.raises(ValueError, match=match):
+        raise ValueError(refusal.text)
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        "\x1b]0;owned\x07",
+        "\x1b[2J",
+        "a\u202eb",
+        "\u2066x",
+        "line\nbreak",
+        "\u2028",
+        "\x9b31m",
+        "\0",
+    ],
+)
+def test_hostile_texts_come_out_harmless(hostile: str) -> None:
+    event = by_hand.u(1, 2) + by_hand.u(0, 8) + by_hand.txt(hostile)
+    identity = by_hand.IDENTITY.replace(by_hand.txt("PFWD-0001"), by_hand.txt(hostile))
+    frames = by_hand.frame(0x84, 0, event) + by_hand.frame(0x81, 1, identity)
+    said, who = BinaryDialect().feed(frames)
+    assert isinstance(said, Event)
+    assert isinstance(who, Identity)
+    for text in (said.text, who.serial_number):
+        assert text.isprintable()
+        assert "\N{REPLACEMENT CHARACTER}" in text
+
+
+def test_bytes_that_are_no_text_and_markup_stay_text() -> None:
+    event = by_hand.u(1, 2) + by_hand.u(0, 8)
+    frames = by_hand.frame(0x84, 0, event + b"\3\xff\xc0\x80")
+    frames += by_hand.frame(0x84, 1, event + by_hand.txt("[bold]x[/] <b>%s{0}"))
+    first, second = BinaryDialect().feed(frames)
+    assert set(getattr(first, "text", "")) == {"\N{REPLACEMENT CHARACTER}"}
+    # Markup is no control character: whoever shows it, shows it as it is.
+    assert getattr(second, "text", "") == "[bold]x[/] <b>%s{0}"
+
+
+def test_days_are_decimal_numbers() -> None:
+    assert day(datetime.date(1, 1, 1)) == 10101
+    assert day_of(99991231) == datetime.date(9999, 12, 31)
+    assert day(None) == 0
+    assert day_of(0) is None
+    with pytest.raises(ValueError, match="month must be in"):
+        day_of(20261301)
+
+
+def test_the_host_ends_what_noise_has_begun() -> None:
+    end = BinaryInstrumentEnd()
+    assert end.feed(b"\x55\x66" + BinaryDialect().encode(Start())) == [Start()]
+    assert end.counters.frames_damaged == 1
+
+
+def test_a_reset_of_the_dialect_forgets_half_a_frame() -> None:
+    dialect = BinaryDialect()
+    frame = encode_message(IDENTITY, 0)
+    dialect.feed(frame[:50])
+    dialect.reset()
+    assert dialect.feed(frame) == [IDENTITY]
+    assert dialect.counters.frames_damaged == 0
+
+
+def test_seconds_of_the_fastest_stream_arrive() -> None:
+    # 8 channels at 20 kHz; what it costs is measured elsewhere.
+    counts = np.arange(20_000 * 8, dtype=np.int32).reshape(-1, 8)
+    data = b"".join(
+        encode_message(SampleBlock(1, at, at * 50, counts[at : at + 200]), at)
+        for at in range(0, len(counts), 200)
+    )
+    dialect = BinaryDialect()
+    came = [m for at in range(0, len(data), 4096) for m in dialect.feed(data[at : at + 4096])]
+    np.testing.assert_array_equal(
+        np.concatenate([getattr(m, "counts", None) for m in came]), counts
+    )

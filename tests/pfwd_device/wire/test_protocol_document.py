@@ -1,0 +1,167 @@
+"""The document, a second encoder written from it, and the program say the same, byte for byte."""
+
+import dataclasses
+import datetime
+import re
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
+from pfwd_device.wire.messages import (
+    Configure,
+    Event,
+    EventKind,
+    Hello,
+    Refusal,
+    RefusalCode,
+    SampleBlock,
+    Shunt,
+    Start,
+    Status,
+    Stop,
+)
+from tests.pfwd_device.wire import by_hand
+
+JANUARY = datetime.date(2026, 1, 31)
+IDENTITY = Identity(
+    serial_number="PFWD-0001",
+    model="Example",
+    firmware="1.4.2",
+    sampling_rate=10_000.0,
+    adc_bits=24,
+    adc_range=2.5,
+    plate_radius=0.15,
+    plate_mass=10.6,
+    channels=(
+        ChannelIdentity(
+            name="load",
+            role=Role.LOAD,
+            sensitivity=1e-4,
+            zero=0.05,
+            shunt=5000.0,
+            calibrated=JANUARY,
+            due=datetime.date(2027, 1, 31),
+        ),
+        ChannelIdentity(
+            name="centre",
+            role=Role.GEOPHONE,
+            sensitivity=-28.8,
+            natural_frequency=4.5,
+            damping=0.56,
+            calibrated=JANUARY,
+        ),
+    ),
+)
+COUNTS = np.array([[0, -1], [1000, -70000], [8388607, -8388608]], np.int32)
+# What the document says in words about each of its examples.
+STATED: dict[str, Any] = {
+    "Hello": Hello(1, 1),
+    "Configure": Configure(20_000.0),
+    "Start": Start(),
+    "Stop": Stop(),
+    "Shunt": Shunt(True),
+    "Identity": IDENTITY,
+    "Samples": SampleBlock(0x1234ABCD, 300, 1_030_000, COUNTS),
+    "Status": Status(1_500_000, 12.5, -3.25, 7, True),
+    "Event": Event(EventKind.TRIGGER, 1_600_000, "button"),
+    "Refusal": Refusal(RefusalCode.ARGUMENT, "sampling rate up to 10000 Hz"),
+}
+
+
+def test_the_document_shows_every_message() -> None:
+    text = by_hand.DOCUMENT.read_text(encoding="utf-8")
+    assert re.findall(r"^### Example: (\w+)$", text, re.MULTILINE) == list(STATED)
+    assert set(by_hand.EXAMPLES) == set(STATED)
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_a_second_encoder_gives_the_bytes_of_the_document(name: str) -> None:
+    packet, frame = by_hand.documented(name)
+    assert by_hand.packet(*by_hand.EXAMPLES[name]) == packet
+    assert by_hand.frame(*by_hand.EXAMPLES[name]) == frame
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_the_encoder_gives_the_bytes_of_the_document(name: str) -> None:
+    counter = by_hand.EXAMPLES[name][1]
+    assert encode_message(STATED[name], counter) == by_hand.documented(name)[1]
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_the_decoder_reads_in_the_document_what_it_states(name: str) -> None:
+    _, frame = by_hand.documented(name)
+    from_host = by_hand.EXAMPLES[name][0] < 0x80
+    end = BinaryInstrumentEnd() if from_host else BinaryDialect()
+    (message,) = end.feed(frame)
+    assert same(message, STATED[name])
+    assert end.counters.frames_good == 1
+
+
+def same(one: Any, other: Any) -> bool:
+    if not isinstance(one, SampleBlock):
+        return bool(one == other)
+    places = [dataclasses.replace(block, counts=None) for block in (one, other)]
+    fields = [[getattr(place, f.name) for f in dataclasses.fields(place)] for place in places]
+    return fields[0] == fields[1] and np.array_equal(one.counts, other.counts)
+
+
+def test_same_tells_blocks_apart() -> None:
+    block = STATED["Samples"]
+    assert not same(block, dataclasses.replace(block, shunt=True))
+    assert not same(block, dataclasses.replace(block, counts=COUNTS + 1))
+
+
+def test_the_check_value_of_the_crc() -> None:
+    text = by_hand.DOCUMENT.read_text(encoding="utf-8")
+    assert "0xCBF43926" in text
+    assert by_hand.crc32(b"123456789") == zlib.crc32(b"123456789") == 0xCBF43926
+
+
+def test_the_examples_of_cobs() -> None:
+    text = by_hand.DOCUMENT.read_text(encoding="utf-8")
+    pairs = re.findall(r"^((?:[0-9A-F]{2} ?)+?) +->  ((?:[0-9A-F]{2} ?)+)$", text, re.MULTILINE)
+    assert len(pairs) == 2
+    for plain, encoded in pairs:
+        assert by_hand.cobs(bytes.fromhex(plain)) == bytes.fromhex(encoded)
+    run = bytes(range(1, 255))
+    assert by_hand.cobs(run) == b"\xff" + run
+    assert by_hand.cobs(run + b"\xff") == b"\xff" + run + b"\x02\xff"
+
+
+@given(payload=st.binary(max_size=600) | st.integers(0, 1100).map(lambda n: b"\x05" * n))
+def test_frames_of_the_second_encoder_are_read(payload: bytes) -> None:
+    # The type is none that is known: only the framing is looked at.
+    end = BinaryDialect()
+    frame = by_hand.frame(0xC0, 513, payload)
+    end.feed(frame)
+    assert (end.counters.frames_good, end.counters.frames_unknown) == (1, 1)
+    assert by_hand.uncobs(frame[:-1]) == by_hand.packet(0xC0, 513, payload)
+
+
+def test_a_further_code_behind_a_full_run_is_accepted() -> None:
+    # The last 254 bytes: length, text, one byte that is to be ignored, CRC; none may be zero.
+    payload = by_hand.u(5, 2) + by_hand.txt("x" * 248)
+    packets = (by_hand.packet(0x85, 0, payload + bytes([filler])) for filler in range(1, 256))
+    encoded = by_hand.cobs(next(packet for packet in packets if 0 not in packet[-254:]))
+    assert encoded[-255] == 255
+    for frame in (encoded + b"\0", encoded + b"\x01\0"):
+        assert BinaryDialect().feed(frame) == [Refusal(5, "x" * 248)]
+
+
+def test_limits_are_as_documented() -> None:
+    assert len(by_hand.frame(0x81, 0, b"\x01" * 8000)) == 8039 + 1
+    assert len(by_hand.samples(0, 0, 0, [[0] * 8] * 256)) == 24 + 6144
+    minimal = dataclasses.replace(
+        IDENTITY,
+        serial_number="",
+        model="",
+        firmware="",
+        channels=(ChannelIdentity("", Role.LOAD),),
+    )
+    assert len(by_hand.uncobs(encode_message(minimal, 0)[:-1])) == 97 + 7

@@ -1,0 +1,90 @@
+"""A host of the mock instrument that reads the wire by hand: offsets and COBS, nothing shared."""
+
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+from cobs import cobs
+
+from pfwd_device.wire.binary import encode_message
+from pfwd_device.wire.messages import HostMessage, Start
+from simulators.instrument.device import Instrument
+from simulators.instrument.scenario import load_scenario
+
+IDENTITY, SAMPLES, STATUS, EVENT, REFUSAL = 0x81, 0x82, 0x83, 0x84, 0x85
+BOOT, TRIGGER, LOW_BATTERY, END, SHUNT_ON, SHUNT_OFF = 1, 2, 3, 4, 5, 6
+
+
+class Frame(NamedTuple):
+    type: int
+    counter: int
+    payload: bytes
+
+
+class Block(NamedTuple):
+    stream: int
+    first: int
+    clock: int
+    shunt: bool
+    counts: Any
+
+    @property
+    def end(self) -> int:
+        return self.first + len(self.counts)
+
+
+def frames(data: bytes) -> list[Frame]:
+    """Every frame, by COBS and offsets alone; the check sums are the business of other tests."""
+    assert data.endswith(b"\0") or not data
+    packets = [cobs.decode(part) for part in data.split(b"\0") if part]
+    return [Frame(p[0], int.from_bytes(p[1:3], "little"), bytes(p[3:-4])) for p in packets]
+
+
+def block(frame: Frame) -> Block:
+    stream, first, clock, flags, channels, count = struct.unpack("<IQQBBH", frame.payload[:24])
+    data = np.frombuffer(frame.payload[24:], np.uint8).reshape(count, channels, 3).astype(np.int64)
+    counts = data @ [1, 256, 65_536]
+    return Block(
+        stream, first, clock, bool(flags & 1), np.where(counts < 2**23, counts, counts - 2**24)
+    )
+
+
+def blocks(data: bytes) -> list[Block]:
+    return [block(frame) for frame in frames(data) if frame.type == SAMPLES]
+
+
+def events(data: bytes) -> list[tuple[int, int, str]]:
+    """Kind, clock and text."""
+    return [
+        (*struct.unpack("<HQ", f.payload[:10]), f.payload[11:].decode())
+        for f in frames(data)
+        if f.type == EVENT
+    ]
+
+
+def statuses(data: bytes) -> list[tuple[int, float, float, int, int]]:
+    """Clock, battery, temperature, overruns, flags."""
+    return [struct.unpack("<QffQB", f.payload[:25]) for f in frames(data) if f.type == STATUS]
+
+
+def refusals(data: bytes) -> list[int]:
+    return [struct.unpack("<H", f.payload[:2])[0] for f in frames(data) if f.type == REFUSAL]
+
+
+def taken(instrument: Instrument) -> bytes:
+    data = bytes(instrument.output)
+    instrument.sent(len(data))
+    return data
+
+
+def say(instrument: Instrument, *messages: HostMessage) -> bytes:
+    instrument.receive(b"".join(b"\0" + encode_message(message, 0) for message in messages))
+    return taken(instrument)
+
+
+def started(tables: Any = "default", **options: Any) -> Instrument:
+    """An instrument that samples, with nothing of it taken yet."""
+    instrument = Instrument(load_scenario(tables), **options)
+    instrument.connect()
+    instrument.receive(b"\0" + encode_message(Start(), 0))
+    return instrument

@@ -1,0 +1,324 @@
+"""Virtual serial port and TCP port of the mock instrument, met by plain readers."""
+
+import os
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.messages import Event, EventKind, Hello, SampleBlock, Start
+from simulators.instrument.device import Instrument
+from simulators.instrument.endpoint import (
+    Endpoint,
+    EndpointError,
+    PtyEndpoint,
+    TcpEndpoint,
+    open_endpoint,
+)
+from simulators.instrument.scenario import load_scenario
+from simulators.instrument.server import Server
+
+posix = pytest.mark.skipif(os.name != "posix", reason="there are no virtual serial ports")
+KINDS = [pytest.param("pty", marks=posix), "tcp://127.0.0.1:0"]
+PATIENCE = 20.0
+BRIEF: dict[str, Any] = {
+    "base": "default",
+    "drops": {"first": 0.3, "interval": 0.5, "quiet": 0.3, "bounces": [0, 0]},
+}
+
+
+class Reader:
+    """A host that knows nothing but bytes."""
+
+    def __init__(self, url: str) -> None:
+        self._socket: socket.socket | None = None
+        if url.startswith("socket://"):
+            host, _, port = url.removeprefix("socket://").rpartition(":")
+            self._socket = socket.create_connection((host, int(port)), PATIENCE)
+            self._number = self._socket.fileno()
+        else:
+            self._number = os.open(url, os.O_RDWR | os.O_NOCTTY)
+
+    def read(self, seconds: float = PATIENCE) -> bytes:
+        """What there is, waiting for it; empty at the end."""
+        ready, _, _ = select.select([self._number], [], [], seconds)
+        assert ready, "nothing came"
+        try:
+            return os.read(self._number, 65_536)
+        except OSError:  # a hang-up
+            return b""
+
+    def write(self, data: bytes) -> None:
+        os.write(self._number, data)
+
+    def everything(self) -> bytes:
+        """All until the end."""
+        parts = []
+        while data := self.read():
+            parts.append(data)
+        return b"".join(parts)
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        else:
+            os.close(self._number)
+
+
+def until(holds: Callable[[], bool]) -> None:
+    """Wait for something that another thread or the kernel does."""
+    limit = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < limit, "it did not happen"
+        time.sleep(0.002)
+
+
+@pytest.fixture(params=KINDS)
+def endpoint(request: pytest.FixtureRequest) -> Iterator[Endpoint]:
+    with closing(open_endpoint(request.param)) as opened:
+        yield opened
+
+
+@pytest.fixture
+def served() -> Iterator[Callable[..., tuple[str, Instrument]]]:
+    """Serves instruments in threads; all are stopped at the end."""
+    stop = threading.Event()
+    threads: list[threading.Thread] = []
+    endpoints: list[Endpoint] = []
+
+    def serve(tables: Any, listen: str, rate: float = 0.0, **options: Any) -> Any:
+        scenario = load_scenario(tables)
+        endpoint = open_endpoint(listen, movable=bool(scenario.faults_of("unplug")))
+        endpoints.append(endpoint)
+        instrument = Instrument(scenario, overruns=rate == 1, **options)
+        server = Server(instrument, endpoint, rate, stop.is_set)
+
+        def run() -> None:
+            with closing(endpoint):
+                server.run()
+
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        return endpoint.url, instrument
+
+    yield serve
+    stop.set()
+    for thread in threads:
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+
+
+def started(url: str) -> Reader:
+    reader, host = Reader(url), BinaryDialect()
+    reader.write(host.encode(Hello()) + host.encode(Start()))
+    return reader
+
+
+# Ports
+
+
+def test_a_host_is_noticed_when_it_comes_and_when_it_goes(endpoint: Endpoint) -> None:
+    assert not endpoint.connected
+    with closing(Reader(endpoint.url)) as reader:
+        until(lambda: endpoint.connected)
+        reader.write(b"\x00\x01\r\n\x03\x04\xff")  # no byte means anything to a raw terminal
+        data = b""
+        while len(data) < 7:
+            endpoint.wait(0.1, writing=False)
+            data += endpoint.read()
+        assert data == b"\x00\x01\r\n\x03\x04\xff"
+        assert endpoint.write(b"\n\r\x00\x11\x13\xff") == 6
+        assert reader.read() == b"\n\r\x00\x11\x13\xff"
+
+    def gone() -> bool:
+        endpoint.read()
+        return not endpoint.connected
+
+    until(gone)
+    with closing(Reader(endpoint.url)):
+        until(lambda: endpoint.connected)
+
+
+def test_what_is_not_read_is_seen(endpoint: Endpoint) -> None:
+    with closing(Reader(endpoint.url)) as reader:
+        until(lambda: endpoint.connected)
+        endpoint.write(b"x" * 3000)
+        endpoint.finish()
+        for _ in range(20):
+            assert not endpoint.drained()
+        assert reader.read() == b"x" * 3000
+        if isinstance(endpoint, TcpEndpoint):
+            assert reader.read() == b""
+            reader.close()
+            until(lambda: endpoint.read() == b"" and endpoint.drained())
+            return
+        until(endpoint.drained)
+
+
+def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
+    with closing(Reader(endpoint.url)):
+        until(lambda: endpoint.connected)
+        sent = 0
+        while (count := endpoint.write(b"x" * 65_536)) > 0:
+            sent += count
+            assert sent < 1e9
+        assert sent > 1000
+
+
+@posix
+def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
+    with closing(PtyEndpoint(movable=True)) as endpoint:
+        first = Path(endpoint.url).resolve()
+        with closing(Reader(endpoint.url)) as reader:
+            until(lambda: endpoint.connected)
+            endpoint.unplug()
+            assert reader.read() == b""
+            assert not Path(endpoint.url).is_symlink()
+            assert not endpoint.connected
+            endpoint.plug()  # the old port is still open: the new one has another number
+            assert Path(endpoint.url).resolve() != first
+        with closing(Reader(endpoint.url)):
+            until(lambda: endpoint.connected)
+    assert not Path(endpoint.url).parent.exists()
+
+
+def test_a_pulled_tcp_port_refuses_and_comes_back() -> None:
+    with closing(TcpEndpoint()) as endpoint:
+        url = endpoint.url
+        endpoint.unplug()
+        with pytest.raises(ConnectionRefusedError):
+            Reader(url)
+        endpoint.plug()
+        assert endpoint.url == url
+        with closing(Reader(url)):
+            until(lambda: endpoint.connected)
+
+
+@pytest.mark.parametrize("listen", ["udp://1", "tcp://127.0.0.1", "tcp://:1", "tcp://x:99999", ""])
+def test_a_place_that_is_none_is_refused(listen: str) -> None:
+    with pytest.raises(EndpointError, match=r"expected pty or tcp://HOST:PORT"):
+        open_endpoint(listen)
+
+
+def test_a_port_that_is_taken_is_told() -> None:
+    with closing(TcpEndpoint()) as endpoint:
+        taken = endpoint.url.replace("socket", "tcp")
+        with pytest.raises(EndpointError, match=r"try another port, or 0 for any"):
+            open_endpoint(taken)
+
+
+# The loop
+
+
+@pytest.mark.parametrize("listen", KINDS)
+@pytest.mark.parametrize("rate", [0.0, 10.0])
+def test_a_reader_gets_everything_up_to_the_end(
+    served: Callable[..., tuple[str, Instrument]], listen: str, rate: float
+) -> None:
+    url, instrument = served(BRIEF, listen, rate, drops=3)
+    with closing(started(url)) as reader:
+        data = reader.everything()
+    host = BinaryDialect()
+    messages = host.feed(data)
+    assert host.counters.frames_damaged == host.counters.frames_lost == 0
+    assert host.counters.bytes_discarded == 0
+    index = 0
+    for message in messages:
+        if isinstance(message, SampleBlock):
+            assert message.first_sample == index
+            index += len(message.counts)
+    ends = [m for m in messages if isinstance(m, Event) and m.kind == EventKind.END]
+    assert len(ends) == 1
+    assert index == pytest.approx(16_000, abs=600)  # 0.3 s, two intervals of 0.5 s, 0.3 s
+    assert len(instrument.truth()) == 3
+
+
+@pytest.mark.parametrize("listen", KINDS)
+def test_a_slow_reader_loses_nothing_when_there_is_no_clock(
+    served: Callable[..., tuple[str, Instrument]], listen: str
+) -> None:
+    url, _ = served({**BRIEF, "base": "typical"}, listen, drops=40)
+    with closing(started(url)) as reader:
+        time.sleep(0.3)
+        data = reader.everything()
+    host = BinaryDialect()
+    blocks = [m for m in host.feed(data) if isinstance(m, SampleBlock)]
+    assert host.counters.frames_lost == 0
+    assert sum(len(b.counts) for b in blocks) == blocks[-1].first_sample + len(blocks[-1].counts)
+
+
+@pytest.mark.parametrize("listen", KINDS)
+def test_send_then_unplug_is_exact(
+    served: Callable[..., tuple[str, Instrument]], listen: str
+) -> None:
+    fault = {"kind": "unplug", "at_s": 0.55, "seconds": 0.05}
+    url, instrument = served({**BRIEF, "faults": [fault]}, listen, 5.0, drops=2)
+    with closing(started(url)) as reader:
+        first = BinaryDialect().feed(reader.everything())
+    assert sum(len(m.counts) for m in first if isinstance(m, SampleBlock)) == 5500
+
+    def reopened() -> Reader | None:
+        try:
+            return started(url)
+        except OSError:
+            return None
+
+    found: list[Reader] = []
+    until(lambda: bool(found.append(r) or True) if (r := reopened()) else False)
+    with closing(found[0]) as reader:
+        second = BinaryDialect().feed(reader.everything())
+    blocks = [m for m in second if isinstance(m, SampleBlock)]
+    assert blocks[0].first_sample == 0
+    assert blocks[0].stream != next(m for m in first if isinstance(m, SampleBlock)).stream
+    assert [entry["drop"] for entry in instrument.truth()] == [1, 2]
+
+
+@pytest.mark.parametrize("listen", KINDS)
+def test_it_tells_its_status_while_idle(
+    served: Callable[..., tuple[str, Instrument]], listen: str
+) -> None:
+    url, _ = served(BRIEF, listen, rate=1)
+    host = BinaryDialect()
+    with closing(Reader(url)) as reader:
+        begin = time.monotonic()
+        messages: list[Any] = []
+        while len(messages) < 2:  # how they are cut is the kernel's business
+            messages += host.feed(reader.read())
+    assert time.monotonic() - begin < 5.0
+
+
+@pytest.mark.parametrize("listen", KINDS)
+def test_ascii_waits_for_somebody_who_listens(
+    served: Callable[..., tuple[str, Instrument]], listen: str
+) -> None:
+    url, instrument = served({**BRIEF, "base": "ascii"}, listen, 10.0, drops=1)
+    time.sleep(0.1)
+    assert not instrument.sampling
+    with closing(Reader(url)) as reader:
+        text = reader.everything().decode("ascii")
+    rows = [line.split(",") for line in text.splitlines()]
+    assert {len(row) for row in rows} == {3}
+    assert len(rows) == pytest.approx(6000, abs=600)
+    assert text.endswith("\n")
+
+
+@pytest.mark.parametrize("listen", KINDS)
+def test_when_the_reader_leaves_sampling_stops_and_the_next_one_goes_on(
+    served: Callable[..., tuple[str, Instrument]], listen: str
+) -> None:
+    tables = {**BRIEF, "drops": {**BRIEF["drops"], "interval": 20.0}}
+    url, instrument = served(tables, listen, 4.0, drops=2)
+    with closing(started(url)) as reader:
+        until(lambda: len(instrument.truth()) == 1)
+        reader.read()
+    until(lambda: not instrument.sampling)
+    with closing(started(url)) as reader:
+        reader.everything()
+    assert [entry["drop"] for entry in instrument.truth()] == [1, 2]

@@ -1,0 +1,75 @@
+"""Runs ``pfwd`` against simulated instruments, for the tests of its commands."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+TOP = Path(__file__).resolve().parents[2]
+PFWD = [sys.executable, "-c", "from tui.cli import main; raise SystemExit(main())"]
+PATIENCE = 90.0  # s; far more than anything here takes
+RATE = 20.0
+# Without a shunt: while it is on nothing is measured, and at twenty times real time a computer that
+# is busy for a moment would have it on for seconds.
+CHANNELS = [
+    {"name": "load", "role": "load", "sensitivity": 4.0e-4, "noise": 4.0},
+    {
+        "name": "centre",
+        "role": "geophone",
+        "sensitivity": 28.8,
+        "natural_frequency": 4.5,
+        "damping": 0.6,
+        "noise": 4.0e-5,
+    },
+]
+PLAIN: Mapping[str, Any] = {"base": "default", "device": {"channels": CHANNELS}}
+WITH_SHUNT = 5.0
+"""Times real time for the scenarios that have one."""
+
+
+def pfwd(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*PFWD, *map(str, arguments)], cwd=TOP, capture_output=True, text=True, timeout=PATIENCE
+    )
+
+
+@contextmanager
+def logging(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """``pfwd log`` in a process; ended at the latest when the block is left."""
+    with subprocess.Popen(
+        [*PFWD, "log", *map(str, arguments)],
+        cwd=TOP,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def records(text: str) -> list[dict[str, Any]]:
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    return [json.loads(line, parse_constant=refuse) for line in text.splitlines()]
+
+
+def checked(survey: Path) -> dict[str, Any]:
+    done = pfwd("check", survey, "--json")
+    (record,) = records(done.stdout)
+    assert done.returncode == (0 if record["ok"] else 1)
+    return record
+
+
+def numbers(lines: list[dict[str, Any]]) -> list[tuple[str, int]]:
+    return [(line["point"], line["drop"]) for line in lines]
+
+
+def wait_for_line(process: subprocess.Popen[str]) -> dict[str, Any]:
+    assert process.stdout is not None
+    return dict(json.loads(process.stdout.readline()))

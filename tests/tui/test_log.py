@@ -1,0 +1,237 @@
+"""``pfwd log`` with a simulated instrument: signals, losses, setups, refusals, what is loaded."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import unicodedata
+from pathlib import Path
+
+import pytest
+
+from simulators.instrument import serve
+from tests.tui.console import (
+    CHANNELS,
+    PATIENCE,
+    PLAIN,
+    RATE,
+    TOP,
+    WITH_SHUNT,
+    checked,
+    logging,
+    numbers,
+    pfwd,
+    records,
+    wait_for_line,
+)
+
+
+def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    seen = []
+    for seed, options in ((1, ("--point", "A")), (2, ()), (3, ("--point", "B"))):
+        with serve(PLAIN, drops=1, rate=RATE, seed=seed) as instrument:
+            done = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *options)
+        assert done.returncode == 0, done.stderr
+        seen += numbers(records(done.stdout))
+    assert seen == [("A", 1), ("A", 2), ("B", 1)]
+    assert checked(survey)["drops_acknowledged"] == 3
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends signals as POSIX has them")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with (
+        serve(PLAIN, rate=RATE, seed=4) as instrument,
+        logging(instrument.url, "-o", survey, "--json", "--no-invert") as process,
+    ):
+        lines = [wait_for_line(process), wait_for_line(process)]
+        # Somebody else is refused meanwhile, in one line that names the first.
+        second = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert")
+        assert second.returncode == 1
+        assert second.stdout == ""
+        assert f"pid {process.pid}" in second.stderr
+        assert second.stderr.count("\n") == 1
+        process.send_signal(number)
+        out, err = process.communicate(timeout=PATIENCE)
+        lines += records(out)
+        assert process.returncode == 0, err
+    assert [line["drop"] for line in lines] == list(range(1, len(lines) + 1))
+    record = checked(survey)
+    assert record["ok"]
+    assert record["drops_acknowledged"] == record["drops_published"] == len(lines)
+
+
+def test_a_lost_instrument_is_status_3(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    instrument = serve(PLAIN, rate=RATE, seed=5)
+    options = ("--json", "--no-invert", "--give-up", "0.5")
+    with instrument, logging(instrument.url, "-o", survey, *options) as process:
+        wait_for_line(process)
+        instrument.close()
+        _, err = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 3, err
+        assert "INSTRUMENT LOST" in err
+    assert checked(survey)["ok"]
+
+
+LINES = """
+plate_radius_m = 0.15
+plate_mass_kg = 10.6
+[link]
+dialect = "ascii"
+sampling_rate_hz = 10000.0
+[instrument]
+adc_bits = 18
+adc_range_v = 5.0
+[[channels]]
+name = "load"
+column = 1
+role = "load"
+sensitivity = 4e-4
+[[channels]]
+name = "centre"
+column = 2
+role = "geophone"
+sensitivity = 28.8
+natural_frequency_hz = 4.5
+damping = 0.6
+"""
+
+
+def test_an_instrument_that_only_prints_lines(tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text(LINES)
+    options = ("-o", tmp_path / "survey", "--json", "--setup", setup, "--drops", 1, "--capture")
+    with serve("ascii", rate=2.0, seed=6) as instrument:
+        done = pfwd("log", instrument.url, *options)
+    assert done.returncode == 0, done.stderr
+    lines = records(done.stdout)
+    assert [line["method"] for line in lines] == ["least-squares", "mpga"]
+    assert 2e7 < lines[0]["modulus_pa"] < 9e7
+    (capture,) = (tmp_path / "survey" / "captures").glob("*.pfwdc")
+    again = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "survey")
+    assert "nothing is recorded twice" in again.stderr
+
+
+def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
+    bare = {"base": "default", "device": {"channels": CHANNELS, "plate_declared": False}}
+    with serve(bare, drops=1, rate=RATE) as instrument:
+        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--json")
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.count("\n") == 1
+        assert "nothing is armed: write plate_radius_m" in done.stderr
+        setup = tmp_path / "setup.toml"
+        setup.write_text("plate_radius_m = 0.15")
+        options = ("--json", "--setup", setup, "--no-invert", "--drops", 1)
+        again = pfwd("log", instrument.url, "-o", tmp_path / "s", *options)
+        assert again.returncode == 0, again.stderr
+        assert len(records(again.stdout)) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("log", "nowhere", "-o", "{}/s"), 1, "nowhere"),
+        (("log", "nowhere", "-o", "{}/s", "--setup", "{}/none.toml"), 1, "none.toml"),
+        (("log", "nowhere", "-o", "{}/file"), 1, "file"),
+        (("log", "nowhere", "-o", "{}/s", "--point", " "), 2, "--point"),
+        (("log", "nowhere"), 2, "-o/--output"),
+        (("log", "nowhere", "-o", "{}/s", "--drops", "0"), 2, "--drops"),
+        (("log", "nowhere", "-o", "{}/s", "--give-up", "nan"), 2, "--give-up"),
+        (("log", "nowhere", "-o", "{}/s", "--seed", "-1"), 2, "--seed"),
+        (("replay", "{}/none"), 1, "expected a survey or a capture"),
+        (("replay", "{}/file"), 1, "capture"),
+        (("replay", "{}/s", "--speed", "-1"), 2, "--speed"),
+        (("check", "{}/none"), 1, "no such folder"),
+        (("recover", "{}"), 1, "another folder"),
+        (("edit", "{}"), 1, "another folder"),
+        (("import", "{}/none.csv", "-o", "{}/s"), 1, "none.csv"),
+        (("demo", "--scenario", "unheard-of"), 2, "unheard-of"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    arguments: tuple[str, ...],
+    status: int,
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from tui.cli import main
+
+    (tmp_path / "file").write_text("text")
+    given = [part.replace("{}", str(tmp_path)) for part in arguments]
+    try:
+        found = main(given)
+    except SystemExit as err:
+        found = int(str(err.code))
+    output = capsys.readouterr()
+    assert found == status, output.err
+    assert output.out == ""
+    assert message in output.err.splitlines()[-1]
+    assert "Traceback" not in output.err
+    assert "nobody foresaw" not in output.err
+
+
+def test_the_log_file_is_bounded_and_harmless(tmp_path: Path) -> None:
+    with serve("hostile", drops=1, rate=WITH_SHUNT) as instrument:
+        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--no-invert")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "s" / "log" / "pfwd.log").read_text(encoding="utf-8")
+    assert "saved as 1" in text
+    for shown in (text, done.stdout, done.stderr):
+        bad = [letter for letter in shown if unicodedata.category(letter)[0] == "C"]
+        assert set(bad) <= {"\n"}
+
+
+def modules_after(code: str) -> set[str]:
+    script = f"import sys\n{textwrap.dedent(code)}\nprint(*sys.modules, sep='\\n', file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=TOP, capture_output=True, text=True, timeout=PATIENCE
+    )
+    return {name.split(".")[0] for name in done.stderr.splitlines()}
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = """
+        from tui.cli import main
+        for arguments in (["--help"], ["log", "--help"], ["replay", "--help"], ["edit", "--help"]):
+            try:
+                main(arguments)
+            except SystemExit:
+                pass
+    """
+    heavy = {"numpy", "h5py", "scipy", "textual", "matplotlib", "serial", "multiprocessing"}
+    assert not modules_after(code) & heavy
+
+
+def test_logging_alone_loads_neither_inversion_nor_hdf5(tmp_path: Path) -> None:
+    with serve(PLAIN, drops=1, rate=RATE, seed=8) as instrument:
+        code = f"""
+            from tui.cli import main
+            main(["log", {instrument.url!r}, "-o", {str(tmp_path / "s")!r}, "--no-invert"])
+        """
+        loaded = modules_after(code)
+    assert "numpy" in loaded
+    assert not loaded & {"scipy", "h5py", "textual", "matplotlib", "inversion", "rich"}
+
+
+def test_a_service_is_stopped_within_its_time(tmp_path: Path) -> None:
+    """With inversion: the last analyses are waited for, and nothing is left behind."""
+    if os.name != "posix":
+        pytest.skip("sends signals as POSIX has them")
+    with (
+        serve(PLAIN, rate=RATE, seed=9) as instrument,
+        logging(instrument.url, "-o", tmp_path / "s", "--json") as process,
+    ):
+        wait_for_line(process)
+        begin = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 0, err
+        assert time.monotonic() - begin < 30
+    acknowledged = checked(tmp_path / "s")["drops_acknowledged"]
+    assert {line["drop"] for line in records(out)} | {1} == set(range(1, acknowledged + 1))

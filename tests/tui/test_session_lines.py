@@ -1,0 +1,214 @@
+"""What a session tells, as lines for machines and for people; the log file."""
+
+import json
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_device import Drop
+from pfwd_survey.events import (
+    DropAnalysed,
+    DropNotSaved,
+    DropSaved,
+    HandedOn,
+    Notice,
+    SensorCheck,
+    TableBuilding,
+)
+from pfwd_survey.header import Setup
+from pfwd_survey.screening import Screening
+from tui.format import drop_line
+from tui.log_file import KEPT, LARGEST, close_log, open_log
+from tui.session_lines import SessionLines
+
+RESULT = {
+    "file": "x.h5",
+    "point": "not this",
+    "drop": 99,
+    "status": "measured",
+    "method": "least-squares",
+    "model": "layer",
+    "modulus_pa": 40e6,
+    "modulus_interval_pa": [39e6, 41e6],
+    "plate": "rigid-rough",
+    "plate_radius_m": 0.15,
+    "poisson_ratio": 0.35,
+    "half_sine": {"peak_pressure_pa": 100e3},
+    "residual_rms_over_peak": 0.01,
+    "explained": True,
+    "at_bound": [],
+    "modulus_sd_pa": float("inf"),
+}
+
+
+@pytest.fixture
+def one(make_drop: Callable[..., Drop]) -> Callable[..., HandedOn]:
+    def make(number: int = 1, status: Any = "measured", record: int | None = 5) -> HandedOn:
+        reason = "no pulse" if status == "rejected" else None
+        found = Screening(status, reason)
+        return HandedOn("A", number, record, "x.h5", make_drop(), Setup(0.15), found)
+
+    return make
+
+
+def analysed(one: HandedOn, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
+    result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "least-squares"} | more
+    return DropAnalysed(one, 0.123, result, None, full, full)
+
+
+def test_two_lines_a_drop_for_machines_and_nothing_else(
+    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = SessionLines(as_json=True, analysed=True, bell=True)
+    lines.tell(DropSaved(one(), ("cut off",)))
+    assert capsys.readouterr().out == ""  # its first modulus is awaited
+    lines.tell(analysed(one(), 40e6, full=False))
+    lines.tell(analysed(one(), 40.1e6, full=True))
+    lines.tell(Notice("something", serious=True, details="Traceback\n  more"))
+    lines.tell(DropNotSaved("A", 2, "full"))
+    lines.tell(TableBuilding("a table", 0.1))
+    lines.tell(TableBuilding("a table", 0.2))
+    output = capsys.readouterr()
+    first, second = (json.loads(line) for line in output.out.splitlines())
+    assert list(first)[:5] == ["point", "drop", "saved", "record", "delay_s"]
+    assert (first["point"], first["drop"], first["saved"], first["record"]) == ("A", 1, True, 5)
+    assert (first["method"], second["method"]) == ("least-squares", "mpga")
+    assert first["modulus_sd_pa"] is None
+    assert "identical" not in first
+    assert "drop A/2 is NOT SAFE yet" in output.err
+    assert output.err.count("a table") == 1
+
+
+def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
+    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = SessionLines(as_json=True, analysed=True)
+    lines.tell(DropSaved(one(status="rejected"), ()))
+    (line,) = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (line["status"], line["reason"]) == ("rejected", "no pulse")
+    assert line["modulus_pa"] is None
+    assert line["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("record", "identical", "saved"),
+    [(5, None, True), (None, True, True), (None, False, True), (None, None, False)],
+)
+def test_saved_is_said_of_what_is_safe(
+    one: Callable[..., HandedOn],
+    capsys: pytest.CaptureFixture[str],
+    record: int | None,
+    identical: bool | None,
+    saved: bool,
+) -> None:
+    lines = SessionLines(as_json=True, analysed=False)
+    lines.tell(DropSaved(one(record=record), (), identical))
+    (line,) = map(json.loads, capsys.readouterr().out.splitlines())
+    assert line["saved"] is saved
+    assert line.get("identical") is identical
+    assert ("record" in line) is (record is not None)
+
+
+@pytest.mark.parametrize(("second", "count"), [(40.1e6, 1), (41e6, 2), (None, 2)])
+def test_people_read_a_second_line_only_if_it_says_something_else(
+    one: Callable[..., HandedOn],
+    capsys: pytest.CaptureFixture[str],
+    second: float | None,
+    count: int,
+) -> None:
+    lines = SessionLines(as_json=False, analysed=True)
+    lines.tell(DropSaved(one(), ()))
+    lines.tell(analysed(one(), 40e6, full=False))
+    lines.tell(analysed(one(), second, full=True))
+    assert len(capsys.readouterr().out.splitlines()) == count
+
+
+def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
+    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = SessionLines(as_json=False, analysed=True)
+    lines.tell(analysed(one(), None, full=False, status="rejected", reason="failed"))
+    lines.tell(analysed(one(), 40e6, full=True))
+    assert capsys.readouterr().out.splitlines()[0] == "A/1  rejected: failed"
+
+
+def test_a_long_day_takes_no_memory(one: Callable[..., HandedOn]) -> None:
+    lines = SessionLines(as_json=False, analysed=True)
+    for number in range(1, 200):
+        lines.tell(DropSaved(one(number), (), True))
+        lines.tell(analysed(one(number), 40e6, full=False))
+        lines.tell(analysed(one(number), 40e6, full=True))
+        lines.tell(DropSaved(one(number, status="rejected"), ()))
+    assert not lines._quick
+    assert not lines._identical
+
+
+def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = SessionLines(as_json=True, analysed=True)
+    lines.tell(SensorCheck({"zero_n": 12.4, "span_ratio": 0.97}, ("the span is off",)))
+    lines.tell(SensorCheck({"zero_n": 12.4, "span_ratio": None}, ()))
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "load cell NOT OK: zero 12 N, span 97.0 %" in output.err
+    assert "load cell OK: zero 12 N, no shunt to check the span" in output.err
+
+
+def test_a_drop_on_one_line() -> None:
+    assert drop_line("A", 3, RESULT) == (
+        "A/3  E 40.0 MPa (39.0 to 41.0)  layer, rigid-rough plate 0.150 m, ν 0.350  7.07 kN  "
+        "residual 1.00 %  least-squares"
+    )
+    seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
+    assert drop_line("A", 3, seating).endswith("seating  NOT EXPLAINED  AT BOUND viscosity")
+    assert drop_line("a\x1b[2J", 1, {"status": "rejected", "reason": "b\nc"}) == (
+        "a\ufffd[2J/1  rejected: b\ufffdc"
+    )
+    assert drop_line("A", 1, {"status": "measured"}) == "A/1  measured"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[Path]:
+    raises = logging.raiseExceptions
+    handler = open_log(tmp_path)
+    yield tmp_path / "log"
+    close_log(handler)
+    logging.raiseExceptions = raises
+
+
+def test_the_log_rotates(log: Path) -> None:
+    logger = logging.getLogger("pfwd.test")
+    line = "x" * 10_000
+    for _ in range((KEPT + 3) * LARGEST // 10_000):
+        logger.info("%s", line)
+    files = sorted(log.iterdir())
+    assert [path.name for path in files] == ["pfwd.log", *(f"pfwd.log.{n}" for n in range(1, 6))]
+    assert all(path.stat().st_size <= LARGEST for path in files)
+
+
+def test_nothing_in_the_log_moves_a_cursor_or_forges_a_line(log: Path) -> None:
+    logger = logging.getLogger("pfwd.test")
+    logger.warning("name %s", "a\x1b[2J\r\u202eb\n2026-01-01T00:00:00.000Z INFO pfwd: all is well")
+    try:
+        raise ValueError("planted\x07")
+    except ValueError:
+        logger.exception("failed")
+    text = (log / "pfwd.log").read_text(encoding="utf-8")
+    first, second, *more = text.splitlines()
+    assert first.endswith("WARNING pfwd.test: name a\ufffd[2J\ufffd\ufffdb")
+    assert second.startswith("    2026-01-01")
+    assert any(line.startswith("    Traceback") for line in more)
+    assert not set("\x1b\r\x07\u202e") & set(text)
+    assert first[:20].replace("-", "").replace(":", "").startswith("20")
+    assert first[23] == "Z"
+
+
+def test_a_folder_of_the_log_that_goes_costs_nothing(log: Path) -> None:
+    import shutil
+
+    shutil.rmtree(log)
+    logging.getLogger("pfwd.test").info("one")
+    log.write_text("a file now")
+    logging.getLogger("pfwd.test").info("two")

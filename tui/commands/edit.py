@@ -1,0 +1,73 @@
+"""``pfwd edit``: say something of a point or drop; shows what has been said."""
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.editing import (
+    Edit,
+    edit_survey,
+    parse_declaration_option,
+    parse_position,
+    survey_overview,
+    target_pa,
+)
+from tui.output import clean, json_line
+
+
+def run(args: argparse.Namespace) -> int:
+    """Add the edits, then show the points."""
+    edits = _edits(args)
+    if edits or args.point is not None or args.drop is not None:
+        edit_survey(args.survey, edits, args.point, args.drop)
+    for point in survey_overview(args.survey):
+        if args.json:
+            print(json_line(point), flush=True)
+        else:
+            for line in _lines(point):
+                print(clean(line), flush=True)
+    return 0
+
+
+def _edits(args: argparse.Namespace) -> list[Edit]:
+    edits = [Edit("note", text) for text in args.note or ()]
+    if args.discard is not None:
+        edits.append(Edit("discard", args.discard or None))
+    if args.restore:
+        edits.append(Edit("restore"))
+    if args.position is not None:
+        edits.append(Edit("position", parse_position(args.position)))
+    if args.target is not None:
+        edits.append(Edit("target", target_pa(args.target)))
+    if args.name is not None:
+        edits.append(Edit("name", args.name))
+    if args.operator is not None:
+        edits.append(Edit("operator", args.operator))
+    edits += [Edit("declared", parse_declaration_option(text)) for text in args.set or ()]
+    return edits
+
+
+def _lines(point: Mapping[str, Any]) -> list[str]:
+    name = point["point"]
+    title = "" if point["name"] == name else f" ({point['name']})"
+    state = "  DISCARDED" if point["discarded"] else ""
+    lines = [f"point {name}{title}: {len(point['drops'])} drops{state}"]
+    if point["target_pa"] is not None:
+        lines.append(f"  target {point['target_pa'] / 1e6:g} MPa")
+    if point["position"] is not None:
+        lines.append(f"  position {_position(point['position'])}")
+    lines += [f"  note: {note}" for note in point["notes"]]
+    for drop in point["drops"]:
+        said = ["DISCARDED"] if drop["discarded"] else []
+        said += [f"note: {note}" for note in drop["notes"]]
+        if drop["position"] is not None:
+            said.append(f"position {_position(drop['position'])}")
+        if said:
+            lines.append(f"  drop {drop['drop']}: {'; '.join(said)}")
+    return lines
+
+
+def _position(position: object) -> str:
+    if isinstance(position, Mapping):
+        return f"{position.get('latitude')}, {position.get('longitude')}"
+    return str(position)

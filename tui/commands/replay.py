@@ -1,0 +1,26 @@
+"""``pfwd replay``: recorded drops, or the recorded bytes of a link, through the same pipeline."""
+
+import argparse
+
+from pfwd_survey.measuring import replay, stopped_by_signals
+from pfwd_survey.options import AnalysisOptions
+from pfwd_survey.setup_file import read_setup_file
+from tui.commands.log import STATUS_OF_ENDING
+from tui.session_lines import SessionLines
+
+
+def run(args: argparse.Namespace) -> int:
+    """Detect, judge and invert what was recorded, again."""
+    options = None if args.no_invert else AnalysisOptions(seed=args.seed)
+    lines = SessionLines(as_json=args.json, analysed=options is not None)
+    ending = replay(
+        args.survey,
+        lines.tell,
+        speed=args.speed,
+        options=options,
+        setup=read_setup_file(args.setup) if args.setup else None,
+        output=args.output,
+        drops=args.drops,
+        control=stopped_by_signals,
+    )
+    return STATUS_OF_ENDING[ending]

@@ -1,0 +1,30 @@
+"""``pfwd simulate``: a mock instrument to connect to."""
+
+import argparse
+
+from simulators.instrument import SimulateOptions, simulate
+from simulators.mesh import SimulationError
+from tui.output import json_line, say
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve a simulated instrument; the first line on standard output is its URL."""
+    options = SimulateOptions(
+        listen=args.listen,
+        scenario=args.scenario,
+        drops=args.drops,
+        seed=args.seed,
+        rate=args.rate,
+        truth=args.truth,
+    )
+
+    def announce(url: str) -> None:
+        print(json_line({"url": url}) if args.json else url, flush=True)
+        say(f"simulating {args.scenario}, seed {args.seed}; connect to {url}")
+
+    try:
+        simulate(options, announce)
+    except SimulationError as err:
+        say(f"simulate: {err}")
+        return 2
+    return 0

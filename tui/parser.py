@@ -1,0 +1,309 @@
+"""The arguments of ``pfwd``. Nothing heavy is imported here: ``pfwd --help`` answers at once."""
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+
+PLOT_FORMATS = (".pdf", ".png", ".svg")
+
+_JSON = "one JSON object a line, SI units"
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="pfwd",
+        description="Subgrade modulus from portable falling weight deflectometer drops.",
+        epilog="Exit status: 0 done, 1 data refused, 2 wrong usage, 3 device lost.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=_Version)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for add in (
+        _add_demo,
+        _add_ports,
+        _add_simulate,
+        _add_log,
+        _add_replay,
+        _add_import,
+        _add_invert,
+        _add_edit,
+        _add_recover,
+        _add_check,
+        _add_bench,
+    ):
+        add(commands)
+    return parser
+
+
+class _Version(argparse.Action):
+    """Looks the version up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show the version and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            found = version("pfwd")
+        except PackageNotFoundError:
+            found = "(not installed)"
+        print(f"pfwd {found}")
+        parser.exit()
+
+
+def _add_demo(commands: "Commands") -> None:
+    demo = commands.add_parser(
+        "demo",
+        help="the main job with nothing attached",
+        description="A simulated instrument on a virtual serial port (TCP where there is none), "
+        "measured, recorded and inverted like a real one. What was simulated is shown at the end.",
+        allow_abbrev=False,
+    )
+    demo.add_argument("--drops", type=_count, metavar="N", default=6, help="drops (default: 6)")
+    demo.add_argument("-o", "--output", metavar="SURVEY", help="folder to record into")
+    demo.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    demo.add_argument(
+        "--scenario", metavar="NAME", default="default", help="as for simulate (default: default)"
+    )
+    demo.add_argument(
+        "--rate",
+        type=_not_negative,
+        metavar="X",
+        default=3.0,
+        help="times real time, in which a drop falls every 5 s (default: 3)",
+    )
+    demo.add_argument("--json", action="store_true", help="one JSON object a line")
+    demo.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+
+
+def _add_invert(commands: "Commands") -> None:
+    invert = commands.add_parser(
+        "invert",
+        help="modulus per drop",
+        description="Modulus, viscosity, density and bedrock depth per drop of surveys and trace "
+        "files. An option wins over a header, a header over a default; an undeclared depth is "
+        "fitted.",
+        allow_abbrev=False,
+    )
+    invert.add_argument("files", nargs="+", metavar="FILE", help="survey, drop file or trace file")
+    model = invert.add_argument_group("model")
+    model.add_argument("--model", choices=["layer", "half-space"])
+    model.add_argument(
+        "--bedrock-depth",
+        type=_depth,
+        metavar="M",
+        help="depth of the rigid base in m, or unknown, or none",
+    )
+    model.add_argument("--elastic", action="store_true", help="no viscosity")
+    model.add_argument("--load", choices=["measured", "half-sine"])
+    model.add_argument("--plate", choices=["rigid-rough", "rigid-smooth", "published"])
+    model.add_argument("--sensors", choices=["all", "centre"])
+    model.add_argument("--joint", action="store_true", help="one soil for all drops of a point")
+    search = invert.add_argument_group("search")
+    search.add_argument("--method", choices=["mpga", "least-squares"])
+    search.add_argument("--published", action="store_true", help="the paper's method as a whole")
+    search.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    search.add_argument(
+        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
+    )
+    known = invert.add_argument_group("what is known, over the files' headers")
+    known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
+    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
+    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
+    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
+    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
+    output = invert.add_argument_group("output")
+    output.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
+
+
+def _add_ports(commands: "Commands") -> None:
+    ports = commands.add_parser(
+        "ports", help="serial ports, with what answers as a PFWD", allow_abbrev=False
+    )
+    ports.add_argument(
+        "urls",
+        nargs="*",
+        metavar="URL",
+        help="look at these only, for example /dev/ttyUSB0, COM3 or socket://host:port",
+    )
+    ports.add_argument("--no-probe", action="store_true", help="do not open the ports")
+    ports.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def _add_simulate(commands: "Commands") -> None:
+    simulate = commands.add_parser("simulate", help="a mock instrument", allow_abbrev=False)
+    simulate.add_argument(
+        "--listen",
+        metavar="WHERE",
+        help="pty or tcp://HOST:PORT, port 0 for a free one (default: pty where there are any)",
+    )
+    simulate.add_argument(
+        "--scenario",
+        metavar="NAME",
+        default="default",
+        help="built-in name, or a TOML file (default: default)",
+    )
+    simulate.add_argument(
+        "--drops", type=_count, metavar="N", help="end after N drops (default: for ever)"
+    )
+    simulate.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    simulate.add_argument(
+        "--rate",
+        type=_not_negative,
+        metavar="X",
+        default=1.0,
+        help="times real time, 0 as fast as possible (default: 1)",
+    )
+    simulate.add_argument(
+        "--truth", metavar="FILE", help="write what was simulated, as JSON, at the end"
+    )
+    simulate.add_argument("--json", action="store_true", help='first line {"url": ...}')
+
+
+def _add_log(commands: "Commands") -> None:
+    log = commands.add_parser(
+        "log",
+        help="headless logging, with a modulus per drop",
+        description="Records the drops of an instrument into a survey, new or begun. A drop is "
+        "printed only when it is safe on the disk. Ends after --drops, or when the instrument "
+        "has no more, or on SIGINT or SIGTERM; a lost instrument is waited for.",
+        allow_abbrev=False,
+    )
+    log.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
+    log.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
+    log.add_argument("--setup", metavar="FILE.toml", help="what is declared; wins over the device")
+    log.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
+    log.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
+    log.add_argument("--no-invert", action="store_true", help="record only")
+    log.add_argument("--capture", action="store_true", help="keep every byte of the link too")
+    log.add_argument(
+        "--give-up",
+        type=_not_negative,
+        metavar="S",
+        help="end with status 3 when the instrument is lost for so long (default: wait for ever)",
+    )
+    log.add_argument("--no-bell", action="store_true", help="no bell for a safe drop")
+    log.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    log.add_argument("--json", action="store_true", help=_JSON)
+
+
+def _add_replay(commands: "Commands") -> None:
+    replay = commands.add_parser(
+        "replay",
+        help="recorded drops through the same pipeline",
+        description="Detects, judges and inverts again what was recorded: the drops of a survey, "
+        "or the bytes of a link that pfwd log --capture kept.",
+        allow_abbrev=False,
+    )
+    replay.add_argument("survey", metavar="SURVEY", help="survey, or a capture (.pfwdc)")
+    replay.add_argument(
+        "--speed",
+        type=_not_negative,
+        metavar="X",
+        default=0.0,
+        help="times real time, 0 as fast as possible (default: 0)",
+    )
+    replay.add_argument("--setup", metavar="FILE.toml", help="for a capture: in place of its own")
+    replay.add_argument("-o", "--output", metavar="SURVEY", help="record into this survey")
+    replay.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
+    replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
+    replay.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    replay.add_argument("--json", action="store_true", help=_JSON)
+
+
+def _add_import(commands: "Commands") -> None:
+    importing = commands.add_parser("import", help="trace files into a survey", allow_abbrev=False)
+    importing.set_defaults(command="import_")  # import is a word of Python
+    importing.add_argument("files", nargs="+", metavar="TRACES", help="trace file")
+    importing.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
+    importing.add_argument("--header", metavar="FILE.toml", help="header keys in a file")
+    importing.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def _add_edit(commands: "Commands") -> None:
+    edit = commands.add_parser(
+        "edit",
+        help="note, target, position, discard, restore",
+        description="Says something of a point or drop and shows the points. Nothing recorded is "
+        "changed or deleted: what was said last counts.",
+        allow_abbrev=False,
+    )
+    edit.add_argument("survey", metavar="SURVEY", help="folder")
+    edit.add_argument("--point", metavar="NAME", help="needed when there are several")
+    edit.add_argument("--drop", type=_count, metavar="N", help="about this drop of the point")
+    edit.add_argument("--note", action="append", metavar="TEXT")
+    edit.add_argument("--discard", nargs="?", const="", metavar="REASON", help="leave it out")
+    edit.add_argument("--restore", action="store_true", help="undo --discard")
+    edit.add_argument("--position", metavar="LAT,LON", help="degrees")
+    edit.add_argument("--target", type=float, metavar="MPA", help="target modulus, MPa")
+    edit.add_argument("--name", metavar="NAME", help="another name for the point")
+    edit.add_argument("--operator", metavar="NAME")
+    edit.add_argument(
+        "--set", action="append", metavar="KEY=VALUE", help="declare, as plate_mass_kg=12.5"
+    )
+    edit.add_argument("--json", action="store_true", help="one JSON object a point")
+
+
+def _add_recover(commands: "Commands") -> None:
+    recover = commands.add_parser("recover", help="whatever a crash left", allow_abbrev=False)
+    recover.add_argument("survey", metavar="SURVEY", help="folder")
+    recover.add_argument("--json", action="store_true", help="one JSON object")
+
+
+def _add_check(commands: "Commands") -> None:
+    check = commands.add_parser("check", help="is this recording whole?", allow_abbrev=False)
+    check.add_argument("survey", metavar="SURVEY", help="folder")
+    check.add_argument("--json", action="store_true", help="one JSON object")
+
+
+def _add_bench(commands: "Commands") -> None:
+    bench = commands.add_parser(
+        "bench",
+        help="the project's benchmarks, from a checkout",
+        usage="pfwd bench [PART] [ARGS]",
+        # Every option belongs to the benchmarks, hence a prefix that no option begins with.
+        prefix_chars="\0",
+        add_help=False,
+    )
+    bench.add_argument("arguments", nargs=argparse.REMAINDER)
+
+
+_PLOT_HELP = f"write a plot ({', '.join(PLOT_FORMATS)})"
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, came {text}")
+    return number
+
+
+def _not_negative(text: str) -> float:
+    number = float(text)
+    if not 0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number >= 0, came {text}")
+    return number
+
+
+def _depth(text: str) -> float | str:
+    if text in ("unknown", "none"):
+        return text
+    try:
+        depth = float(text)
+    except ValueError:
+        message = f"expected a depth in m, unknown or none, came {text}"
+        raise argparse.ArgumentTypeError(message) from None
+    return "none" if depth == float("inf") else depth
+
+
+def _plot_file(text: str) -> str:
+    if not text.lower().endswith(PLOT_FORMATS):
+        message = f"expected a name ending in {', '.join(PLOT_FORMATS)}, came {text}"
+        raise argparse.ArgumentTypeError(message)
+    return text

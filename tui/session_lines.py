@@ -1,0 +1,165 @@
+"""A session as lines: one JSON object a drop for machines, or one line a drop for people."""
+
+import logging
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.events import (
+    DropAnalysed,
+    DropNotSaved,
+    DropSaved,
+    HandedOn,
+    InstrumentLost,
+    InstrumentReady,
+    Notice,
+    Ready,
+    Rebounded,
+    SensorCheck,
+    SessionEvent,
+    TableBuilding,
+)
+from pfwd_survey.results import DropAnalysis, result_record
+from tui.format import drop_line
+from tui.output import json_line, say
+
+log = logging.getLogger("pfwd.session")
+
+CHANGED = 0.005
+"""Part of the modulus by which the full search has to differ to be worth another line."""
+
+
+class SessionLines:
+    """Prints what a session tells; give `tell` to the session.
+
+    Parameters
+    ----------
+    as_json : bool
+        Lines for machines: results only.
+    analysed : bool
+        Whether drops are inverted; a drop that is waits for its first modulus.
+    bell : bool
+        Ring the terminal's bell for every safe drop.
+    """
+
+    def __init__(self, *, as_json: bool, analysed: bool, bell: bool = False) -> None:
+        self._as_json = as_json
+        self._analysed = analysed
+        self._bell = bell
+        self._quick: dict[tuple[str, int], float] = {}
+        self._identical: dict[tuple[str, int], bool | None] = {}
+        self._told_building: set[str] = set()
+        self.moduli: dict[int, float] = {}
+        """Modulus by number of the drop, Pa; the last that was found."""
+
+    def tell(self, event: SessionEvent) -> None:
+        """Print an event, if it is worth a line."""
+        match event:
+            case InstrumentReady():
+                self._ready(event)
+            case InstrumentLost(reason):
+                self._say(f"INSTRUMENT LOST: {reason}", logging.WARNING)
+            case Ready():
+                self._say("ready")
+            case SensorCheck(details, faults):
+                self._checked(details, faults)
+            case DropSaved():
+                self._saved(event)
+            case DropNotSaved(point, number, reason):
+                text = f"drop {point}/{number} is NOT SAFE yet, kept in memory: {reason}"
+                self._say(text, logging.ERROR)
+            case DropAnalysed():
+                self._analysis(event)
+            case Rebounded(point, number, delay, load):
+                log.info("rebound of %s/%s after %.3f s, %.0f N", point, number, delay, load)
+            case TableBuilding(what):
+                if what not in self._told_building:
+                    self._told_building.add(what)
+                    self._say(f"building the response table once: {what}")
+            case Notice(text, serious, details):
+                self._say(text, logging.WARNING if serious else logging.INFO)
+                if details:
+                    log.error("%s", details)
+
+    def _say(self, text: str, level: int = logging.INFO) -> None:
+        log.log(level, "%s", text)
+        say(text)
+
+    def _ready(self, event: InstrumentReady) -> None:
+        identity, setup = event.identity, event.setup
+        again = "back again: " if event.again else ""
+        self._say(
+            f"{again}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "
+            f"{event.url}: {len(identity.channels)} channels at {identity.sampling_rate:g} Hz"
+        )
+        ratio = "0.35 (assumed)" if setup.poisson_ratio is None else f"{setup.poisson_ratio:g}"
+        mass = "not declared" if setup.plate_mass is None else f"{setup.plate_mass:g} kg"
+        self._say(
+            f"plate radius {setup.plate_radius:g} m, plate mass {mass}, Poisson's ratio {ratio}"
+        )
+        for channel in identity.channels:
+            when = f", calibrated {channel.calibrated}" if channel.calibrated else ""
+            log.info("%s: %s at %g m%s", channel.name, channel.role, channel.offset, when)
+        for text in (*event.differences, *event.warnings):
+            self._say(text)
+
+    def _checked(self, details: Mapping[str, Any], faults: tuple[str, ...]) -> None:
+        zero, ratio = details["zero_n"], details["span_ratio"]
+        span = "no shunt to check the span" if ratio is None else f"span {100 * ratio:.1f} %"
+        verdict = "OK" if not faults else "NOT OK"
+        self._say(f"load cell {verdict}: zero {zero:.0f} N, {span}")
+        for fault in faults:
+            self._say(fault, logging.WARNING)
+
+    def _saved(self, event: DropSaved) -> None:
+        one = event.one
+        self._identical[one.point, one.number] = event.identical
+        log.info("drop %s/%s saved as %s", one.point, one.number, one.record)
+        for mark in event.marks:
+            self._say(f"drop {one.point}/{one.number}: {mark}", logging.WARNING)
+        if self._bell:
+            print("\a", end="", file=sys.stderr, flush=True)
+        if not self._analysed or one.screening.status == "rejected":
+            analysis = DropAnalysis(one.drop, one.screening, None)
+            self._line(one, result_record(one.file, analysis))
+            self._forget(one)
+
+    def _analysis(self, event: DropAnalysed) -> None:
+        one, result = event.one, event.result
+        modulus = result.get("modulus_pa") or math.nan
+        self.moduli[one.number] = modulus
+        before = self._quick.get((one.point, one.number))
+        if not event.final:
+            self._quick[one.point, one.number] = modulus
+        changed = before is None or not abs(modulus - before) <= CHANGED * before
+        if self._as_json or changed:
+            self._line(one, result, event.delay)
+        if event.final:
+            self._forget(one)
+
+    def _forget(self, one: HandedOn) -> None:
+        """Nothing more comes of a drop: a day has thousands."""
+        self._quick.pop((one.point, one.number), None)
+        self._identical.pop((one.point, one.number), None)
+
+    def _line(self, one: HandedOn, result: Mapping[str, Any], delay: float | None = None) -> None:
+        identical = self._identical.get((one.point, one.number))
+        after = "" if delay is None else f", {delay:.3f} s after its last sample"
+        log.info("%s%s", drop_line(one.point, one.number, result), after)
+        if self._as_json:
+            line = {
+                "point": one.point,
+                "drop": one.number,
+                "saved": one.record is not None or identical is not None,
+                **({} if one.record is None else {"record": one.record}),
+                **({} if identical is None else {"identical": identical}),
+                **({} if delay is None else {"delay_s": delay}),
+                **{key: value for key, value in result.items() if key not in ("point", "drop")},
+            }
+            print(json_line(line), flush=True)
+            return
+        line_text = drop_line(one.point, one.number, result)
+        if identical is False:
+            line_text += "  NOT the recorded traces"
+        print(line_text, flush=True)

@@ -1,0 +1,23 @@
+"""What recovery and check of a survey found, as lines."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from tui.output import clean, json_line, say
+
+
+def show(record: Mapping[str, Any], remarks: Sequence[str], *, as_json: bool) -> int:
+    """Print what was found; the exit status."""
+    for remark in remarks:
+        say(remark)
+    if as_json:
+        print(json_line(record), flush=True)
+    else:
+        print(
+            f"{clean(record['survey'])}: {record['drops_acknowledged']} drops acknowledged, "
+            f"{record['drops_published']} with a verified file, {record['recovered']} recovered"
+        )
+        for text in record["damaged"]:
+            print(f"  DAMAGED: {clean(text)}")
+        print("whole" if record["ok"] else "NOT whole", flush=True)
+    return 0 if record["ok"] else 1
