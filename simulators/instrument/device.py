@@ -73,6 +73,8 @@ class Instrument:
     overruns : bool
         Whether samples are thrown away when nobody takes them; else they wait without limit, and
         it is the caller who has to let no time pass.
+    power_on : int, >= 0
+        Makes the stream numbers differ from those of the same instrument another time.
     """
 
     def __init__(
@@ -81,9 +83,10 @@ class Instrument:
         seed: int = 0,
         drops: int | None = None,
         overruns: bool = True,
+        power_on: int = 0,
     ) -> None:
         self.scenario = with_drawn_soil(scenario, seed)
-        self._seed, self._last_drop = seed, drops
+        self._seed, self._last_drop, self._power_on = seed, drops, power_on
         settings = self.scenario.drops
         given = settings.seating if drops is None else settings.seating[:drops]
         self._bench = Bench(self.scenario, UnitDrops(self.scenario, (*given, 1.0)), seed)
@@ -213,7 +216,8 @@ class Instrument:
     def _start(self) -> None:
         self._halt()
         self._starts += 1
-        number = int(np.random.default_rng([self._seed, _STREAM, self._starts]).integers(1 << 32))
+        sources = [self._seed, _STREAM, self._starts, self._power_on]
+        number = int(np.random.default_rng(sources).integers(1 << 32))
         knocks = tuple(
             Knock(fault.at_s - self._sampled, fault.load)
             for fault in self.scenario.faults_of("knock")

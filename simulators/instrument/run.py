@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import subprocess
 import sys
 import threading
@@ -68,7 +69,13 @@ def simulate(
     scenario = load_scenario(options.scenario)
     movable = bool(scenario.faults_of("unplug"))
     with closing(open_endpoint(options.listen, movable)) as endpoint:
-        instrument = Instrument(scenario, options.seed, options.drops, overruns=options.rate == 1)
+        instrument = Instrument(
+            scenario,
+            options.seed,
+            options.drops,
+            overruns=options.rate == 1,
+            power_on=secrets.randbits(32),
+        )
         try:
             announce(endpoint.url)
             Server(instrument, endpoint, options.rate, stopped).run()
