@@ -31,6 +31,9 @@ SHUNT_ANSWER = 2.0
 HIT = 400.0
 """N; a load that changes by more while the shunt is on is no noise."""
 
+REPEAT_AFTER = 0.25
+"""s of samples after which a command that is not obeyed is said again."""
+
 SPAN_TOLERANCE = 0.02
 """Of the shunt's reading; what a calibration is good for."""
 
@@ -65,17 +68,33 @@ class SensorChecker:
 
     @property
     def due(self) -> bool:
-        """Whether a check is under way or to come: the shunt may be on, which hides a drop."""
-        return self._due
+        """Whether a check is under way or to come, or the shunt is on, which hides a drop."""
+        return self._due or self._is_on
 
     def _begin(self) -> None:
         self._due = True
-        self._asked = False
         self._rest: list[NDArray[np.int32]] = []
         self._shunted: list[NDArray[np.int32]] = []
-        self._unshunted = 0
-        self._left_on = 0
         self._idle = 0
+        self._wanted = self._is_on = False
+        self._unanswered = self._unrepeated = 0
+
+    def _want(self, on: bool) -> None:
+        self._wanted = on
+        self._unanswered = self._unrepeated = 0
+        self._shunt(on)
+
+    def _insist(self, samples: Samples) -> None:
+        """Say again what the instrument has not done: a command may be lost like anything else, or
+        a program that ended in the middle of its check has left the shunt on."""
+        self._is_on = samples.shunt
+        if samples.shunt == self._wanted:
+            return
+        self._unanswered += len(samples.counts)
+        self._unrepeated += len(samples.counts)
+        if self._unrepeated > REPEAT_AFTER * self._rate:
+            self._unrepeated = 0
+            self._shunt(self._wanted)
 
     def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
         """What a check found that is complete with these samples.
@@ -93,6 +112,7 @@ class SensorChecker:
             (root mean square) with ``unit``.
         faults : tuple of str
         """
+        self._insist(samples)
         if not at_rest:
             self._idle = 0
             self._interrupt()
@@ -102,42 +122,35 @@ class SensorChecker:
             if self._idle > CHECK_AGAIN * self._rate:
                 self._begin()
             return None
-        if not self._asked:
+        if not self._wanted:
             return self._feed_rest(samples)
         return self._feed_shunted(samples)
 
     def _feed_rest(self, samples: Samples) -> Finding | None:
         if samples.shunt:
-            # Left on by a program that ended in the middle of its check.
-            if self._left_on % max(1, round(SHUNT_ANSWER * self._rate / len(samples.counts))) == 0:
-                self._shunt(False)
-            self._left_on += 1
             return None
         self._rest.append(samples.counts)
         if _length(self._rest) < AT_REST * self._rate:
             return None
         if not self._has_shunt:
             return self._conclude()
-        self._asked = True
-        self._shunt(True)
+        self._want(True)
         return None
 
     def _feed_shunted(self, samples: Samples) -> Finding | None:
         if samples.shunt:
             self._shunted.append(samples.counts)
-        else:
-            self._unshunted += len(samples.counts)
         complete = _length(self._shunted) >= (SETTLING + SHUNTED) * self._rate
-        if not complete and self._unshunted < SHUNT_ANSWER * self._rate:
+        if not complete and self._unanswered < SHUNT_ANSWER * self._rate:
             return None
-        self._shunt(False)
+        self._want(False)
         return self._conclude()
 
     def _interrupt(self) -> None:
         """A drop goes before a check, which begins anew after it."""
         if self._due:
-            if self._asked:
-                self._shunt(False)
+            if self._wanted:
+                self._want(False)
             self._begin()
 
     def _conclude(self) -> Finding:

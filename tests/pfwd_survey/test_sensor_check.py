@@ -1,6 +1,7 @@
 """Zero, span and life of the sensors, from signals written out here."""
 
 import dataclasses
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,18 @@ CHUNK = RATE // 100
 class Bench:
     """An instrument whose shunt does what it is told, with signals as they are given."""
 
-    def __init__(self, identity: Identity, *, answers: bool = True, span: float = 1.0) -> None:
+    def __init__(
+        self,
+        identity: Identity,
+        *,
+        answers: bool = True,
+        span: float = 1.0,
+        lost: Container[int] = (),
+    ) -> None:
         self.shunted = False
         self.asked: list[bool] = []
         self.found: list[tuple[dict[str, Any], tuple[str, ...]]] = []
-        self._answers, self._span = answers, span
+        self._answers, self._span, self._lost = answers, span, lost
         self._checker = SensorChecker(identity, self._switch)
         self._index = 0
 
@@ -35,7 +43,8 @@ class Bench:
 
     def _switch(self, on: bool) -> None:
         self.asked.append(on)
-        self.shunted = on and self._answers
+        if len(self.asked) - 1 not in self._lost:
+            self.shunted = on and self._answers
 
     def run(self, counts: NDArray[np.int32], *, at_rest: bool = True) -> None:
         for start in range(0, len(counts), CHUNK):
@@ -105,7 +114,31 @@ def test_a_shunt_that_does_not_answer_is_given_up_and_switched_off() -> None:
     ((details, faults),) = bench.found
     assert details["span_ratio"] is None
     assert "span of the load cell" in faults[0]
-    assert bench.asked == [True, False]
+    *repeated, last = bench.asked
+    assert set(repeated) == {True}
+    assert 5 < len(repeated) < 10  # every quarter of a second for two seconds
+    assert last is False
+
+
+@pytest.mark.parametrize("lost", [{0}, {1}, {1, 2, 3}])
+def test_a_command_that_is_lost_is_said_again_and_nothing_is_ready_before(lost: set[int]) -> None:
+    bench = Bench(WITH_SHUNT, lost=lost)
+    bench.run(stream(1.0 + 0.25 * len(lost)))
+    ready = stream(0.5)
+    bench.run(ready)
+    ((details, faults),) = bench.found
+    assert faults == ()
+    assert details["span_ratio"] == pytest.approx(1, abs=1e-3)
+    assert bench.shunted is False
+    assert not bench.due
+
+
+def test_not_ready_while_the_shunt_is_on() -> None:
+    bench = Bench(WITH_SHUNT, lost=set(range(1, 1000)))
+    bench.run(stream(3.0))
+    assert bench.found
+    assert bench.shunted
+    assert bench.due
 
 
 def test_a_drop_that_the_shunt_hides_is_said() -> None:
