@@ -29,8 +29,8 @@ from inversion import (
 )
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
-from pfwd_survey.analysis import settings_of
-from pfwd_survey.options import AnalysisOptions
+from pfwd_survey.inverting.analysis import settings_of
+from pfwd_survey.inverting.options import AnalysisOptions
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces

@@ -6,9 +6,9 @@ The names below are loaded on first use, so that the command line answers before
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pfwd_survey.analysis import analyse_files, analyse_point, record_of
-    from pfwd_survey.options import AnalysisOptions
-    from pfwd_survey.traces import read_traces, write_traces
+    from pfwd_survey.files.traces import read_traces, write_traces
+    from pfwd_survey.inverting.analysis import analyse_files, analyse_point, record_of
+    from pfwd_survey.inverting.options import AnalysisOptions
 
 __all__ = [
     "AnalysisOptions",
@@ -20,12 +20,12 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AnalysisOptions": "options",
-    "analyse_files": "analysis",
-    "analyse_point": "analysis",
-    "read_traces": "traces",
-    "record_of": "analysis",
-    "write_traces": "traces",
+    "AnalysisOptions": "inverting.options",
+    "analyse_files": "inverting.analysis",
+    "analyse_point": "inverting.analysis",
+    "read_traces": "files.traces",
+    "record_of": "inverting.analysis",
+    "write_traces": "files.traces",
 }
 
 

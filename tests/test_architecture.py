@@ -19,7 +19,7 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
         ("pfwd_device", ["scipy", "textual", "rich", "matplotlib", "inversion", "pfwd_survey"]),
         ("inversion", ["textual", "rich", "matplotlib", "serial", "h5py", "pfwd_device"]),
         ("simulators", ["textual", "inversion", "pfwd_survey"]),
-        ("pfwd_survey.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
+        ("pfwd_survey.files.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
         ("tui.cli", ["numpy", "scipy", "textual", "rich", "matplotlib", "h5py", "serial"]),
     ],
 )

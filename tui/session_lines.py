@@ -6,7 +6,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from pfwd_survey.events import (
+from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotSaved,
     DropSaved,
@@ -20,7 +21,6 @@ from pfwd_survey.events import (
     SessionEvent,
     TableBuilding,
 )
-from pfwd_survey.results import DropAnalysis, result_record
 from tui.format import drop_line
 from tui.output import json_line, say
 

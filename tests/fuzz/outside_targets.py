@@ -15,8 +15,8 @@ from pfwd_device.recording.payload import decode_payload, encode_payload, payloa
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.setup_file import parse_setup
-from pfwd_survey.traces import read_traces
+from pfwd_survey.files.traces import read_traces
+from pfwd_survey.measuring.setup_file import parse_setup
 from tests.fuzz.targets import cuts, target
 
 SURVEY_ID = bytes(range(16))

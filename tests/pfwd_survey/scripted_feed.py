@@ -11,10 +11,10 @@ from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples,
 from pfwd_device.errors import StorageFull
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
-from pfwd_survey.events import Notice, SessionEvent
-from pfwd_survey.feeds import Ended, FeedItem
-from pfwd_survey.plan import Ending, SessionPlan
-from pfwd_survey.session import Session
+from pfwd_survey.measuring.events import Notice, SessionEvent
+from pfwd_survey.measuring.feeds import Ended, FeedItem
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.measuring.session import Session
 
 RATE = 10_000
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.options import AnalysisOptions
-from pfwd_survey.outcome import FileOutcome
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.outcome import FileOutcome
 from tui.cli import build_parser, main
 from tui.commands import bench
 from tui.commands.invert import options_from
@@ -29,7 +29,7 @@ class FakeAnalysis(types.ModuleType):
     """Stands in for the analysis: hands out prepared outcomes and keeps what it was asked."""
 
     def __init__(self, *outcomes: FileOutcome | Exception) -> None:
-        super().__init__("pfwd_survey.analysis")
+        super().__init__("pfwd_survey.inverting.analysis")
         self.outcomes = outcomes
         self.asked: tuple[Any, ...] = ()
         self.closed = False
@@ -49,7 +49,7 @@ class FakeAnalysis(types.ModuleType):
 
 def analysis(monkeypatch: pytest.MonkeyPatch, *outcomes: FileOutcome | Exception) -> FakeAnalysis:
     fake = FakeAnalysis(*outcomes)
-    monkeypatch.setitem(sys.modules, "pfwd_survey.analysis", fake)
+    monkeypatch.setitem(sys.modules, "pfwd_survey.inverting.analysis", fake)
     return fake
 
 
@@ -199,9 +199,9 @@ def test_people_get_a_table(
 
 def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
-    plots = types.ModuleType("pfwd_survey.plots")
+    plots = types.ModuleType("pfwd_survey.inverting.plots")
     plots.plot_outcomes = lambda *args: drawn.append(args)  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "pfwd_survey.plots", plots)
+    monkeypatch.setitem(sys.modules, "pfwd_survey.inverting.plots", plots)
     outcomes = [FileOutcome("a.csv", None, [RESULT]), FileOutcome("b.csv", "refused")]
     analysis(monkeypatch, *outcomes)
     assert main(["invert", "a.csv", "b.csv", "--plot", "out.PNG"]) == 1
@@ -248,7 +248,7 @@ def test_a_developer_may_see_the_traceback(monkeypatch: pytest.MonkeyPatch) -> N
 
 ENDLESS = textwrap.dedent("""
     import sys, time, types
-    from pfwd_survey.outcome import FileOutcome
+    from pfwd_survey.inverting.outcome import FileOutcome
     from tui.cli import main
 
     def analyse_files(paths, options, jobs):
@@ -259,9 +259,9 @@ ENDLESS = textwrap.dedent("""
         finally:
             print("closed", file=sys.stderr)
 
-    fake = types.ModuleType("pfwd_survey.analysis")
+    fake = types.ModuleType("pfwd_survey.inverting.analysis")
     fake.analyse_files = analyse_files
-    sys.modules["pfwd_survey.analysis"] = fake
+    sys.modules["pfwd_survey.inverting.analysis"] = fake
     sys.exit(main(["invert", "a.csv", "--json"]))
 """)
 

@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from pfwd_device import Drop
-from pfwd_survey.events import (
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotSaved,
     DropSaved,
@@ -18,8 +20,6 @@ from pfwd_survey.events import (
     SensorCheck,
     TableBuilding,
 )
-from pfwd_survey.header import Setup
-from pfwd_survey.screening import Screening
 from tui.format import drop_line
 from tui.log_file import KEPT, LARGEST, close_log, open_log
 from tui.session_lines import SessionLines

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pfwd_survey.measuring import measure, stopped_by_signals
-from pfwd_survey.options import AnalysisOptions
-from pfwd_survey.session import SessionPlan
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.measure import measure, stopped_by_signals
+from pfwd_survey.measuring.session import SessionPlan
 from simulators.instrument import serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
@@ -74,8 +74,8 @@ def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) 
 
 
 def _plot(folder: Path, plot: str) -> None:
-    from pfwd_survey.analysis import analyse_files
-    from pfwd_survey.plots import plot_outcomes
+    from pfwd_survey.inverting.analysis import analyse_files
+    from pfwd_survey.inverting.plots import plot_outcomes
 
     outcomes = list(analyse_files([str(folder)], AnalysisOptions()))
     say(f"plot {plot_outcomes(outcomes, plot)}")

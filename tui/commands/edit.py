@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from pfwd_survey.editing import (
+from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
     parse_declaration_option,

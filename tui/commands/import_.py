@@ -2,7 +2,7 @@
 
 import argparse
 
-from pfwd_survey.importing import import_files
+from pfwd_survey.files.importing import import_files
 from tui.output import clean, json_line, say
 
 

@@ -5,8 +5,8 @@ import contextlib
 import os
 
 from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.options import AnalysisOptions
-from pfwd_survey.outcome import FileOutcome
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.outcome import FileOutcome
 from tui.format import result_lines
 from tui.output import json_line, say
 
@@ -14,7 +14,7 @@ from tui.output import json_line, say
 def run(args: argparse.Namespace) -> int:
     """Analyse the files and print what was found; 1 when a file was refused, otherwise 0."""
     options = options_from(args)
-    from pfwd_survey.analysis import analyse_files
+    from pfwd_survey.inverting.analysis import analyse_files
 
     refused = False
     kept: list[FileOutcome] = []
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
             if args.plot:
                 kept.append(outcome)
     if args.plot:
-        from pfwd_survey.plots import plot_outcomes
+        from pfwd_survey.inverting.plots import plot_outcomes
 
         plot_outcomes(kept, args.plot)
     return 1 if refused else 0

@@ -3,10 +3,10 @@
 import argparse
 import sys
 
-from pfwd_survey.measuring import measure, stopped_by_signals
-from pfwd_survey.options import AnalysisOptions
-from pfwd_survey.session import Ending, SessionPlan
-from pfwd_survey.setup_file import MeasuringSetup, read_setup_file
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.measure import measure, stopped_by_signals
+from pfwd_survey.measuring.session import Ending, SessionPlan
+from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file
 from tui.log_file import close_log, open_log
 from tui.session_lines import SessionLines
 

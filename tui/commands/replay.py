@@ -2,9 +2,9 @@
 
 import argparse
 
-from pfwd_survey.measuring import replay, stopped_by_signals
-from pfwd_survey.options import AnalysisOptions
-from pfwd_survey.setup_file import read_setup_file
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.measure import replay, stopped_by_signals
+from pfwd_survey.measuring.setup_file import read_setup_file
 from tui.commands.log import STATUS_OF_ENDING
 from tui.session_lines import SessionLines
 

@@ -1,0 +1,399 @@
+"""What is declared about a test point: the keys of a trace file's header."""
+
+import dataclasses
+import datetime
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from pfwd_survey.errors import TraceError, quote, refusal
+from pfwd_survey.files.toml import toml_line
+
+FORMAT_KEY = "pfwd-traces"
+FORMAT_VERSION = 1
+
+LARGEST_PLATE_RADIUS = 1.0
+"""m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
+
+FreeText = str | int | float
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a trace file declares. None: not declared, hence unknown.
+
+    Raises
+    ------
+    TraceError
+        If a value is outside its range or of the wrong type; the message names the key of the file.
+    """
+
+    plate_radius: float
+    """Radius of the load plate, m, > 0."""
+    plate_mass: float | None = None
+    """Mass that moves between load cell and ground, kg, >= 0."""
+    poisson_ratio: float | None = None
+    """Poisson's ratio of the ground, 0 <= value < 0.5."""
+    density: float | None = None
+    """Density of the ground, kg/m3, > 0."""
+    bedrock_depth: float | None = None
+    """Depth of a rigid base, m, > 0; inf: known to have none."""
+    centre_sensor: Literal["plate", "ground"] = "plate"
+    """What the sensor at offset 0 stands on; "ground" is through a hole in the plate."""
+    geophone_natural_frequency: float | None = None
+    """Natural frequency of the response that the velocity columns still carry, Hz, > 0."""
+    geophone_damping: float | None = None
+    """Damping ratio of that response, > 0; declared with the frequency or not at all."""
+    load_filter_frequency: float | None = None
+    """Corner frequency of the filter in the load channel, Hz, > 0."""
+    load_delay: float | None = None
+    """Delay of the load channel, s."""
+    seating_drops: int = 0
+    """How many of the first drops are seating."""
+    model_floor: float | None = None
+    """Displacement error of the model that the user grants, m, >= 0."""
+    device: FreeText | None = None
+    """Identity of the instrument; points with the same one share the device's effects."""
+    site: FreeText | None = None
+    """Name of the site."""
+    point: FreeText | None = None
+    """Name of the test point."""
+    operator: FreeText | None = None
+    """Who measured."""
+    latitude: FreeText | None = None
+    """Degrees, north positive, when a number."""
+    longitude: FreeText | None = None
+    """Degrees, east positive, when a number."""
+    time_utc: FreeText | None = None
+    """When; dates and times of TOML are kept as their ISO 8601 text."""
+    source: FreeText | None = None
+    """Where the record comes from."""
+    extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """Keys that the format does not know, as TOML read them."""
+
+    def __post_init__(self) -> None:
+        for key, rule in KEYS.items():
+            value = getattr(self, rule.attribute)
+            if value is not None:
+                check_value(key, value, f"header key {key}")
+        if (self.geophone_natural_frequency is None) != (self.geophone_damping is None):
+            lonely, missing = "geophone_natural_frequency_hz", "geophone_damping"
+            if self.geophone_natural_frequency is None:
+                lonely, missing = missing, lonely
+            raise TraceError(
+                refusal(
+                    "header",
+                    "geophone_natural_frequency_hz and geophone_damping together",
+                    f"{lonely} alone",
+                    f"declare {missing} too, or neither if the record is corrected",
+                )
+            )
+        clashing = sorted(set(self.extra) & (set(KEYS) | {FORMAT_KEY}))
+        if clashing:
+            raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
+
+
+class Rule(NamedTuple):
+    """How one key of the header is checked and where its value goes."""
+
+    attribute: str
+    """Field of Setup."""
+    expected: str
+    """What is accepted, in words, for the message."""
+    accepts: Callable[[object], bool]
+    """Whether a value is accepted."""
+    hint: str = ""
+    """What to try when it is not."""
+
+
+def _number(accepts: Callable[[float], bool]) -> Callable[[object], bool]:
+    def check(value: object) -> bool:
+        # bool is an int to Python, and a number to nobody else.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        try:
+            return accepts(float(value))
+        except OverflowError:  # an integer of hundreds of digits
+            return False
+
+    return check
+
+
+_positive = _number(lambda value: 0 < value < math.inf)
+_not_negative = _number(lambda value: 0 <= value < math.inf)
+_finite = _number(math.isfinite)
+
+
+def _free(value: object) -> bool:
+    return isinstance(value, str) or _finite(value)
+
+
+def _free_rule(attribute: str) -> Rule:
+    return Rule(attribute, "text in quotation marks or a finite number", _free)
+
+
+KEYS: dict[str, Rule] = {
+    "plate_radius_m": Rule("plate_radius", "a number > 0, in m", _positive),
+    "plate_mass_kg": Rule("plate_mass", "a number >= 0, in kg", _not_negative),
+    "poisson_ratio": Rule(
+        "poisson_ratio",
+        "0 <= number < 0.5",
+        _number(lambda value: 0 <= value < 0.5),
+        "0.5 is an incompressible soil, whose pressure waves are infinitely fast and which no "
+        "model here supports: use 0.49 for saturated clay",
+    ),
+    "density_kg_m3": Rule("density", "a number > 0, in kg/m3", _positive),
+    "bedrock_depth_m": Rule(
+        "bedrock_depth",
+        "a number > 0, in m, or inf for none",
+        _number(lambda value: value > 0),
+    ),
+    "centre_sensor": Rule(
+        "centre_sensor",
+        '"plate" or "ground"',
+        lambda value: isinstance(value, str) and value in ("plate", "ground"),
+    ),
+    "geophone_natural_frequency_hz": Rule(
+        "geophone_natural_frequency", "a number > 0, in Hz", _positive
+    ),
+    "geophone_damping": Rule("geophone_damping", "a number > 0", _positive),
+    "load_filter_hz": Rule("load_filter_frequency", "a number > 0, in Hz", _positive),
+    "load_delay_s": Rule("load_delay", "a finite number, in s", _finite),
+    "seating_drops": Rule(
+        "seating_drops",
+        "a whole number >= 0",
+        lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0,
+    ),
+    "model_floor_m": Rule("model_floor", "a number >= 0, in m", _not_negative),
+    **{
+        name: _free_rule(name)
+        for name in (
+            "device",
+            "site",
+            "point",
+            "operator",
+            "latitude",
+            "longitude",
+            "time_utc",
+            "source",
+        )
+    },
+}
+
+
+def check_value(key: str, value: object, where: str) -> None:
+    """Refuse a value that the key does not accept.
+
+    Parameters
+    ----------
+    key : str
+        One of ``KEYS``.
+    value : object
+        As TOML read it.
+    where : str
+        File and line, or option, for the message.
+
+    Raises
+    ------
+    TraceError
+    """
+    rule = KEYS[key]
+    if not rule.accepts(value):
+        raise TraceError(refusal(where, f"{key}: {rule.expected}", quote(value), rule.hint))
+
+
+class Declaration(NamedTuple):
+    """A value and where it was found."""
+
+    value: Any
+    """As TOML read it."""
+    where: str
+    """File and line, for messages."""
+
+
+Declarations = dict[str, Declaration]
+
+
+def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
+    """Key and value of one header line without its ``#``; None when it is blank or a comment.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        File and line, for messages.
+
+    Returns
+    -------
+    tuple of str and Declaration, or None
+
+    Raises
+    ------
+    TraceError
+        If the line is not one ``key = value`` of TOML.
+    """
+    expected = "one TOML key = value"
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        hint = 'text goes in quotation marks, as in site = "km 12"; a decimal sign is a point'
+        raise TraceError(refusal(where, expected, quote(text.strip()), hint)) from err
+    if not table:
+        return None
+    ((key, value),) = table.items()
+    if text.lstrip().startswith("["):
+        raise TraceError(refusal(where, expected, quote(text.strip()), "tables are not used here"))
+    return key, Declaration(value, where)
+
+
+def read_header_file(path: str | os.PathLike[str]) -> Declarations:
+    """The declarations of a TOML file, which stand in for the header of a trace file.
+
+    Parameters
+    ----------
+    path : path of a TOML file
+
+    Returns
+    -------
+    dict of str to Declaration
+
+    Raises
+    ------
+    TraceError
+        If the file cannot be read or is not TOML.
+    """
+    file = os.fspath(path)
+    try:
+        with open(file, encoding="utf-8-sig") as stream:
+            text = stream.read()
+    except OSError as err:
+        raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
+    except UnicodeDecodeError as err:
+        raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
+    return parse_header(text, file)
+
+
+def parse_header(text: str, file: str) -> Declarations:
+    """The declarations of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+    file : str
+        Where it is from, for messages.
+
+    Returns
+    -------
+    dict of str to Declaration
+
+    Raises
+    ------
+    TraceError
+        If it is not TOML.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        raise TraceError(refusal(file, "TOML", str(err))) from err
+    return {key: Declaration(value, _place(file, text, key)) for key, value in table.items()}
+
+
+def _place(file: str, text: str, key: str) -> str:
+    found = re.search(rf"^[ \t]*[\"']?{re.escape(key)}[\"']?[ \t]*[.=]", text, re.MULTILINE)
+    return f"{file}, line {text.count(chr(10), 0, found.start()) + 1}" if found else file
+
+
+def check_version(declarations: Mapping[str, Declaration]) -> None:
+    """Refuse a format version that this program does not know; none at all is accepted.
+
+    Raises
+    ------
+    TraceError
+    """
+    if FORMAT_KEY not in declarations:
+        return
+    value, where = declarations[FORMAT_KEY]
+    if type(value) is not int or value != FORMAT_VERSION:
+        raise TraceError(
+            refusal(
+                where,
+                f"{FORMAT_KEY} = {FORMAT_VERSION}",
+                quote(value),
+                "a file of a newer version needs a newer program",
+            )
+        )
+
+
+def setup_from(declarations: Mapping[str, Declaration], where: str) -> Setup:
+    """The setup that declarations amount to.
+
+    Parameters
+    ----------
+    declarations : mapping of str to Declaration
+    where : str
+        File, and the line before which the header had to be complete.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    TraceError
+        If the plate radius is missing, a value is outside its range, or half a pair is declared.
+    """
+    check_version(declarations)
+    known: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
+    for key, declaration in declarations.items():
+        if key == FORMAT_KEY:
+            continue
+        if key not in KEYS:
+            extra[key] = declaration.value
+            continue
+        value = declaration.value
+        if isinstance(value, datetime.date | datetime.time) and KEYS[key].accepts is _free:
+            value = value.isoformat()
+        check_value(key, value, declaration.where)
+        known[KEYS[key].attribute] = value
+    if "plate_radius" not in known:
+        hint = "declare it in the header or give --plate-radius"
+        if extra:
+            hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
+        raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))
+    try:
+        return Setup(**known, extra=extra)
+    except TraceError as err:
+        raise TraceError(f"{where}: {err}") from err
+
+
+def declared_values(setup: Setup) -> dict[str, Any]:
+    """The header keys that declare a setup, with their values; what is a default is left out."""
+    defaults = {item.name: item.default for item in dataclasses.fields(Setup)}
+    said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
+    known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
+    return {**known, **setup.extra}
+
+
+def declared_lines(setup: Setup) -> Iterator[str]:
+    """The header lines, without ``#``, that declare a setup; the format version comes first."""
+    yield toml_line(FORMAT_KEY, FORMAT_VERSION)
+    for key, value in declared_values(setup).items():
+        yield toml_line(key, value)
+
+
+def setup_warnings(setup: Setup) -> tuple[str, ...]:
+    """What a user should know about a setup before its results are believed."""
+    warnings = []
+    if setup.plate_mass is None:
+        warnings.append("plate_mass_kg is not declared: taken as 0")
+    if setup.plate_radius > LARGEST_PLATE_RADIUS:
+        warnings.append(f"units suspect: plate_radius_m = {setup.plate_radius:g} (in metres?)")
+    warnings += [
+        f"header key {quote(key)} is not known to the format: kept, not used" for key in setup.extra
+    ]
+    return tuple(warnings)

@@ -1,0 +1,135 @@
+"""Takes drops from files into a survey."""
+
+import datetime
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pfwd_device import Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_device.recording.drop_file import software_version
+from pfwd_device.recording.record import point_name
+from pfwd_device.text import LONGEST_TEXT, clean
+from pfwd_survey.errors import SurveyError, quote, refusal
+from pfwd_survey.files.header import Setup, declared_values
+from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.traces import TracePoint
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """One drop that is in the survey now, or a file that was refused."""
+
+    file: str
+    point: str = ""
+    number: int = 0
+    """Of the drop within the point."""
+    record: int = 0
+    """Of the drop within the survey."""
+    before: bool = False
+    """It was there before: nothing is imported twice."""
+    error: str | None = None
+    """Why the file was refused; None when it was not."""
+
+
+def import_files(
+    files: Sequence[str], survey: str | os.PathLike[str], header: str | None = None
+) -> Iterator[Imported]:
+    """Import the drops of trace files; a refused file does not keep the others out.
+
+    A point is named as its file declares it, else after the file. The same drop is never imported
+    twice; another drop with a number that is taken gets the next free one.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Whatever `read_points` takes.
+    survey : path of a folder, new or begun
+    header : path of a TOML file, optional
+        Its keys win over those of the files.
+
+    Yields
+    ------
+    Imported
+
+    Raises
+    ------
+    RecordingError
+        If the survey cannot be written.
+    """
+    with SurveyWriter.open(survey) as writer:
+        before = {one.number: one.drop for one in read_survey(writer.folder).drops}
+        for file in files:
+            try:
+                points = read_points(file, header)
+                names = [_name_of(point, file) for point in points]
+            except SurveyError as err:
+                yield Imported(file, error=str(err))
+                continue
+            for point, name in zip(points, names, strict=True):
+                for drop in point.drops:
+                    one = _import_drop(writer, file, point, name, drop, before)
+                    before[one.record] = one.number
+                    yield one
+
+
+def _name_of(point: TracePoint, file: str) -> str:
+    """Of the test point: as declared, else after the file, whose name may be long."""
+    if point.setup.point is not None:
+        try:
+            return point_name(str(point.setup.point))
+        except RecordingError as err:
+            expected = "point: 1 to 64 characters"
+            raise SurveyError(refusal(file, expected, quote(point.setup.point))) from err
+    stem = clean(Path(file).stem, limit=4 * LONGEST_TEXT).strip() or "1"
+    if len(stem) <= LONGEST_TEXT:
+        return stem
+    digest = hashlib.sha256(stem.encode()).hexdigest()[:8]  # two long names may begin alike
+    return f"{stem[: LONGEST_TEXT - 9].rstrip()}-{digest}"
+
+
+def _import_drop(
+    writer: SurveyWriter,
+    file: str,
+    point: TracePoint,
+    name: str,
+    drop: Drop,
+    before: Mapping[int, int],
+) -> Imported:
+    declared = _plain(point.setup)
+    key = _fingerprint(drop, declared)
+    known = writer.find_key(key)
+    if known is None:
+        taken = writer.next_number(name)
+        number = drop.number if drop.number >= taken else taken
+        metadata = {
+            "key": key,
+            "imported_from": os.path.basename(file),
+            "imported_utc": datetime.datetime.now(datetime.UTC).isoformat(),
+            "time_utc": point.setup.time_utc,
+            "software_version": software_version(),
+        }
+        record = DropRecord(name, replace(drop, number=number), None, declared, metadata)
+        saved = writer.save_drop(record)
+        writer.publish(saved)
+        return Imported(file, record.point, number, saved)
+    return Imported(file, name, before.get(known, drop.number), known, before=True)
+
+
+def _plain(setup: Setup) -> dict[str, Any]:
+    """What is declared, as JSON knows it."""
+    text = json.dumps(declared_values(setup), default=str)
+    return dict(json.loads(text))
+
+
+def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
+    """The same for the same drop declared alike, wherever its file stands."""
+    digest = hashlib.sha256(json.dumps(declared, sort_keys=True).encode())
+    for values in (drop.time, drop.load, *(channel.values for channel in drop.channels)):
+        digest.update(values.tobytes())
+    return f"import/{drop.number}/{digest.hexdigest()}"

@@ -1,0 +1,256 @@
+"""From trace files to results: the one road for the command line, the screens and scripts."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Collection, Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from inversion import (
+    InversionError,
+    InversionResult,
+    Record,
+    Settings,
+    SurrogateLibrary,
+    invert_joint,
+)
+from inversion.forward import Instrument
+from inversion.invert import surrogate_request
+from inversion.library import BuildProgress
+from inversion.record import Sensor
+from pfwd_device import Drop
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.header import Setup
+from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.missing import whole_part
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.screening import Screening, screen_point
+
+ASSUMED_POISSON_RATIO = 0.35
+"""Where none is declared: the usual value of subgrades; said so in every result."""
+
+
+def record_of(
+    drop: Drop,
+    setup: Setup,
+    options: AnalysisOptions | None = None,
+    without: Collection[float] = (),
+) -> Record:
+    """The inversion's record of a drop: its arrays and what the setup declares.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : Setup
+    options : AnalysisOptions, optional
+        ``published`` reads the load as the contact force, as the paper does: without plate mass.
+    without : collection of float, offsets of channels that take no part
+    """
+    mass = setup.plate_mass or 0.0
+    if options is not None and options.published:
+        mass = 0.0
+    instrument = Instrument(
+        plate_radius=setup.plate_radius,
+        plate_mass=mass,
+        geophone_natural_frequency=setup.geophone_natural_frequency,
+        geophone_damping=setup.geophone_damping,
+        load_filter=setup.load_filter_frequency,
+        load_delay=setup.load_delay or 0.0,
+    )
+    ratio = setup.poisson_ratio
+    return Record(
+        time=drop.time,
+        load=drop.load,
+        sensors=tuple(
+            Sensor(c.offset, c.quantity, c.values) for c in drop.channels if c.offset not in without
+        ),
+        instrument=instrument,
+        poisson_ratio=ASSUMED_POISSON_RATIO if ratio is None else ratio,
+        density=setup.density,
+        bedrock_depth=setup.bedrock_depth,
+        model_floor=setup.model_floor,
+    )
+
+
+def settings_of(options: AnalysisOptions, setup: Setup) -> Settings:
+    """Settings of the inversion from the options; an option wins over what the file declares."""
+    choices = options.choices
+    depth: Any = "declared"
+    if options.bedrock_depth == "none" or options.model == "half-space":
+        depth = math.inf
+    elif options.bedrock_depth is not None:
+        depth = options.bedrock_depth
+    elif options.model == "layer" and setup.bedrock_depth == math.inf:
+        depth = "unknown"
+    elif options.published and setup.bedrock_depth is None:
+        # The paper takes the depth as known, and for a half-space where it is not.
+        depth = math.inf
+    return Settings(
+        plate=choices.plate,
+        load="half-sine-equal-area" if options.published else choices.load,
+        all_sensors=choices.sensors == "all",
+        bedrock_depth=depth,
+        elastic=options.elastic,
+        method="published" if options.published else choices.method,
+        seed=options.seed,
+    )
+
+
+def analyse_point(
+    point: TracePoint, options: AnalysisOptions, library: SurrogateLibrary
+) -> list[DropAnalysis]:
+    """Screen and invert the drops of one point, in their order."""
+    settings = settings_of(options, point.setup)
+    screenings = screen_point(point)
+    drops = [whole_part(drop)[0] for drop in point.drops]
+    records = {
+        index: record_of(drop, point.setup, options, found.dead)
+        for index, (drop, found) in enumerate(zip(drops, screenings, strict=True))
+        if found.status != "rejected"
+    }
+    together = [i for i in records if screenings[i].status == "measured"] if options.joint else []
+    groups = [together] if together else []
+    groups += [[index] for index in records if index not in together]
+    found_results: dict[int, InversionResult] = {}
+    faults: dict[int, str] = {}
+    for group in groups:
+        try:
+            results = invert_joint([records[i] for i in group], settings, library)
+        except InversionError as error:
+            faults |= dict.fromkeys(group, str(error))
+        else:
+            found_results |= dict(zip(group, results, strict=True))
+    return [
+        DropAnalysis(drop, screenings[i], found_results.get(i), faults.get(i))
+        for i, drop in enumerate(point.drops)
+    ]
+
+
+def analyse_drop(
+    drop: Drop,
+    setup: Setup,
+    screening: Screening,
+    options: AnalysisOptions,
+    library: SurrogateLibrary,
+) -> DropAnalysis:
+    """Invert one drop whose screening is known, as it comes from the instrument."""
+    if screening.status == "rejected":
+        return DropAnalysis(drop, screening, None)
+    settings = settings_of(options, setup)
+    try:
+        record = record_of(whole_part(drop)[0], setup, options, screening.dead)
+        (result,) = invert_joint([record], settings, library)
+    except InversionError as error:
+        return DropAnalysis(drop, screening, None, str(error))
+    return DropAnalysis(drop, screening, result)
+
+
+def load_surrogate(
+    drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary
+) -> None:
+    """Have the response table ready that drops like this one need.
+
+    Raises
+    ------
+    InversionError
+    """
+    record = record_of(drop, setup, options)
+    library.get(*surrogate_request(record, settings_of(options, setup)))
+
+
+def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
+    """Results of one file or survey; a refused one comes back with the reason."""
+    results: list[dict[str, Any]] = []
+    inversions: list[InversionResult | None] = []
+    try:
+        for point in _read(path, options):
+            for one in analyse_point(point, options, library):
+                results.append(result_record(path, one, point.warnings, point.setup.point))
+                inversions.append(one.result)
+    except (SurveyError, InversionError) as error:
+        return FileOutcome(path, error=str(error))
+    return FileOutcome(path, results=results, inversions=inversions)
+
+
+def rehearse(drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary) -> None:
+    """Analyse a made-up pulse over the channels of a drop, so that the first real one finds
+    everything loaded; what comes out is of no interest.
+
+    Raises
+    ------
+    InversionError
+    """
+    load_surrogate(drop, setup, options, library)
+    time = np.asarray(np.arange(-200, 1000) * 1e-4, np.float64)
+    pulse = np.where((time > 0) & (time < 0.015), np.sin(np.pi * time / 0.015), 0.0)
+    shapes = {"displacement": 3e-4 * pulse, "velocity": 3e-4 * np.gradient(pulse, time)}
+    channels = tuple(replace(c, values=shapes[c.quantity]) for c in drop.channels)
+    made_up = Drop(1, time, 8000.0 * pulse, channels)
+    quick = replace(options, method=None if options.published else "least-squares")
+    analyse_drop(made_up, setup, Screening("measured"), quick, library)
+
+
+def analyse_files(
+    paths: Sequence[str],
+    options: AnalysisOptions,
+    jobs: int = 1,
+    progress: BuildProgress | None = None,
+) -> Generator[FileOutcome, None, None]:
+    """Outcomes of files in their order, on ``jobs`` processes.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Told while a surrogate is built, which happens once for a plate, Poisson's ratio and
+        sensor layout.
+    """
+    library = SurrogateLibrary(progress=progress)
+    if jobs <= 1 or len(paths) < 2:
+        for path in paths:
+            yield analyse_file(path, options, library)
+        return
+    # Built here once, so that the workers find them in the cache instead of each building them.
+    for path in paths:
+        _build_surrogate_of(path, options, library)
+    # Spawned on every platform alike: a forked copy of a threaded process may hang.
+    with ProcessPoolExecutor(
+        min(jobs, len(paths)), get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+    ) as pool:
+        yield from pool.map(partial(_analyse_in_worker, options=options), paths)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+_worker_library: SurrogateLibrary | None = None
+
+
+def _analyse_in_worker(path: str, options: AnalysisOptions) -> FileOutcome:
+    global _worker_library
+    if _worker_library is None:
+        _worker_library = SurrogateLibrary()
+    return analyse_file(path, options, _worker_library)
+
+
+def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:
+    return read_points(path, options.header, options.overrides())
+
+
+def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> None:
+    try:
+        for point in _read(path, options):
+            load_surrogate(point.drops[0], point.setup, options, library)
+    except (SurveyError, InversionError):
+        # The worker meets the same fault and reports it with the file.
+        return

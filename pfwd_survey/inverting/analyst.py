@@ -1,0 +1,207 @@
+"""Inverts drops beside the acquisition, in a process of its own that never makes it wait.
+
+What is asked first is answered first, except that a quick answer to a new drop goes before the full
+search of an older one. The process has one task at a time; a thread hands them over, so that nobody
+who asks waits for a pipe. When the process dies, another one is given the task that it had.
+"""
+
+import contextlib
+import itertools
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_device import Drop
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.tasks import Building, Curves, Task, Urgency
+
+MOST_ATTEMPTS = 2
+"""A task that has ended its process this often is given up."""
+
+CLOSING_TIME = 5.0
+"""s; how long an analysis that nobody waits for any more may hold up the end."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answer:
+    """What came of a task."""
+
+    task: Task
+    result: Mapping[str, Any] | None = None
+    """As in `Outcome`, like the following."""
+    curves: Curves | None = None
+    fault: str | None = None
+    details: str = ""
+
+
+Listener = Callable[[Answer | Building], None]
+
+
+class Analyst:
+    """Takes drops, gives moduli.
+
+    Parameters
+    ----------
+    listener : callable
+        Told every answer, in a thread of the analyst's own.
+    """
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self._numbers = itertools.count(1)
+        self._changed = threading.Condition()
+        self._waiting: dict[int, Task] = {}
+        self._closing = False
+        self._process: subprocess.Popen[bytes] | None = None
+        with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
+            self._process = _start()
+        self._thread = threading.Thread(target=self._work_off, name="analyst", daemon=True)
+        self._thread.start()
+
+    def prepare(self, drop: Drop, setup: Setup, options: AnalysisOptions) -> int:
+        """Have ready what drops like this one need; its samples do not matter."""
+        return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
+
+    def analyse(
+        self,
+        urgency: Urgency,
+        drop: Drop,
+        setup: Setup,
+        screening: Screening,
+        options: AnalysisOptions,
+        file: str,
+    ) -> int:
+        """Ask for an analysis and go on; the number comes back in the answer's task."""
+        return self._ask(urgency, drop, setup, screening, options, file)
+
+    def _ask(
+        self,
+        urgency: Urgency,
+        drop: Drop,
+        setup: Setup,
+        screening: Screening,
+        options: AnalysisOptions,
+        file: str,
+    ) -> int:
+        task = Task(next(self._numbers), urgency, drop, setup, screening, options, file)
+        with self._changed:
+            self._waiting[task.number] = task
+            self._changed.notify_all()
+        return task.number
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Whether everything was answered within so many seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._waiting, timeout)
+
+    def close(self) -> None:
+        """End the process; what was not answered stays unanswered."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join(0.2)
+        with self._changed:  # no other process is started from now on
+            process = self._process
+        if process is not None:
+            if self._thread.is_alive():
+                process.terminate()
+            _end(process)
+        self._thread.join(CLOSING_TIME)
+
+    def _work_off(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if self._closing:
+                    return
+                task = min(self._waiting.values(), key=_order)
+            answer = self._answer_to(task)
+            if answer is None:
+                return
+            self._listener(answer)
+            with self._changed:
+                del self._waiting[task.number]
+                self._changed.notify_all()
+
+    def _answer_to(self, task: Task) -> Answer | None:
+        """The answer; None when nobody waits for it any more."""
+        from pfwd_survey.inverting.analyst_process import receive, send
+
+        reason = ""
+        for _ in range(MOST_ATTEMPTS):
+            try:
+                process = self._living()
+                if process is None:
+                    return None
+                assert process.stdin is not None
+                assert process.stdout is not None
+                send(process.stdin, task)
+                while isinstance(message := receive(process.stdout), Building):
+                    self._listener(message)
+            except (EOFError, OSError) as err:
+                reason = f"{err}; exit code {self._bury()}"
+                if self._closing:
+                    return None
+            else:
+                return Answer(task, message.result, message.curves, message.fault, message.details)
+        fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
+        return Answer(task, fault=fault, details=reason)
+
+    def _living(self) -> "subprocess.Popen[bytes] | None":
+        """The process, another one where it has died; None when nobody needs one any more."""
+        if self._process is not None and self._process.poll() is not None:
+            self._bury()
+        with self._changed:
+            if self._closing:
+                return None
+            if self._process is None:
+                self._process = _start()
+            return self._process
+
+    def _bury(self) -> int | None:
+        with self._changed:
+            process, self._process = self._process, None
+        if process is None:
+            return None
+        _end(process)
+        return process.returncode
+
+
+def _order(task: Task) -> tuple[int, int]:
+    return task.urgency, task.number
+
+
+def _start() -> "subprocess.Popen[bytes]":
+    # The same packages as here, and none that happen to lie in the current folder.
+    path = os.pathsep.join(part for part in sys.path if part)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "pfwd_survey.inverting.analyst_process"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,  # it answers; a screen must not be written over
+        env={**os.environ, "PYTHONPATH": path},
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        # Ctrl+C is for who started it.
+        start_new_session=os.name == "posix",
+    )
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """Let a process end that has nothing to do, or make it."""
+    with contextlib.suppress(OSError):  # what was not sent is not needed any more
+        if process.stdin is not None:
+            process.stdin.close()
+    for step in (None, process.terminate, process.kill):
+        if step is not None:
+            step()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.3 if step is None else CLOSING_TIME)
+            break
+    if process.stdout is not None:
+        process.stdout.close()

@@ -1,0 +1,106 @@
+"""The process beside the acquisition that inverts drops, one after the other.
+
+Started as ``python -m pfwd_survey.inverting.analyst_process``, so that a script that measures needs
+no guard against being run again. It is given a pickled task by its input and answers by its output;
+when the input ends, so does it: it never outlives the program that started it.
+"""
+
+import os
+import pickle
+import signal
+import struct
+import sys
+import traceback
+from typing import IO, TYPE_CHECKING, Any
+
+from pfwd_survey.files.header import setup_warnings
+from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.tasks import Building, Curves, Outcome, Task, Urgency
+
+if TYPE_CHECKING:
+    from inversion import SurrogateLibrary
+
+_LENGTH = struct.Struct("<Q")
+
+
+def send(stream: IO[bytes], message: object) -> None:
+    """Write one message.
+
+    Raises
+    ------
+    OSError
+        If nobody reads any more.
+    """
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    stream.write(_LENGTH.pack(len(data)) + data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """The next message.
+
+    Raises
+    ------
+    EOFError
+        If there is none, or the other side ended within it.
+    """
+    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
+    return pickle.loads(_exactly(stream, length))
+
+
+def _exactly(stream: IO[bytes], length: int) -> bytes:
+    data = stream.read(length)
+    if len(data) < length:
+        raise EOFError("the other side has ended")
+    return data
+
+
+def main() -> None:
+    """Answer until there is nothing more to come."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides when to end
+    source = sys.stdin.buffer
+    # Whatever a library prints must not come between the answers.
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as target:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        try:
+            _work(source, target)
+        except (EOFError, OSError):
+            return  # who started it has gone
+
+
+def _work(source: IO[bytes], target: IO[bytes]) -> None:
+    from inversion import SurrogateLibrary
+
+    def progress(what: str, fraction: float) -> None:
+        send(target, Building(what, fraction))
+
+    library = SurrogateLibrary(progress=progress)
+    while True:
+        send(target, outcome_of(receive(source), library))
+
+
+def outcome_of(task: Task, library: "SurrogateLibrary") -> Outcome:
+    """What comes of a task; whatever goes wrong in it is an outcome too."""
+    from pfwd_survey.inverting.analysis import analyse_drop, rehearse
+
+    try:
+        if task.urgency is Urgency.PREPARE:
+            rehearse(task.drop, task.setup, task.options, library)
+            return Outcome()
+        found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
+        result = result_record(task.file, found, setup_warnings(task.setup))
+        return Outcome(result, _curves_of(found))
+    except Exception as err:  # the user has to hear of whatever nobody foresaw
+        fault = f"the analysis failed: {type(err).__name__}: {err}"
+        return Outcome(fault=fault, details=traceback.format_exc())
+
+
+def _curves_of(found: DropAnalysis) -> Curves | None:
+    if found.result is None:
+        return None
+    history = found.result.history
+    return Curves(**{name: getattr(history, name) for name in Curves.__slots__})
+
+
+if __name__ == "__main__":
+    main()

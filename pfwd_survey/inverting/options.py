@@ -1,0 +1,136 @@
+"""What a user asks of an analysis: the choices, checked against their ranges and each other."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from pfwd_survey.errors import OptionError, TraceError, refusal
+from pfwd_survey.files.header import check_value
+
+Model = Literal["layer", "half-space"]
+Load = Literal["measured", "half-sine"]
+Plate = Literal["rigid-rough", "rigid-smooth", "published"]
+Sensors = Literal["all", "centre"]
+Method = Literal["mpga", "least-squares"]
+Depth = float | Literal["unknown", "none"]
+
+OPTION_OF_KEY = {
+    "plate_radius_m": "plate_radius",
+    "plate_mass_kg": "plate_mass",
+    "poisson_ratio": "poisson_ratio",
+    "density_kg_m3": "density",
+}
+"""The header keys that an option overrides, and the field of AnalysisOptions with its value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """How the record is used and searched, with nothing left open."""
+
+    load: Load
+    """The measured load, or the half-sine fitted to it."""
+    plate: Plate
+    """Contact of plate and ground."""
+    sensors: Sensors
+    """All sensors, or the one in the centre."""
+    method: Method
+    """How the parameters are searched."""
+
+
+DEFAULT = Choices("measured", "rigid-rough", "all", "mpga")
+"""What gives the truest modulus."""
+
+PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
+"""The method of doi 10.11835/j.issn.2096-6717.2022.021."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnalysisOptions:
+    """What a user asks of an analysis; None: not said.
+
+    Raises
+    ------
+    OptionError
+        If a value is outside its range or two contradict each other.
+    """
+
+    model: Model | None = None
+    """Layer on a rigid base or half-space; not said: the layer, unless the depth says otherwise."""
+    bedrock_depth: Depth | None = None
+    """Depth of the rigid base, m, or that it is unknown or that there is none."""
+    elastic: bool = False
+    """Leave the viscosity out of the model."""
+    load: Load | None = None
+    """The measured load, or the half-sine fitted to it."""
+    plate: Plate | None = None
+    """Contact of plate and ground."""
+    sensors: Sensors | None = None
+    """All sensors, or the one in the centre."""
+    joint: bool = False
+    """All drops of a point have one soil."""
+    method: Method | None = None
+    """How the parameters are searched."""
+    published: bool = False
+    """The published method as a whole."""
+    seed: int = 0
+    """Seed of everything random, >= 0."""
+    header: str | None = None
+    """TOML file whose keys win over those of the trace files."""
+    plate_radius: float | None = None
+    """Radius of the load plate, m; wins over every header, as do the following."""
+    poisson_ratio: float | None = None
+    """Poisson's ratio of the ground."""
+    density: float | None = None
+    """Density of the ground, kg/m3."""
+    plate_mass: float | None = None
+    """Mass between load cell and ground, kg."""
+
+    def __post_init__(self) -> None:
+        for key, value in self.overrides().items():
+            where = "--" + OPTION_OF_KEY[key].replace("_", "-")
+            try:
+                check_value(key, value, where)
+            except TraceError as err:
+                raise OptionError(str(err)) from err
+        depth = self.bedrock_depth
+        if not isinstance(depth, str | None) and not 0 < depth < math.inf:
+            expected = "a number > 0, in m, or unknown or none"
+            raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
+        if self.seed < 0:
+            raise OptionError(refusal("--seed", "a whole number >= 0", str(self.seed)))
+        self._refuse_contradictions()
+
+    def _refuse_contradictions(self) -> None:
+        depth = self.bedrock_depth
+        if self.model == "half-space" and depth not in (None, "none"):
+            raise _contradiction("--model half-space", f"--bedrock-depth {depth}")
+        if self.model == "layer" and depth == "none":
+            raise _contradiction("--model layer", "--bedrock-depth none")
+        if not self.published:
+            return
+        for name, published in dataclasses.asdict(PUBLISHED).items():
+            if getattr(self, name) not in (None, published):
+                raise _contradiction("--published", f"--{name} {getattr(self, name)}")
+        if self.joint:
+            raise _contradiction("--published", "--joint")
+        if depth == "unknown":
+            raise _contradiction("--published", "--bedrock-depth unknown")
+
+    @property
+    def choices(self) -> Choices:
+        """What was said, completed by what is published or by the default."""
+        base = PUBLISHED if self.published else DEFAULT
+        said = {name: getattr(self, name) for name in dataclasses.asdict(base)}
+        return dataclasses.replace(
+            base, **{name: value for name, value in said.items() if value is not None}
+        )
+
+    def overrides(self) -> dict[str, float]:
+        """The header keys that are given as options, with their values."""
+        said = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
+        return {key: value for key, value in said.items() if value is not None}
+
+
+def _contradiction(one: str, other: str) -> OptionError:
+    return OptionError(refusal(f"{one} and {other}", "one of the two", "both"))

@@ -1,0 +1,85 @@
+"""What the analyst and its process say to each other."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_device import Drop
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening import Screening
+
+
+class Urgency(IntEnum):
+    """What goes before what."""
+
+    PREPARE = 0
+    """Have the response table ready before the first drop."""
+    QUICK = 1
+    """The first modulus of a new drop."""
+    FULL = 2
+    """The full search of a drop."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Task:
+    """One analysis."""
+
+    number: int
+    """Of the task."""
+    urgency: Urgency
+    drop: Drop
+    setup: Setup
+    screening: Screening
+    options: AnalysisOptions
+    file: str
+    """Where the drop is kept, for the result."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Curves:
+    """What was measured and what the model makes of it, for a display."""
+
+    time: NDArray[np.float64]
+    """(n,), s, 0 is the trigger."""
+    load: NDArray[np.float64]
+    """Measured, without offset, (n,), N."""
+    model_load: NDArray[np.float64]
+    """The load that the model was given, (n,), N."""
+    observed: NDArray[np.float64]
+    """Displacement, (sensors, n), m."""
+    predicted: NDArray[np.float64]
+    """(sensors, n), m."""
+    offsets: NDArray[np.float64]
+    """(sensors,), m."""
+    window_end: float
+    """Last instant that the fit used, s."""
+    contact_end: float
+    """The load has gone, s."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Outcome:
+    """What the process says of a task."""
+
+    result: Mapping[str, Any] | None = None
+    """With the keys of ``pfwd invert --json``; None when it failed, and for a task that only
+    prepares."""
+    curves: Curves | None = None
+    """None when there is no result."""
+    fault: str | None = None
+    """Why it failed, in one sentence."""
+    details: str = ""
+    """More on the failure, for the log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Building:
+    """A response table is being built."""
+
+    what: str
+    fraction: float

@@ -1,0 +1,181 @@
+"""What happens to a drop that was found: saved, acknowledged, judged, inverted; its rebounds."""
+
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pfwd_device.drop import Drop
+from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening import Screening, screen_next
+from pfwd_survey.measuring.analyses import Analyses
+from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
+from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
+from pfwd_survey.measuring.keeping import Keeper
+from pfwd_survey.measuring.setup_file import setup_of
+
+LAST_REBOUNDS = 3.0
+"""s by the host; how long the end waits for bounces after the last drop."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Coming:
+    """What is known of a drop that is not acknowledged yet."""
+
+    received: float | None
+    source: RecordedDrop | ImportedDrop | None
+
+
+class DropDesk:
+    """Takes the drops of a session.
+
+    Parameters
+    ----------
+    listener : callable
+        Told what happens to them.
+    options : AnalysisOptions, optional
+        None: no drop is inverted.
+    writer : SurveyWriter, optional
+        None: nothing is saved.
+    live : bool
+        Whether bounces may still come by themselves after the last drop.
+    """
+
+    def __init__(
+        self,
+        listener: Callable[[SessionEvent], None],
+        options: AnalysisOptions | None,
+        writer: SurveyWriter | None,
+        *,
+        live: bool,
+    ) -> None:
+        self._tell = listener
+        self._live = live
+        self.keeper = Keeper(writer, self._on_saved, listener) if writer else None
+        self.analyses = Analyses(options, listener, self._keep_result) if options else None
+        self.acknowledged = 0
+        """How many drops are safe (in a replay: were handed on)."""
+        self._coming: dict[tuple[str, int], _Coming] = {}
+        self._largest: dict[str, float] = {}
+        self._last: tuple[str, int] | None = None
+        self._last_record: int | None = None
+        self._rebounds_until = 0.0
+
+    @property
+    def held(self) -> int:
+        """How many drops are not safe."""
+        return self.keeper.held if self.keeper is not None else 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the hammer has come to rest after the last drop."""
+        return self._last is None
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything is safe and no bounce is waited for any more."""
+        waiting = not self._live or time.monotonic() <= self._rebounds_until
+        return not self.held and (self.settled or not waiting)
+
+    def number_for(self, point: str, wanted: int | None = None) -> int:
+        """The number that a drop gets: as recorded if that is free, else the next one."""
+        if self.keeper is not None:
+            return max(wanted or 0, self.keeper.next_number(point))
+        return wanted or self.acknowledged + 1
+
+    def take(
+        self,
+        record: DropRecord,
+        received: float | None = None,
+        source: RecordedDrop | ImportedDrop | None = None,
+    ) -> None:
+        """Have a drop saved; it is acknowledged when it is safe."""
+        if self.keeper is not None and (known := self.keeper.find(record)) is not None:
+            self._last = None
+            text = f"drop {known} of the survey came again; nothing is recorded twice"
+            self._tell(Notice(text))
+            return
+        key = record.point, record.drop.number
+        self._coming[key] = _Coming(received, source)
+        self._last, self._last_record = key, None
+        self._rebounds_until = time.monotonic() + LAST_REBOUNDS
+        if self.keeper is not None:
+            self.keeper.keep(record)
+        else:
+            self._on_saved(record, None)
+
+    def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
+        """Keep a rebound with its drop; one that was recorded with it is there already."""
+        if self._last is None:
+            return
+        self._rebounds_until = time.monotonic() + LAST_REBOUNDS
+        if self.keeper is not None and not recorded:
+            self.keeper.keep_rebound(*self._last, self._last_record, rebound)
+        self._tell(Rebounded(*self._last, rebound.delay, rebound.peak_load))
+
+    def end_of_rebounds(self) -> None:
+        """No more will come: the drop's file can be made."""
+        if self.keeper is not None and self._last_record is not None:
+            self.keeper.publish(self._last_record)
+        self._last = self._last_record = None
+
+    def _on_saved(self, record: DropRecord, number: int | None) -> None:
+        """A drop is safe: acknowledge it, then have it inverted."""
+        key = record.point, record.drop.number
+        coming = self._coming.pop(key)
+        setup = setup_of(record.declared, f"drop {record.point}")
+        file = coming.source.file if coming.source is not None else ""
+        if self.keeper is not None and number is not None:
+            file = str(Layout(self.keeper.writer.folder).drop_file(number))
+            if key == self._last:
+                self._last_record = number
+            else:  # its rebounds are over, and were held with it
+                self.keeper.publish(number)
+        screening = self._screen(record.drop, setup, record.point)
+        one = HandedOn(*key, number, file, record.drop, setup, screening, received=coming.received)
+        self.acknowledged += 1
+        marks = tuple(map(str, record.metadata.get("marks", ())))
+        identical = None
+        if coming.source is not None:
+            identical = same_traces(record.drop, coming.source.record.drop)
+        self._tell(DropSaved(one, marks, identical))
+        if self.analyses is not None:
+            self.analyses.ask(one)
+
+    def _screen(self, drop: Drop, setup: Setup, point: str) -> Screening:
+        try:
+            screening, largest = screen_next(drop, setup, self._largest.get(point, 0.0))
+        except Exception as err:  # the drop is safe, and the next one has to be
+            text = f"drop {point}/{drop.number} could not be judged: {type(err).__name__}: {err}"
+            self._tell(Notice(text, serious=True, details=traceback.format_exc()))
+            return Screening("rejected", f"could not be judged: {type(err).__name__}")
+        self._largest[point] = largest
+        return screening
+
+    def _keep_result(self, record: int, result: Mapping[str, Any]) -> None:
+        if self.keeper is not None:
+            self.keeper.keep_result(record, result)
+
+
+def renumbered(record: DropRecord, number: int) -> DropRecord:
+    """The same drop with another number within its point."""
+    if record.drop.number == number:
+        return record
+    return replace(record, drop=replace(record.drop, number=number))
+
+
+def same_traces(one: Drop, other: Drop) -> bool:
+    """Whether two drops hold the same samples, bit for bit."""
+    pairs = [(one.time, other.time), (one.load, other.load)]
+    if len(one.channels) != len(other.channels):
+        return False
+    for mine, theirs in zip(one.channels, other.channels, strict=True):
+        if (mine.offset, mine.quantity) != (theirs.offset, theirs.quantity):
+            return False
+        pairs.append((mine.values, theirs.values))
+    return all(a.tobytes() == b.tobytes() for a, b in pairs)

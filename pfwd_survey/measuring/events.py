@@ -1,0 +1,178 @@
+"""What a measuring session tells those who show it. All are immutable."""
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pfwd_device.acquisition.items import Disconnected, Samples
+from pfwd_device.drop import Drop
+from pfwd_device.identity import Identity
+from pfwd_device.wire.messages import Status
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.tasks import Curves
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentReady:
+    """The instrument answers, and what is declared of it is complete."""
+
+    url: str
+    identity: Identity
+    """With what the setup file says in place of what the instrument says."""
+    setup: Setup
+    """What is declared of the points to come."""
+    differences: tuple[str, ...]
+    """Where the setup file says otherwise than the instrument."""
+    warnings: tuple[str, ...]
+    """On calibration and response of the channels."""
+    again: bool
+    """Whether it had been lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentLost:
+    """The instrument is gone; the session waits for it."""
+
+    reason: str
+    time_utc: datetime.datetime
+
+    @classmethod
+    def of(cls, item: Disconnected) -> "InstrumentLost":
+        """From what the driver says."""
+        return cls(item.reason, item.time_utc)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LiveSamples:
+    """Samples as they stream, for a live display."""
+
+    samples: Samples
+    identity: Identity
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentStatus:
+    """How the instrument and the link are."""
+
+    status: Status
+    counters: Mapping[str, float | None]
+    """Everything that was discarded, by name, and the drift of the clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The load at rest is known: a drop would be found from now on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorCheck:
+    """Zero and span of the load cell, noise of every channel."""
+
+    details: Mapping[str, Any]
+    """As recorded: zero_n, span_ratio, noise by channel."""
+    faults: tuple[str, ...]
+    """What is wrong, one sentence each; empty: nothing."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class HandedOn:
+    """A drop as it goes from the record to the analysis."""
+
+    point: str
+    """Name of its test point."""
+    number: int
+    """Within the point."""
+    record: int | None
+    """Within the survey; None: it is not saved by this session."""
+    file: str
+    """Where it is kept, for the result."""
+    drop: Drop
+    setup: Setup
+    screening: Screening
+    received: float | None = None
+    """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropSaved:
+    """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
+
+    one: HandedOn
+    marks: tuple[str, ...]
+    """What is odd about the record: cut off, saturated, triggered by the operator."""
+    identical: bool | None = None
+    """In a replay: whether the traces are the recorded ones, bit for bit."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropNotSaved:
+    """A drop is NOT safe: the disk did not take it; it is kept in memory and tried again."""
+
+    point: str
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropAnalysed:
+    """A modulus, or why there is none."""
+
+    one: HandedOn
+    delay: float | None
+    """From the last sample of the drop to now, s; None: in a replay."""
+    result: Mapping[str, Any]
+    """With the keys of ``pfwd invert --json``."""
+    curves: Curves | None
+    """For a display; None when the analysis failed."""
+    full: bool
+    """Whether this is the full search; a quick answer came before."""
+    final: bool
+    """Whether no other answer follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rebounded:
+    """The hammer bounced after a drop."""
+
+    point: str
+    number: int
+    delay: float
+    """s after the trigger of the drop."""
+    peak_load: float
+    """N."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableBuilding:
+    """A response table of the model is being built, once for a plate and a Poisson's ratio."""
+
+    what: str
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that people should know."""
+
+    text: str
+    serious: bool = False
+    details: str = field(default="", repr=False)
+    """More, for the log."""
+
+
+SessionEvent = (
+    InstrumentReady
+    | InstrumentLost
+    | LiveSamples
+    | InstrumentStatus
+    | Ready
+    | SensorCheck
+    | DropSaved
+    | DropNotSaved
+    | DropAnalysed
+    | Rebounded
+    | TableBuilding
+    | Notice
+)

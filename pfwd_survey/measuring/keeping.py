@@ -1,0 +1,162 @@
+"""Keeps the drops of a session: saved at once, or held and tried again while the disk is full."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_survey.measuring.events import DropNotSaved, Notice
+
+TRY_AGAIN = 2.0
+"""s between attempts to save what the disk did not take."""
+
+LAST_ATTEMPTS = 30.0
+"""s; how long the end of a session goes on trying, unless it was told to end."""
+
+PAUSE = 0.05
+"""s between two looks whether it was."""
+
+Saved = Callable[[DropRecord, int], None]
+Tell = Callable[[DropNotSaved | Notice], None]
+
+
+class Keeper:
+    """Saves drops in their order; what cannot be saved stays in memory and is said to be unsafe.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    saved : callable
+        Told every drop with its number within the survey once it is safe.
+    tell : callable
+        Told what goes wrong.
+    """
+
+    def __init__(self, writer: SurveyWriter, saved: Saved, tell: Tell) -> None:
+        self.writer = writer
+        self._saved = saved
+        self._tell = tell
+        self._held: list[DropRecord] = []
+        self._told = 0
+        self._next_try = 0.0
+        self._filling_told = False
+
+    @property
+    def held(self) -> int:
+        """How many drops are not safe."""
+        return len(self._held)
+
+    def next_number(self, point: str) -> int:
+        """The number that the next drop of the point gets."""
+        waiting = [record.drop.number for record in self._held if record.point == point]
+        return max([self.writer.next_number(point), *(number + 1 for number in waiting)])
+
+    def find(self, record: DropRecord) -> str | None:
+        """By what the same samples are known already, None when they are new."""
+        key = record.metadata.get("key")
+        if not isinstance(key, str):
+            return None
+        known = self.writer.find_key(key)
+        if known is not None:
+            return str(known)
+        held = [one for one in self._held if one.metadata.get("key") == key]
+        return f"{held[0].point}/{held[0].drop.number}" if held else None
+
+    def keep(self, record: DropRecord) -> None:
+        """Save a drop, or hold it."""
+        self._held.append(record)
+        self._save()
+
+    def try_again(self) -> None:
+        """Try to save what is held, from time to time."""
+        if self._held and time.monotonic() >= self._next_try:
+            self._save()
+
+    def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
+        """The last attempts to save what is held; one, when the session was told to end."""
+        if self._held:
+            self._save()
+        until = time.monotonic() + patience
+        while self._held and not stopped() and time.monotonic() < until:
+            time.sleep(PAUSE)
+            self.try_again()
+        if self._held:
+            names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
+            self._tell(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
+
+    def _save(self) -> None:
+        while self._held:
+            record = self._held[0]
+            try:
+                number = self.writer.save_drop(record)
+            except RecordingError as err:
+                self._next_try = time.monotonic() + TRY_AGAIN
+                new, self._told = self._held[self._told :], len(self._held)
+                for one in new:
+                    self._tell(DropNotSaved(one.point, one.drop.number, str(err)))
+                return
+            del self._held[0]
+            self._told = max(0, self._told - 1)
+            self._saved(record, number)
+        self._announce_filling()
+
+    def _announce_filling(self) -> None:
+        warning = self.writer.storage_warning()
+        if warning and not self._filling_told:
+            self._tell(Notice(warning, serious=True))
+        self._filling_told = warning is not None
+
+    def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
+        """Save a rebound; that of a drop which is held is held with it.
+
+        Parameters
+        ----------
+        point : str
+        drop : int
+            Number of the drop within the point.
+        number : int or None
+            Within the survey; None: it is held.
+        rebound : Rebound
+        """
+        if number is not None:
+            self._attempt(lambda: self.writer.save_rebound(number, rebound), "a rebound")
+            return
+        for index, one in enumerate(self._held):
+            if (one.point, one.drop.number) == (point, drop):
+                more = (*one.rebounds, rebound)
+                self._held[index] = dataclasses.replace(one, rebounds=more)
+
+    def keep_point(self, name: str, declared: Mapping[str, Any]) -> None:
+        """Save a test point; a full disk must not end a session, and its drops name it too."""
+        self._attempt(lambda: self.writer.add_point(name, declared), f"the test point {name}")
+
+    def keep_check(self, details: Mapping[str, Any]) -> None:
+        """Save a check of the sensors."""
+        self._attempt(lambda: self.writer.save_check(details), "a check of the sensors")
+
+    def keep_event(self, kind: str, details: Mapping[str, Any]) -> None:
+        """Save that something happened."""
+        self._attempt(lambda: self.writer.note_event(kind, details), f"the event {kind}")
+
+    def keep_result(self, number: int, result: Mapping[str, Any]) -> Path | None:
+        """Save a result."""
+        path: Path | None = self._attempt(
+            lambda: self.writer.save_result(number, result), "a result"
+        )
+        return path
+
+    def publish(self, number: int) -> None:
+        """Make the file of a drop."""
+        self._attempt(lambda: self.writer.publish(number), "the file of a drop")
+
+    def _attempt(self, save: Callable[[], Any], what: str) -> Any:
+        try:
+            return save()
+        except RecordingError as err:
+            full = isinstance(err, StorageFull)
+            self._tell(Notice(f"{what} could not be saved: {err}", serious=not full))
+            return None

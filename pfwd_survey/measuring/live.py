@@ -1,0 +1,94 @@
+"""An instrument as the feed of a session."""
+
+import dataclasses
+import datetime
+import secrets
+from typing import Any, Literal
+
+from pfwd_device.acquisition.driver import Driver
+from pfwd_device.errors import DeviceRefused
+from pfwd_device.recording import CaptureWriter
+from pfwd_survey.measuring.feeds import FeedItem
+from pfwd_survey.measuring.setup_file import MeasuringSetup
+
+
+class LiveFeed:
+    """What an instrument sends, and nothing else.
+
+    Parameters
+    ----------
+    url : str
+        Port of the instrument.
+    setup : MeasuringSetup
+        Says its language.
+    capture : CaptureWriter, optional
+        Keeps every byte.
+    first_stream : int, optional
+        Number of the first run of a sampler that does not number its runs; at random otherwise.
+    """
+
+    live = True
+
+    def __init__(
+        self,
+        url: str,
+        setup: MeasuringSetup,
+        capture: CaptureWriter | None = None,
+        first_stream: int | None = None,
+    ) -> None:
+        device = setup.device
+        self._capture = capture
+        self._driver = Driver(
+            url,
+            device.make_dialect(random_stream() if first_stream is None else first_stream),
+            sampling_rate=device.sampling_rate,
+            capture=self._keep if capture is not None else None,
+            baud_rate=device.baud_rate,
+        )
+
+    def open(self) -> None:
+        """Open the port; done by `next` otherwise.
+
+        Raises
+        ------
+        PortError
+        """
+        self._driver.open()
+
+    def next(self, timeout: float) -> FeedItem | None:
+        """What comes next, None when nothing came within so many seconds."""
+        return self._driver.next(timeout)
+
+    def shunt(self, on: bool) -> None:
+        """Switch the calibration shunt, if the instrument takes commands."""
+        try:
+            self._driver.shunt(on)
+        except DeviceRefused:
+            return  # it only talks: then it has no shunt that could be asked for
+
+    def counters(self) -> dict[str, float | None]:
+        """Everything that was discarded, by name, and the drift of the clock in ppm."""
+        nested = dataclasses.asdict(self._driver.counters)
+        link: dict[str, Any] = nested.pop("link")
+        driver = self._driver
+        return {**link, **nested, "drift_ppm": driver.drift_ppm, "clock_speed": driver.clock_speed}
+
+    @property
+    def lost_since(self) -> float | None:
+        """Monotonic clock when the instrument was lost, s; None: it answers."""
+        return self._driver.lost_since
+
+    def close(self) -> None:
+        """Stop the instrument and close the port."""
+        self._driver.close()
+
+    def _keep(
+        self, _ns: int, _utc: datetime.datetime, direction: Literal["from", "to"], data: bytes
+    ) -> None:
+        assert self._capture is not None
+        self._capture.write(direction, data)
+
+
+def random_stream() -> int:
+    """A number for the first run of a sampler, so that its drops differ from those before."""
+    return secrets.randbits(32)

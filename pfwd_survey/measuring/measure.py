@@ -1,0 +1,195 @@
+"""One call for one measurement: open what is needed, run the session, close it all.
+
+A script measures with::
+
+    from pfwd_survey.measuring.measure import measure
+    measure("/dev/ttyUSB0", "site-12", print)
+"""
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from pfwd_device.recording import CaptureWriter, SurveyWriter, read_survey
+from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.files.reading import is_survey
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.events import Notice
+from pfwd_survey.measuring.live import LiveFeed, random_stream
+from pfwd_survey.measuring.replay import capture_feed, survey_feed
+from pfwd_survey.measuring.session import Ending, Listener, Session, SessionPlan
+from pfwd_survey.measuring.setup_file import MeasuringSetup
+
+Control = Callable[[Session], AbstractContextManager[object]]
+
+
+def measure(
+    url: str,
+    survey: str | os.PathLike[str],
+    listener: Listener,
+    plan: SessionPlan | None = None,
+    *,
+    capture: bool = False,
+    control: Control = nullcontext,
+) -> Ending:
+    """Measure with an instrument into a survey, new or begun.
+
+    Parameters
+    ----------
+    url : str
+        Port of the instrument: /dev/ttyUSB0, COM3, socket://127.0.0.1:4000, ...
+    survey : path of a folder
+    listener : callable
+        Told what happens, see `pfwd_survey.measuring.events`.
+    plan : SessionPlan, optional
+    capture : bool
+        Keep every byte of the link beside the drops.
+    control : callable, optional
+        Given the session, returns the context that it runs in, as `stopped_by_signals`.
+
+    Returns
+    -------
+    Ending
+
+    Raises
+    ------
+    DeviceError, SurveyError
+        If port, survey or setup cannot be used; what was acknowledged is safe.
+    """
+    plan = plan or SessionPlan()
+    with SurveyWriter.open(survey) as writer:
+        _tell_recovery(writer, listener)
+        writer.check_room()
+        stream = random_stream()
+        captured = _open_capture(writer, url, plan.setup, stream) if capture else None
+        feed = LiveFeed(url, plan.setup, captured, stream)
+        try:
+            feed.open()
+            session = Session(feed, listener, plan, writer)
+            with control(session):
+                return session.run()
+        finally:
+            feed.close()
+            if captured is not None:
+                captured.close()
+                if captured.failure:
+                    listener(Notice(f"the capture is incomplete: {captured.failure}", True))
+
+
+def _tell_recovery(writer: SurveyWriter, listener: Listener) -> None:
+    for text in writer.recovery.actions:
+        listener(Notice(f"recovery of {writer.folder}: {text}"))
+    for text in writer.recovery.damaged:
+        listener(Notice(f"damage in {writer.folder}: {text}", serious=True))
+
+
+def _open_capture(
+    writer: SurveyWriter, url: str, setup: MeasuringSetup, first_stream: int
+) -> CaptureWriter:
+    header = {
+        "url": url,
+        "dialect": setup.device.dialect,
+        "setup_text": setup.text,
+        "first_stream": first_stream,
+    }
+    return writer.open_capture("link", header)
+
+
+def replay(
+    recording: str | os.PathLike[str],
+    listener: Listener,
+    *,
+    speed: float = 0.0,
+    options: AnalysisOptions | None = None,
+    setup: MeasuringSetup | None = None,
+    output: str | os.PathLike[str] | None = None,
+    drops: int | None = None,
+    control: Control = nullcontext,
+) -> Ending:
+    """Recorded drops, or the recorded bytes of a link, through the same pipeline.
+
+    Parameters
+    ----------
+    recording : path of a survey or of a capture
+    listener : callable
+        Told what happens.
+    speed : float
+        Times real time; 0: as fast as possible.
+    options : AnalysisOptions, optional
+        None: nothing is inverted.
+    setup : MeasuringSetup, optional
+        For a capture, in place of the recorded one.
+    output : path, optional
+        Survey to record into.
+    drops : int, optional
+        End after so many.
+    control : callable, optional
+        As for `measure`.
+
+    Returns
+    -------
+    Ending
+
+    Raises
+    ------
+    DeviceError, SurveyError
+    """
+    path = Path(recording)
+    plan = SessionPlan(options=options, drops=drops)
+    if is_survey(path):
+        if setup is not None:
+            raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
+        survey = read_survey(path)
+        for text in survey.damage:
+            listener(Notice(text, serious=True))
+        feed, reader = survey_feed(survey, speed), None
+    elif path.is_file():
+        feed, used, reader = capture_feed(path, speed, setup)
+        plan = replace(plan, setup=used)
+    else:
+        hint = "pfwd log and pfwd import make surveys"
+        raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
+    with _writer(output) as writer:
+        session = Session(feed, listener, plan, writer)
+        with control(session):
+            ending = session.run()
+    for text in reader.damage if reader is not None else ():
+        listener(Notice(f"{path}: damaged: {text}", serious=True))
+    return ending
+
+
+@contextmanager
+def _writer(output: str | os.PathLike[str] | None) -> Iterator[SurveyWriter | None]:
+    if output is None:
+        yield None
+        return
+    with SurveyWriter.open(output) as writer:
+        yield writer
+
+
+@contextmanager
+def stopped_by_signals(session: Session) -> Iterator[None]:
+    """SIGINT and SIGTERM end the session when the drop in hand is safe; a second one at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[signal.Signals, Any] = {}
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        session.stop()
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+    for one in (signal.SIGINT, signal.SIGTERM):
+        before[one] = signal.signal(one, stop)
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)

@@ -1,0 +1,58 @@
+"""What a measuring session is to do, and how it ended."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.record import point_name
+from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.setup_file import MeasuringSetup
+
+
+class Ending(StrEnum):
+    """How a session ended."""
+
+    DONE = "done"
+    """As it was asked to, or there was nothing more to come."""
+    LOST = "lost"
+    """The instrument did not come back in time."""
+    UNSAVED = "unsaved"
+    """The disk did not take a drop to the end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionPlan:
+    """What a session is to do.
+
+    Raises
+    ------
+    OptionError
+        If the name of the point cannot be one.
+    """
+
+    point: str | None = None
+    """Name of the test point; None: what the setup declares, the survey's last, or the first."""
+    setup: MeasuringSetup = field(default_factory=MeasuringSetup)
+    """What is declared."""
+    drops: int | None = None
+    """End after so many; None: go on."""
+    options: AnalysisOptions | None = field(default_factory=AnalysisOptions)
+    """Of the analysis; None: no drop is inverted."""
+    give_up: float | None = None
+    """s after which a lost instrument ends the session; None: never."""
+
+    def __post_init__(self) -> None:
+        if self.point is None:
+            return
+        try:
+            object.__setattr__(self, "point", point_name(self.point))
+        except RecordingError as err:
+            expected = "a name of 1 to 64 characters"
+            raise OptionError(refusal("--point", expected, quote(self.point))) from err
+
+    @property
+    def named_point(self) -> str | None:
+        """The point that was named, here or in the setup."""
+        declared = self.setup.declared.get("point")
+        return self.point or (None if declared is None else point_name(str(declared)))

@@ -1,0 +1,392 @@
+"""A measuring session: samples in, drops safe, moduli out. It does not know what it is fed from.
+
+Everything here happens in the thread that calls `run`, except that an instrument's driver reads in
+a thread of its own and that drops are inverted in a process of their own. Whoever shows the session
+is told events, in that thread.
+"""
+
+import contextlib
+import datetime
+import time
+from collections.abc import Callable
+from typing import Any
+
+from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
+from pfwd_device.acquisition.detector import Detector, Found
+from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
+from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
+from pfwd_device.identity import Identity
+from pfwd_device.recording.record import DropRecord, point_name
+from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
+from pfwd_survey.measuring.drop_desk import DropDesk, renumbered
+from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
+from pfwd_survey.measuring.events import (
+    InstrumentLost,
+    InstrumentReady,
+    InstrumentStatus,
+    LiveSamples,
+    Notice,
+    Ready,
+    SensorCheck,
+    SessionEvent,
+)
+from pfwd_survey.measuring.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.measuring.sensor_check import SensorChecker
+from pfwd_survey.measuring.setup_file import response_warnings, setup_of
+
+__all__ = ["Ending", "Listener", "Session", "SessionPlan"]
+
+FIRST_POINT = "1"
+"""Name of a point that nobody named."""
+
+FEED_WAIT = 0.02
+"""s; how long an answer of the analyst may wait for the session's attention."""
+
+MOST_UNANSWERED = 4
+"""Analyses that a replay leaves waiting before it goes on."""
+
+LAST_ANSWERS = 120.0
+"""s; how long the last analyses may take when the session has ended."""
+
+STOPPED_ANSWERS = 20.0
+"""s; the same when it was told to end: a service manager gives it 90."""
+
+Listener = Callable[[SessionEvent], None]
+
+
+class Session:
+    """Runs one measurement.
+
+    Parameters
+    ----------
+    feed : Feed
+    listener : callable
+        Told what happens, in the thread of `run`; it may be quick or slow, but the session waits.
+    plan : SessionPlan
+    writer : SurveyWriter, optional
+        None: nothing is saved, as in a replay.
+    """
+
+    def __init__(
+        self,
+        feed: Feed,
+        listener: Listener,
+        plan: SessionPlan | None = None,
+        writer: SurveyWriter | None = None,
+    ) -> None:
+        self._feed = feed
+        self._tell = listener
+        self._plan = plan or SessionPlan()
+        known = writer.points if writer is not None else ()
+        self._point = self._plan.named_point or (known[-1] if known else FIRST_POINT)
+        self._desk = DropDesk(listener, self._plan.options, writer, live=feed.live)
+        self._keeper, self._analyses = self._desk.keeper, self._desk.analyses
+        self._stop = False
+        self._operator = False
+        self._ended = False
+        self._identity: Identity | None = None
+        self._declared: dict[str, Any] = {}
+        self._detector: Detector | None = None
+        self._stream: int | None = None
+        self._was_ready = False
+        self._checker: SensorChecker | None = None
+        self._last_check: dict[str, Any] | None = None
+        self._last_samples: Samples | None = None
+        self._status: Status | None = None
+        self._recorded: RecordedDrop | None = None
+        self._found_again = True
+
+    @property
+    def point(self) -> str:
+        """Name of the test point that the next drop belongs to."""
+        return self._point
+
+    def set_point(self, name: str) -> None:
+        """The drops to come belong to this point.
+
+        Raises
+        ------
+        RecordingError
+            If no point can have this name.
+        """
+        self._point = point_name(name)
+        if self._keeper is not None and self._declared:
+            self._keeper.keep_point(self._point, self._declared)
+
+    def stop(self) -> None:
+        """End the session when the drop in hand is safe; may be called from any thread."""
+        self._stop = True
+
+    def trigger(self) -> None:
+        """Record a drop now, whatever the load does; may be called from any thread."""
+        self._operator = True
+
+    def run(self) -> Ending:
+        """Measure until there is nothing more to come, enough drops are in, or `stop` is called.
+
+        Raises
+        ------
+        SetupError, TraceError
+            If what is declared does not fit the instrument.
+        """
+        try:
+            try:
+                ending = self._run()
+            except Exception:
+                with contextlib.suppress(Exception):  # the first one is what has to be told
+                    self._save_the_rest(lambda: True)
+                raise
+            self._save_the_rest(lambda: self._stop)
+            if self._analyses is not None:
+                self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
+        finally:
+            self._feed.close()
+            if self._analyses is not None:
+                self._analyses.close()
+        return Ending.UNSAVED if self._desk.held else ending
+
+    def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
+        self._finish_drop("the session was ended")
+        if self._keeper is not None:
+            self._keeper.finish(hurry)
+        self._desk.end_of_rebounds()
+
+    def _run(self) -> Ending:
+        while not self._finished():
+            if self._may_go_on():
+                item = self._feed.next(FEED_WAIT)
+                if item is not None:
+                    self._take(item)
+            else:
+                time.sleep(FEED_WAIT)
+            if self._analyses is not None:
+                self._analyses.take_answers()
+            if self._keeper is not None:
+                self._keeper.try_again()
+            if self._operator:
+                self._operator = False
+                self._trigger()
+            if self._gave_up():
+                return Ending.LOST
+        return Ending.DONE
+
+    def _may_go_on(self) -> bool:
+        """Whether the feed is wanted now: an instrument cannot wait, a recording can."""
+        waiting = self._analyses.unanswered if self._analyses is not None else 0
+        return self._feed.live or waiting < MOST_UNANSWERED
+
+    def _finished(self) -> bool:
+        if self._ended:
+            return True
+        if self._stop:
+            return self._detector is None or not self._detector.busy
+        enough = self._plan.drops is not None and self._desk.acknowledged >= self._plan.drops
+        # The hammer may still bounce, which belongs to the last drop.
+        return enough and self._desk.complete
+
+    def _gave_up(self) -> bool:
+        since = self._feed.lost_since
+        if self._plan.give_up is None or since is None:
+            return False
+        return time.monotonic() - since > self._plan.give_up
+
+    def _trigger(self) -> None:
+        if self._detector is None or self._stream is None:
+            self._tell(Notice("no samples come that could be recorded"))
+        else:
+            self._detector.trigger_by_operator()
+
+    def _take(self, item: FeedItem) -> None:
+        match item:
+            case Samples():
+                self._on_samples(item)
+            case Gap():
+                if self._detector is not None and item.stream == self._stream:
+                    self._found(self._detector.feed(item))
+            case Connected():
+                self._on_connected(item)
+            case Disconnected():
+                self._on_disconnected(item)
+            case StreamBegan():
+                self._finish_drop("the instrument began to sample anew")
+            case Status():
+                self._status = item
+                self._tell(InstrumentStatus(item, self._feed.counters()))
+            case Event():
+                self._on_event(item)
+            case Refusal():
+                text = f"the instrument refuses (code {item.code}): {item.text}"
+                self._tell(Notice(text, serious=True))
+            case RecordedDrop():
+                self._on_recorded(item)
+            case ImportedDrop():
+                self._on_imported(item)
+            case Ended():
+                self._finish_drop("the recording ends here")
+                self._end_recorded()
+                self._ended = True
+
+    def _on_connected(self, item: Connected) -> None:
+        # First of all, with the calibration that it was measured with.
+        self._finish_drop("the instrument was connected anew")
+        setup = self._plan.setup
+        identity = setup.identity_with(item.identity)
+        declared, checked = setup.declared_with(identity), setup.setup_with(identity)
+        sensor_channels(identity)  # refused now, not when the first drop falls
+        self._detector = Detector(identity, setup.device.detection)
+        self._identity, self._declared = identity, declared
+        self._was_ready = False
+        if self._keeper is not None:
+            self._keeper.keep_point(self._point, declared)
+            details = {"url": item.url, "serial_number": identity.serial_number}
+            self._keeper.keep_event("connected", details | {"again": item.again})
+        self._tell(
+            InstrumentReady(
+                item.url,
+                identity,
+                checked,
+                tuple(setup.differences(item.identity)),
+                (
+                    *calibration_warnings(identity, item.time_utc.date()),
+                    *response_warnings(identity),
+                ),
+                item.again,
+            )
+        )
+        if self._feed.live:
+            self._checker = SensorChecker(identity, self._feed.shunt)
+        if self._analyses is not None:
+            self._analyses.prepare(identity, checked)
+
+    def _on_disconnected(self, item: Disconnected) -> None:
+        self._finish_drop("the link was lost")
+        self._checker = None
+        if self._keeper is not None:
+            self._keeper.keep_event("lost", {"reason": item.reason})
+        self._tell(InstrumentLost.of(item))
+
+    def _on_event(self, item: Event) -> None:
+        if item.kind == EventKind.TRIGGER:
+            self._trigger()
+        elif item.kind == EventKind.END:
+            self._finish_drop("the instrument has nothing more")
+            self._ended = True
+        elif item.kind == EventKind.LOW_BATTERY:
+            self._tell(Notice(f"battery of the instrument is low {item.text}", serious=True))
+        elif item.kind == EventKind.BOOT:
+            self._tell(Notice(f"the instrument started anew {item.text}"))
+
+    def _on_samples(self, item: Samples) -> None:
+        if self._detector is None or self._identity is None:
+            return
+        if item.stream != self._stream:
+            self._finish_drop("the instrument began to sample anew")
+            self._detector.begin(item.stream, item.first)
+            self._stream = item.stream
+        self._last_samples = item
+        self._found(self._detector.feed(item))
+        self._tell(LiveSamples(item, self._identity))
+        self._check_sensors(item)
+        checking = self._checker is not None and self._checker.due
+        if self._feed.live and self._detector.ready and not checking and not self._was_ready:
+            self._was_ready = True
+            self._tell(Ready())
+
+    def _check_sensors(self, item: Samples) -> None:
+        if self._checker is None or self._detector is None:
+            return
+        at_rest = not self._detector.busy and self._desk.settled
+        found = self._checker.feed(item, at_rest=at_rest)
+        if found is None:
+            return
+        details, faults = found
+        self._last_check = details | {"faults": list(faults)}
+        if self._keeper is not None:
+            self._keeper.keep_check(self._last_check)
+        self._tell(SensorCheck(details, faults))
+
+    def _on_recorded(self, item: RecordedDrop) -> None:
+        self._finish_drop("the next recorded drop follows")
+        self._end_recorded()
+        self._identity, self._recorded, self._found_again = item.identity, item, False
+        self._declared = dict(item.record.declared)
+        setup_of(self._declared, f"drop {item.record.point}")
+        self._point = item.record.point
+        self._detector = Detector(item.identity, item.settings)
+        self._detector.begin(item.stream, item.first, item.at_rest)
+        self._stream = item.stream
+        if item.operator_trigger is not None:
+            self._detector.trigger_by_operator(item.operator_trigger)
+
+    def _end_recorded(self) -> None:
+        if not self._found_again and self._recorded is not None:
+            one = self._recorded.record
+            text = f"drop {one.point}/{one.drop.number} was recorded and is not found again"
+            self._tell(Notice(text, serious=True))
+        self._recorded, self._found_again = None, True
+
+    def _on_imported(self, item: ImportedDrop) -> None:
+        self._finish_drop("the next recorded drop follows")
+        self._end_recorded()
+        record = item.record
+        setup_of(record.declared, f"drop {record.point}")
+        self._point, self._declared = record.point, dict(record.declared)
+        number = self._desk.number_for(record.point, record.drop.number)
+        self._desk.take(renumbered(record, number), source=item)
+        self._desk.end_of_rebounds()
+
+    def _finish_drop(self, reason: str) -> None:
+        if self._detector is not None and self._stream is not None:
+            self._found(self._detector.finish(reason))
+        self._stream = None
+
+    def _found(self, found: list[Found]) -> None:
+        for one in found:
+            match one:
+                case RawDrop():
+                    self._on_drop(one)
+                case RawRebound():
+                    assert self._identity is not None
+                    rebound = rebound_of(one, self._identity)
+                    self._desk.take_rebound(rebound, recorded=self._recorded is not None)
+                case ReboundsOver():
+                    self._desk.end_of_rebounds()
+
+    def _on_drop(self, raw: RawDrop) -> None:
+        assert self._identity is not None
+        assert self._detector is not None
+        self._desk.end_of_rebounds()
+        identity, source = self._identity, self._recorded
+        if source is None:
+            number = self._desk.number_for(self._point)
+            settings = self._detector.settings
+            state = state_of(self._last_check, self._status, self._feed.counters())
+            metadata = metadata_of(raw, identity, settings, self._time_of(raw), state)
+        else:
+            if self._found_again:
+                self._tell(Notice("another drop was found in one that was recorded", serious=True))
+                return
+            self._found_again = True
+            number = self._desk.number_for(self._point, source.record.drop.number)
+            metadata = dict(source.record.metadata)
+        record = DropRecord(
+            self._point,
+            calibrate(number, raw.counts, raw.missing, raw.trigger, identity),
+            raw.counts,
+            self._declared,
+            metadata,
+            source.record.rebounds if source is not None else (),
+        )
+        live = self._feed.live and self._last_samples is not None
+        received = self._last_samples.received if live and self._last_samples else None
+        self._desk.take(record, received, source)
+
+    def _time_of(self, raw: RawDrop) -> datetime.datetime:
+        """Of the trigger, from when the last samples came."""
+        last = self._last_samples
+        if last is None or self._identity is None:
+            return datetime.datetime.now(datetime.UTC)
+        later = last.first + len(last.counts) - (raw.first + raw.trigger)
+        return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
