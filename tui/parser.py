@@ -30,6 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_replay,
         _add_import,
         _add_invert,
+        _add_diagnose,
         _add_edit,
         _add_recover,
         _add_check,
@@ -224,6 +225,31 @@ def _add_import(commands: "Commands") -> None:
     importing.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
     importing.add_argument("--header", metavar="FILE.toml", help="header keys in a file")
     importing.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def _add_diagnose(commands: "Commands") -> None:
+    diagnose = commands.add_parser(
+        "diagnose",
+        help="residual, effects, error before and after",
+        description="Asks which real effect would leave just the residual that is there, adds it, "
+        "fits again and says what it changed - or that it cannot explain it. Files with the same "
+        "device are one survey.",
+        allow_abbrev=False,
+    )
+    diagnose.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    diagnose.add_argument("--device", metavar="D.toml", help="device effects that are known")
+    diagnose.add_argument("--write-device", metavar="D.toml", help="keep the device effects found")
+    diagnose.add_argument(
+        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
+    )
+    known = diagnose.add_argument_group("what is known, over the files' headers")
+    known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
+    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
+    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
+    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
+    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
+    diagnose.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 
 def _add_edit(commands: "Commands") -> None:

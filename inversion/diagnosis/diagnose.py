@@ -1,0 +1,454 @@
+"""The diagnosis of a point and of a survey: the error before and after, and what stands between."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point, Problem, Unknown
+from inversion.diagnosis.search import EXPLAINED, Candidate, Search
+from inversion.effects.base import Effect
+from inversion.effects.catalogue import BY_NAME, CATALOGUE
+from inversion.kernel import FloatArray
+from inversion.library import SurrogateLibrary
+from inversion.threads import single_threaded_blas
+
+Verdict = Literal["clean", "explained", "unexplained"]
+DeviceValues = dict[str, dict[str, float]]
+
+_NO_GROUND = "spring_rig"
+
+
+@dataclass(frozen=True)
+class FoundParameter:
+    """One number of an effect.
+
+    Parameters
+    ----------
+    name, unit : str
+    value, deviation : float, SI
+    drop : int or None, number of the drop that it belongs to
+    at_bound : bool
+    """
+
+    name: str
+    unit: str
+    value: float
+    deviation: float
+    drop: int | None
+    at_bound: bool
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that the residual asks for.
+
+    Parameters
+    ----------
+    name, scope, advice : str
+    parameters : tuple of FoundParameter, the most telling first
+    evidence : float, drop of the information criterion
+    alternatives : tuple of str, effects that would do in its place
+    """
+
+    name: str
+    scope: str
+    advice: str
+    parameters: tuple[FoundParameter, ...]
+    evidence: float
+    alternatives: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """A model with its error.
+
+    Parameters
+    ----------
+    model : "half-space" or "layer", or "rig" when there is no ground
+    modulus, modulus_deviation : float, Pa; NaN for a rig
+    residual_rms : float, m
+    residual_over_noise : float
+    residual_rms_over_peak, contact_residual_rms_over_peak : float
+    """
+
+    model: str
+    modulus: float
+    modulus_deviation: float
+    residual_rms: float
+    residual_over_noise: float
+    residual_rms_over_peak: float
+    contact_residual_rms_over_peak: float
+
+
+@dataclass(frozen=True, eq=False)
+class DropCurves:
+    """One drop before and after, for plots.
+
+    Parameters
+    ----------
+    number : int
+    time : (n,) ndarray of float, s
+    load : (n,) ndarray of float, N
+    observed, before, after : (n_sensors, n) ndarray of float, m
+    offsets : (n_sensors,) ndarray of float, m
+    contact_end : float, s
+    """
+
+    number: int
+    time: FloatArray
+    load: FloatArray
+    observed: FloatArray
+    before: FloatArray
+    after: FloatArray
+    offsets: FloatArray
+    contact_end: float
+
+
+@dataclass(frozen=True, eq=False)
+class PointDiagnosis:
+    """What was found at one point.
+
+    Parameters
+    ----------
+    name : str
+    numbers : tuple of int, of the drops
+    verdict : Verdict
+    noise_rms : float, m
+    before, after : State
+    effects : tuple of FoundEffect, strongest first
+    held_out_before, held_out_after : float or None, residual over peak on what was not fitted
+    warnings : tuple of str
+    curves : tuple of DropCurves
+    """
+
+    name: str
+    numbers: tuple[int, ...]
+    verdict: Verdict
+    noise_rms: float
+    before: State
+    after: State
+    effects: tuple[FoundEffect, ...]
+    held_out_before: float | None
+    held_out_after: float | None
+    warnings: tuple[str, ...]
+    curves: tuple[DropCurves, ...] = field(repr=False)
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the modulus after may be taken for corrected."""
+        return self.verdict == "explained"
+
+
+def diagnose_point(
+    records: PointRecords,
+    library: SurrogateLibrary | None = None,
+    device: DeviceValues | None = None,
+) -> PointDiagnosis:
+    """Which effects the residual of a point asks for, and what they change.
+
+    Parameters
+    ----------
+    records : PointRecords
+    library : SurrogateLibrary
+    device : values of device effects that are known from elsewhere, by effect and parameter
+
+    Raises
+    ------
+    RecordError, ModelError
+        If a record cannot be used.
+    """
+    with single_threaded_blas():
+        point = Point(records, library or SurrogateLibrary())
+        base = Search([point]).base()
+        search = Search([point], fixed=device)
+        best = search.run()
+        return _report(point, search, base, best)
+
+
+def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
+    before, after = _state(point, base, search), _state(point, best, search)
+    effects = _effects(point, search, best)
+    helped = bool(effects) or bool(search.fixed)
+    explained = best.over_noise <= EXPLAINED
+    verdict: Verdict = "unexplained"
+    if explained:
+        verdict = "explained" if helped else "clean"
+    held_before, held_after = _held_out(point, search, best)
+    return PointDiagnosis(
+        name=point.records.name,
+        numbers=point.records.numbers,
+        verdict=verdict,
+        noise_rms=float(max(model.noise[0] for model in point.drops)),
+        before=before,
+        after=after,
+        effects=effects,
+        held_out_before=held_before,
+        held_out_after=held_after,
+        warnings=tuple(_warnings(best, effects, verdict)),
+        curves=_curves(point, base, best),
+    )
+
+
+def _predict(candidate: Candidate) -> list[FloatArray]:
+    found = candidate.fit
+    return found.problem.predict(0, found.device, found.own[0])
+
+
+def _state(point: Point, candidate: Candidate, search: Search) -> State:
+    predicted = _predict(candidate)
+    pairs = list(zip(point.drops, predicted, strict=True))
+    left = np.concatenate([(w - m.observed).ravel() for m, w in pairs])
+    whole = [m.residual_over_peak(w, contact_only=False) for m, w in pairs]
+    contact = [m.residual_over_peak(w, contact_only=True) for m, w in pairs]
+    found = candidate.fit
+    ground = point.ground(found.problem.own[0], found.own[0])
+    for effect, values in found.problem.values(0, found.device, found.own[0], len(pairs) - 1):
+        ground = effect.ground(ground, values, point.drops[-1].context)
+    rig = _NO_GROUND in candidate.names
+    model = "half-space" if ground.inverse_depth == 0.0 else "layer"
+    index = len(found.problem.device)
+    deviation = _deviations(found, search)[index]
+    first = found.problem.own[0][0].parameter
+    relative = deviation * math.log(first.upper / first.lower)
+    return State(
+        model="rig" if rig else model,
+        modulus=math.nan if rig else ground.modulus,
+        modulus_deviation=math.nan if rig else ground.modulus * relative,
+        residual_rms=float(np.sqrt(np.mean(left**2))),
+        residual_over_noise=candidate.over_noise,
+        residual_rms_over_peak=float(np.sqrt(np.mean(np.square(whole)))),
+        contact_residual_rms_over_peak=float(np.sqrt(np.mean(np.square(contact)))),
+    )
+
+
+def _deviations(found: Fit, search: Search) -> FloatArray:
+    """Of all places; a residual larger than the noise counts, and so does its correlation."""
+    scale = max(1.0, math.sqrt(found.cost / found.count))
+    return found.deviations(scale * math.sqrt(max(1.0, found.count / search.independent)))
+
+
+def _effects(point: Point, search: Search, best: Candidate) -> tuple[FoundEffect, ...]:
+    deviations = _deviations(best.fit, search)
+    bounds = {id(one) for one in best.fit.at_bound()}
+    found = []
+    for effect in best.effects:
+        parameters = []
+        for one, place, deviation in zip(
+            best.fit.unknowns, best.fit.places, deviations, strict=True
+        ):
+            if one.effect is effect:
+                parameters.append(_parameter(point, one, place, deviation, id(one) in bounds))
+        found.append(
+            FoundEffect(
+                name=effect.name,
+                scope=effect.scope,
+                advice=effect.advice,
+                parameters=tuple(parameters),
+                evidence=search.without(best, effect).score - best.score,
+                alternatives=tuple(search.alternatives(best, effect)),
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -one.evidence))
+
+
+def _parameter(
+    point: Point, one: Unknown, place: float, deviation: float, at_bound: bool
+) -> FoundParameter:
+    value = one.value(float(place))
+    p = one.parameter
+    slope = value * math.log(p.upper / p.lower) if p.logarithmic else p.upper - p.lower
+    number = None if one.drop is None else point.records.numbers[one.drop]
+    return FoundParameter(p.name, p.unit, value, float(abs(slope) * deviation), number, at_bound)
+
+
+def _held_out(point: Point, search: Search, best: Candidate) -> tuple[float | None, float | None]:
+    """Residual over peak of each drop, predicted from the others; None with a single drop."""
+    count = len(point.drops)
+    if count < 2:
+        return None, None
+    errors: dict[str, list[float]] = {"before": [], "after": []}
+    for left_out in range(count):
+        for name, candidate in (("before", search.base()), ("after", best)):
+            errors[name].append(_predict_left_out(candidate, left_out))
+    before, after = (float(np.sqrt(np.mean(np.square(e)))) for e in errors.values())
+    return before, after
+
+
+def _predict_left_out(candidate: Candidate, left_out: int) -> float:
+    problem = candidate.fit.problem
+    others = _Without(problem, left_out)
+    found = fit(others, candidate.fit.device, candidate.fit.own, 8)
+    own = found.own[0].copy()
+    # What belongs to single drops is not known of this one: the middle of the others.
+    unknowns = problem.own[0]
+    for index, one in enumerate(unknowns):
+        if one.drop == left_out:
+            alike = [
+                own[i]
+                for i, other in enumerate(unknowns)
+                if other.drop not in (None, left_out) and other.parameter is one.parameter
+            ]
+            own[index] = float(np.median(alike)) if alike else own[index]
+    predicted = problem.predict(0, found.device, own)[left_out]
+    return problem.points[0].drops[left_out].residual_over_peak(predicted, contact_only=False)
+
+
+class _Without(Problem):
+    """A problem that does not see one drop of its only point."""
+
+    def __init__(self, problem: Problem, left_out: int) -> None:
+        super().__init__(
+            problem.points, problem.effects, problem.fixed, contact_only=problem.contact_only
+        )
+        self._left_out = left_out
+
+    def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
+        parts = []
+        predicted = self.predict(index, device, own)
+        for number, (model, values) in enumerate(
+            zip(self.points[index].drops, predicted, strict=True)
+        ):
+            if number != self._left_out:
+                window = model.window(contact_only=self.contact_only)
+                left = (values - model.observed)[:, window] / model.noise[:, None]
+                parts.append(left.ravel())
+        return np.concatenate(parts)
+
+
+def _warnings(best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict) -> list[str]:
+    found = []
+    for effect in effects:
+        for parameter in effect.parameters:
+            if parameter.at_bound:
+                found.append(f"{effect.name}: {parameter.name} sits on a bound")
+        if effect.alternatives:
+            others = ", ".join(effect.alternatives)
+            found.append(f"{effect.name} cannot be told from {others}")
+    for one in best.fit.at_bound():
+        if one.effect is None:
+            found.append(f"{one.parameter.name.replace('_', ' ')} of the ground sits on a bound")
+    if verdict == "unexplained":
+        found.append(
+            f"residual not explained: {best.over_noise:.1f} times the noise is left; do not take "
+            "the modulus for corrected"
+        )
+    return found
+
+
+def _curves(point: Point, base: Candidate, best: Candidate) -> tuple[DropCurves, ...]:
+    return tuple(
+        DropCurves(
+            number=number,
+            time=model.context.time + model.drop.start,
+            load=model.context.load,
+            observed=model.observed,
+            before=before,
+            after=after,
+            offsets=model.context.offsets,
+            contact_end=model.context.contact_end + model.drop.start,
+        )
+        for number, model, before, after in zip(
+            point.records.numbers, point.drops, _predict(base), _predict(best), strict=True
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceFindings:
+    """Device effects of a survey.
+
+    Parameters
+    ----------
+    values, deviations : by effect and parameter
+    drops : int, how many they rest on
+    """
+
+    values: DeviceValues
+    deviations: Mapping[str, Mapping[str, float]]
+    drops: int
+
+
+def device_effects() -> tuple[Effect, ...]:
+    """Effects of the catalogue whose values belong to the device."""
+    return tuple(effect for effect in CATALOGUE if effect.scope == "device")
+
+
+def fit_device(
+    points: Sequence[PointRecords],
+    found: Sequence[PointDiagnosis],
+    names: Sequence[str],
+    library: SurrogateLibrary,
+) -> DeviceFindings:
+    """Values of device effects, fitted over all points together, each with its own effects.
+
+    Parameters
+    ----------
+    points : sequence of PointRecords
+    found : sequence of PointDiagnosis, of the same points; says which effects each has of its own
+    names : sequence of str, device effects
+    library : SurrogateLibrary
+    """
+    with single_threaded_blas():
+        chosen = [BY_NAME[name] for name in names]
+        made = [Point(records, library) for records in points]
+        local = [
+            [*chosen, *(BY_NAME[e.name] for e in one.effects if e.scope != "device")]
+            for one in found
+        ]
+        problem = Problem(made, _union(local), local=local)
+        device = np.array([_known_place(one, found) for one in problem.device])
+        owns = [
+            np.array([_own_place(one, diagnosis) for one in own])
+            for own, diagnosis in zip(problem.own, found, strict=True)
+        ]
+        result = fit(problem, device, owns, 12)
+    samples = sum(Search([point]).independent for point in made)
+    scale = max(1.0, math.sqrt(result.cost / result.count))
+    deviations = result.deviations(scale * math.sqrt(max(1.0, result.count / samples)))
+    values: DeviceValues = {}
+    spread: dict[str, dict[str, float]] = {}
+    for one, place, deviation in zip(problem.device, result.device, deviations, strict=False):
+        assert one.effect is not None
+        p = one.parameter
+        value = one.value(float(place))
+        slope = value * math.log(p.upper / p.lower) if p.logarithmic else p.upper - p.lower
+        values.setdefault(one.effect.name, {})[p.name] = value
+        spread.setdefault(one.effect.name, {})[p.name] = float(abs(slope) * deviation)
+    return DeviceFindings(values, spread, sum(len(point.drops) for point in made))
+
+
+def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:
+    return [effect for effect in CATALOGUE if any(effect in one for one in local)]
+
+
+def _known_place(one: Unknown, found: Sequence[PointDiagnosis]) -> float:
+    assert one.effect is not None
+    known = [
+        p.value
+        for diagnosis in found
+        for effect in diagnosis.effects
+        if effect.name == one.effect.name
+        for p in effect.parameters
+        if p.name == one.parameter.name
+    ]
+    return one.place(float(np.median(known)) if known else one.parameter.starts[0])
+
+
+def _own_place(one: Unknown, diagnosis: PointDiagnosis) -> float:
+    if one.effect is None:
+        return one.place(one.parameter.starts[0])
+    for effect in diagnosis.effects:
+        if effect.name != one.effect.name:
+            continue
+        number = None if one.drop is None else diagnosis.numbers[one.drop]
+        for p in effect.parameters:
+            if p.name == one.parameter.name and p.drop == number:
+                return one.place(p.value)
+    return one.place(one.parameter.starts[0])

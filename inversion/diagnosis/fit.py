@@ -1,0 +1,178 @@
+"""Bounded Levenberg-Marquardt for unknowns in blocks.
+
+Marquardt (1963), J. SIAM 11(2), 431-441. Places are kept between 0 and 1; an unknown on a bound
+that the step would push through it is held for the step. The Jacobian is by differences, block by
+block: a point's residual does not know of other points' unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.diagnosis.problem import Problem, Unknown
+from inversion.kernel import FloatArray
+
+_STEP = 1e-4
+_MOST_ITERATIONS = 30
+_SMALLEST_GAIN = 1e-4
+_ON_BOUND = 1e-3
+_LARGEST_STEP = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit came to.
+
+    Parameters
+    ----------
+    problem : Problem
+    device : (d,) ndarray of places
+    own : tuple of (k_i,) ndarray of places, one a point
+    cost : float, sum of squares of the residuals over the noise
+    count : int, number of residuals
+    normal : (n, n) ndarray, J^T J in places; the device's block first
+    """
+
+    problem: Problem
+    device: FloatArray
+    own: tuple[FloatArray, ...]
+    cost: float
+    count: int
+    normal: FloatArray
+
+    @property
+    def places(self) -> FloatArray:
+        """All places, the device's first."""
+        return np.concatenate([self.device, *self.own])
+
+    @property
+    def unknowns(self) -> list[Unknown]:
+        """All unknowns, in the order of `places`."""
+        return [*self.problem.device, *(one for own in self.problem.own for one in own)]
+
+    def at_bound(self) -> list[Unknown]:
+        """Unknowns on a bound."""
+        near = (self.places < _ON_BOUND) | (self.places > 1.0 - _ON_BOUND)
+        return [one for one, hit in zip(self.unknowns, near, strict=True) if hit]
+
+    def deviations(self, scale: float = 1.0) -> FloatArray:
+        """Standard deviations of the places when the residual is ``scale`` times the noise."""
+        damped = self.normal + 1e-9 * np.eye(self.normal.shape[0])
+        try:
+            covariance = np.linalg.inv(damped)
+        except np.linalg.LinAlgError:
+            return np.full(self.normal.shape[0], np.inf)
+        result: FloatArray = scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return result
+
+
+def fit(
+    problem: Problem,
+    device: FloatArray,
+    own: Sequence[FloatArray],
+    iterations: int = _MOST_ITERATIONS,
+) -> Fit:
+    """The local minimum near a start.
+
+    Parameters
+    ----------
+    problem : Problem
+    device, own : places to start from
+    iterations : int, at most
+    """
+    device, owns = np.clip(device, 0.0, 1.0), [np.clip(one, 0.0, 1.0) for one in own]
+    residuals = _residuals(problem, device, owns)
+    cost = _cost(residuals)
+    damping = 1e-2
+    normal, gradient = _linearise(problem, device, owns, residuals)
+    for _ in range(iterations):
+        places = np.concatenate([device, *owns])
+        accepted = False
+        for _ in range(6):
+            step = _step(normal, gradient, damping, places)
+            trial = np.clip(places + step, 0.0, 1.0)
+            new_device, new_owns = _split(problem, trial)
+            new_residuals = _residuals(problem, new_device, new_owns)
+            new_cost = _cost(new_residuals)
+            if new_cost < cost:
+                accepted = True
+                break
+            damping *= 6.0
+        if not accepted:
+            break
+        gain = (cost - new_cost) / max(cost, 1e-300)
+        device, owns, residuals, cost = new_device, new_owns, new_residuals, new_cost
+        damping = max(damping / 5.0, 1e-9)
+        normal, gradient = _linearise(problem, device, owns, residuals)
+        if gain < _SMALLEST_GAIN:
+            break
+    count = sum(one.size for one in residuals)
+    return Fit(problem, device, tuple(owns), cost, count, normal)
+
+
+def _cost(residuals: Sequence[FloatArray]) -> float:
+    total = float(sum(one @ one for one in residuals))
+    return total if np.isfinite(total) else np.inf
+
+
+def _residuals(
+    problem: Problem, device: FloatArray, owns: Sequence[FloatArray]
+) -> list[FloatArray]:
+    return [problem.residual(i, device, own) for i, own in enumerate(owns)]
+
+
+def _split(problem: Problem, places: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    edges = np.cumsum([len(problem.device), *map(len, problem.own)])[:-1]
+    device, *owns = np.split(places, edges)
+    return device, owns
+
+
+def _linearise(
+    problem: Problem,
+    device: FloatArray,
+    owns: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """J^T J and J^T r over all unknowns."""
+    size, width = problem.size, len(problem.device)
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    start = width
+    for index, (own, residual) in enumerate(zip(owns, residuals, strict=True)):
+        columns = []
+        for place in range(width):
+            step = _difference(device[place])
+            moved = device.copy()
+            moved[place] += step
+            columns.append((problem.residual(index, moved, own) - residual) / step)
+        for place in range(own.size):
+            step = _difference(own[place])
+            moved = own.copy()
+            moved[place] += step
+            columns.append((problem.residual(index, device, moved) - residual) / step)
+        jacobian = np.array(columns)
+        where = np.r_[0:width, start : start + own.size]
+        normal[np.ix_(where, where)] += jacobian @ jacobian.T
+        gradient[where] += jacobian @ residual
+        start += own.size
+    return normal, gradient
+
+
+def _difference(place: float) -> float:
+    return -_STEP if place > 0.5 else _STEP
+
+
+def _step(
+    normal: FloatArray, gradient: FloatArray, damping: float, places: FloatArray
+) -> FloatArray:
+    free = ~((places <= 0.0) & (gradient > 0)) & ~((places >= 1.0) & (gradient < 0))
+    step = np.zeros(places.size)
+    if not free.any():
+        return step
+    part = normal[np.ix_(free, free)]
+    scale = np.diag(part) + 1e-12 * max(float(np.trace(part)), 1e-300)
+    solved = np.linalg.lstsq(part + damping * np.diag(scale), -gradient[free], rcond=None)[0]
+    step[free] = np.clip(solved, -_LARGEST_STEP, _LARGEST_STEP)
+    return step

@@ -1,0 +1,213 @@
+"""Points of one device as one least-squares problem: what is shared is fitted once.
+
+The unknowns stand in blocks: those of the device, then those of every point (its ground and its
+effects, those of single drops among them). The residual of a point knows of the device's block and
+its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.effects.base import Effect, EffectParameter, Ground
+from inversion.kernel import FloatArray
+from inversion.library import SurrogateLibrary
+from inversion.peak_method import peak_modulus
+
+SOIL = (
+    # E over the peak-method value, so that all grounds start alike
+    EffectParameter("modulus_ratio", "-", 0.05, 20.0, (0.8,), logarithmic=True),
+    EffectParameter("relaxation", "s", 0.0, 0.02, (1.0e-3,)),
+    EffectParameter("density", "kg/m3", 1000.0, 2800.0, (1800.0,), logarithmic=True),
+)
+"""Unknowns of the base model; the relaxation is eta over E."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """One number that is fitted.
+
+    Parameters
+    ----------
+    parameter : EffectParameter
+    effect : Effect or None (the ground)
+    drop : int or None, index of the drop that it belongs to; None: all of the point
+    """
+
+    parameter: EffectParameter
+    effect: Effect | None = None
+    drop: int | None = None
+
+    def place(self, value: float) -> float:
+        """Place of a value between the bounds, 0 to 1."""
+        p = self.parameter
+        if p.logarithmic:
+            return float(np.log(value / p.lower) / np.log(p.upper / p.lower))
+        return (value - p.lower) / (p.upper - p.lower)
+
+    def value(self, place: float) -> float:
+        """The inverse of `place`."""
+        p = self.parameter
+        if p.logarithmic:
+            return float(p.lower * (p.upper / p.lower) ** place)
+        return float(p.lower + place * (p.upper - p.lower))
+
+
+class Point:
+    """A test point: its drops' models and the unknowns of its own.
+
+    Parameters
+    ----------
+    records : PointRecords
+    library : SurrogateLibrary
+    """
+
+    def __init__(self, records: PointRecords, library: SurrogateLibrary) -> None:
+        from inversion.invert import Settings, surrogate_request
+
+        self.records = records
+        first = records.records[0]
+        self.declared_depth = first.bedrock_depth
+        depth: Any = "unknown" if first.bedrock_depth is None else first.bedrock_depth
+        problem, ratio = surrogate_request(first, Settings(bedrock_depth=depth))
+        surrogate = library.get(problem, ratio)
+        largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
+        count = len(records.records)
+        self.drops = tuple(
+            DropModel(record, surrogate, largest, index, count)
+            for index, record in enumerate(records.records)
+        )
+        peaks = [
+            peak_modulus(
+                model.drop.peak_load,
+                max(float(model.peak[0]), 1e-9),
+                first.instrument.plate_radius,
+                first.poisson_ratio,
+            ).modulus
+            for model in self.drops
+        ]
+        self.peak_modulus = float(np.median(peaks))
+
+    @property
+    def soil(self) -> list[Unknown]:
+        """Unknowns of the base model."""
+        known = self.records.records[0].density is not None
+        return [Unknown(p) for p in SOIL if not (known and p.name == "density")]
+
+    def unknowns(self, effects: Sequence[Effect]) -> list[Unknown]:
+        """Of the ground and of the effects that are not the device's."""
+        found = self.soil
+        for effect in effects:
+            if effect.scope == "device":
+                continue
+            drops: list[int | None] = [None]
+            if effect.scope == "drop":
+                drops = list(range(len(self.drops)))
+                if effect.name == "seating":
+                    drops.pop()
+            parameters = effect.parameters_for(self.drops[0].context)
+            found += [Unknown(p, effect, d) for d in drops for p in parameters]
+        return found
+
+    def ground(self, own: Sequence[Unknown], places: FloatArray) -> Ground:
+        """The ground at places of the point's unknowns."""
+        record = self.records.records[0]
+        soil = {
+            one.parameter.name: one.value(float(place))
+            for one, place in zip(own, places, strict=True)
+            if one.effect is None
+        }
+        modulus = self.peak_modulus * soil["modulus_ratio"]
+        depth = self.declared_depth
+        return Ground(
+            modulus=modulus,
+            viscosity=modulus * soil["relaxation"],
+            density=soil.get("density", record.density or 0.0),
+            inverse_depth=0.0 if depth is None or np.isinf(depth) else 1.0 / depth,
+            plate_mass=record.instrument.plate_mass,
+        )
+
+
+class Problem:
+    """Points with effects, as residuals of unknowns.
+
+    Parameters
+    ----------
+    points : sequence of Point
+    effects : sequence of Effect, in the order in which they act
+    fixed : mapping of device effects that are given, by name
+    contact_only : bool, whether the contact phase alone counts
+    local : sequence of sequences of Effect, what each point has; None: all have all
+    """
+
+    def __init__(
+        self,
+        points: Sequence[Point],
+        effects: Sequence[Effect],
+        fixed: dict[str, dict[str, float]] | None = None,
+        *,
+        contact_only: bool = False,
+        local: Sequence[Sequence[Effect]] | None = None,
+    ) -> None:
+        self.points = tuple(points)
+        self.effects = tuple(effects)
+        self.fixed = fixed or {}
+        self.contact_only = contact_only
+        self.device = [
+            Unknown(p, effect)
+            for effect in effects
+            if effect.scope == "device" and effect.name not in self.fixed
+            for p in effect.parameters
+        ]
+        of_points = local or [self.effects] * len(self.points)
+        self.own = [point.unknowns(own) for point, own in zip(self.points, of_points, strict=True)]
+        self.solves = 0
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.device) + sum(map(len, self.own))
+
+    def values(
+        self, index: int, device: FloatArray, own: FloatArray, drop: int
+    ) -> list[tuple[Effect, dict[str, float]]]:
+        """Effects with their values for one drop of a point."""
+        by_effect: dict[str, dict[str, float]] = {n: dict(v) for n, v in self.fixed.items()}
+        for one, place in zip(self.device, device, strict=True):
+            assert one.effect is not None
+            by_effect.setdefault(one.effect.name, {})[one.parameter.name] = one.value(float(place))
+        for one, place in zip(self.own[index], own, strict=True):
+            if one.effect is not None and one.drop in (None, drop):
+                values = by_effect.setdefault(one.effect.name, {})
+                values[one.parameter.name] = one.value(float(place))
+        last = len(self.points[index].drops) - 1
+        return [
+            (effect, by_effect[effect.name])
+            for effect in self.effects
+            if effect.name in by_effect and not (effect.name == "seating" and drop == last)
+        ]
+
+    def predict(self, index: int, device: FloatArray, own: FloatArray) -> list[FloatArray]:
+        """What each drop of a point would show, (n_sensors, n), m."""
+        point = self.points[index]
+        ground = point.ground(self.own[index], own)
+        self.solves += len(point.drops)
+        return [
+            model.predict(ground, self.values(index, device, own, number))
+            for number, model in enumerate(point.drops)
+        ]
+
+    def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
+        """Of a point, over the noise, (n,)."""
+        parts = []
+        predicted = self.predict(index, device, own)
+        for model, values in zip(self.points[index].drops, predicted, strict=True):
+            window = model.window(contact_only=self.contact_only)
+            left = (values - model.observed)[:, window] / model.noise[:, None]
+            parts.append(left.ravel())
+        return np.concatenate(parts)

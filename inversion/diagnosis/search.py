@@ -1,0 +1,303 @@
+"""Which effects does the residual ask for? Singles, pairs and triples, chosen by evidence.
+
+Evidence is the Bayesian information criterion with a variance that is never taken for smaller than
+the noise's: :math:`N \\ln \\max(\\chi^2 / n, f) + k \\ln N`, N the number of independent samples,
+Schwarz (1978), Ann. Statist. 6(2), 461-464. Effects can hide behind each other, so that pairs are
+offered whether or not one of the two helps alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.problem import Point, Problem, Unknown
+from inversion.effects.base import Effect
+from inversion.effects.catalogue import CATALOGUE
+from inversion.kernel import FloatArray
+
+# Independent samples per second and sensor: twice the band in which ground and geophone move.
+_INDEPENDENT_HZ = 800.0
+# Residuals below this part of the noise are not told apart: the model's own error is a bound, and
+# usually a generous one.
+_FLOOR = 0.25
+# An effect has to be worth so much more than its parameters cost.
+WORTH = 12.0
+# What a parameter on its bound costs: the effect is not what it says.
+_BOUND_COST = 15.0
+# Models so close in evidence cannot be told apart.
+ALIKE = 8.0
+# The residual is noise up to this many times the noise.
+EXPLAINED = 1.5
+_PAIRS_REFINED = 6
+_BEAM = 3
+_MOST_EFFECTS = 4
+_QUICK = 4
+
+# Effects that replace the ground or stand in for a third one explain anything together.
+_EXCLUSIVE = (
+    frozenset({"spring_rig", "bedrock"}),
+    frozenset({"spring_rig", "rough_contact"}),
+    frozenset({"spring_rig", "plate_inertia"}),
+    frozenset({"permanent_set", "hysteretic_unloading"}),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A set of effects with its fit.
+
+    Parameters
+    ----------
+    effects : tuple of Effect, in the order of the catalogue
+    fit : Fit
+    score : float, information criterion; smaller is better
+    """
+
+    effects: tuple[Effect, ...]
+    fit: Fit
+    score: float
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the effects."""
+        return frozenset(effect.name for effect in self.effects)
+
+    @property
+    def over_noise(self) -> float:
+        """Rms of the residual over the noise."""
+        return float(np.sqrt(self.fit.cost / self.fit.count))
+
+
+class Search:
+    """Tries effects on points that share a device.
+
+    Parameters
+    ----------
+    points : sequence of Point
+    catalogue : sequence of Effect, to choose from
+    fixed : values of device effects that are given, by name
+    contact_only : bool
+    """
+
+    def __init__(
+        self,
+        points: Sequence[Point],
+        catalogue: Sequence[Effect] = CATALOGUE,
+        fixed: dict[str, dict[str, float]] | None = None,
+        *,
+        contact_only: bool = False,
+    ) -> None:
+        self.points = tuple(points)
+        self.fixed = fixed or {}
+        self.contact_only = contact_only
+        contexts = [tuple(model.context for model in point.drops) for point in points]
+        self.catalogue = tuple(
+            effect
+            for effect in catalogue
+            if effect.name not in self.fixed
+            and all(effect.offered(drops) for drops in contexts)
+            and not (effect.name == "bedrock" and any(p.declared_depth is not None for p in points))
+        )
+        self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
+        self._known: dict[frozenset[str], Candidate] = {}
+        self.independent = self._independent_samples()
+
+    def _independent_samples(self) -> float:
+        total = 0.0
+        for point in self.points:
+            for model in point.drops:
+                window = model.window(contact_only=self.contact_only)
+                seconds = (window.stop - window.start) * model.context.step
+                total += _INDEPENDENT_HZ * seconds * model.observed.shape[0]
+        return max(total, 16.0)
+
+    def base(self) -> Candidate:
+        """The base model."""
+        return self.candidate(())
+
+    def candidate(self, effects: Iterable[Effect], iterations: int = 30) -> Candidate:
+        """Effects with their best fit, from several starts and from smaller sets known already."""
+        ordered = tuple(effect for effect in CATALOGUE if effect in tuple(effects))
+        names = frozenset(effect.name for effect in ordered)
+        known = self._known.get(names)
+        if known is not None and iterations <= 30 and known.fit is not None:
+            return known
+        return self._fit(ordered, iterations)
+
+    def _fit(self, ordered: tuple[Effect, ...], iterations: int) -> Candidate:
+        names = frozenset(effect.name for effect in ordered)
+        active = [e for e in CATALOGUE if e in ordered or e in self._given]
+        problem = Problem(self.points, active, self.fixed, contact_only=self.contact_only)
+        best: Fit | None = None
+        for device, own in self._starts(problem, names):
+            found = fit(problem, device, own, iterations)
+            if best is None or found.cost < best.cost:
+                best = found
+        assert best is not None
+        result = Candidate(ordered, best, self._score(best))
+        known = self._known.get(names)
+        if known is None or result.score < known.score:
+            self._known[names] = result
+        return self._known[names]
+
+    def _score(self, found: Fit) -> float:
+        floor = max(found.cost / found.count, _FLOOR)
+        bounds = sum(1 for one in found.at_bound() if one.effect is not None)
+        size = found.problem.size
+        penalty = size * np.log(self.independent) + _BOUND_COST * bounds
+        return float(self.independent * np.log(floor) + penalty)
+
+    def _starts(
+        self, problem: Problem, names: frozenset[str]
+    ) -> list[tuple[FloatArray, list[FloatArray]]]:
+        """From the best smaller set, the rest at each of its own starts."""
+        smaller = [c for key, c in self._known.items() if key < names]
+        parent = min(smaller, key=lambda c: c.score, default=None)
+        known = _places_of(parent.fit) if parent is not None else {}
+        missing = {
+            one.effect.name
+            for one in _all_unknowns(problem)
+            if one.effect is not None and _key(one, 0) not in known
+        }
+        many = max(
+            (
+                len(one.parameter.starts)
+                for one in _all_unknowns(problem)
+                if one.effect is None or one.effect.name in missing
+            ),
+            default=1,
+        )
+        many = many if parent is None or len(names) == 1 else min(many, 2)
+        if parent is None:
+            many = max(many, 3)
+        return [_start(problem, known, choice) for choice in range(many)]
+
+    def run(self) -> Candidate:
+        """The best set of effects; the base model when nothing is worth its parameters."""
+        base = self.base()
+        singles = [self.candidate((effect,)) for effect in self.catalogue]
+        best = self._better(base, singles)
+        if best.over_noise > EXPLAINED or best is base:
+            best = self._pairs(best)
+        level = 2
+        while level < _MOST_EFFECTS and best.over_noise > EXPLAINED:
+            bigger = self._grow(level)
+            grown = self._better(best, bigger)
+            level += 1
+            if grown is best:
+                break
+            best = grown
+        return self._shrink(best)
+
+    def _pairs(self, best: Candidate) -> Candidate:
+        if best.over_noise <= 1.0:
+            return best
+        pairs = [pair for pair in itertools.combinations(self.catalogue, 2) if _compatible(pair)]
+        quick = [self._fit(pair, _QUICK) for pair in pairs]
+        chosen = sorted(quick, key=lambda c: c.score)[:_PAIRS_REFINED]
+        return self._better(best, [self._fit(c.effects, 30) for c in chosen])
+
+    def _grow(self, level: int) -> list[Candidate]:
+        """One effect more for the best sets of this size."""
+        beam = sorted(
+            (c for c in self._known.values() if len(c.effects) == level), key=lambda c: c.score
+        )[:_BEAM]
+        tried = set()
+        found = []
+        for one in beam:
+            for effect in self.catalogue:
+                names = one.names | {effect.name}
+                larger = (*one.effects, effect)
+                if effect in one.effects or names in tried or not _compatible(larger):
+                    continue
+                tried.add(names)
+                ordered = tuple(e for e in CATALOGUE if e in larger)
+                found.append(self._fit(ordered, 8))
+        chosen = sorted(found, key=lambda c: c.score)[:_BEAM]
+        return [self._fit(c.effects, 30) for c in chosen]
+
+    @staticmethod
+    def _better(best: Candidate, others: Iterable[Candidate]) -> Candidate:
+        for other in sorted(others, key=lambda c: c.score):
+            more = max(1, len(other.effects) - len(best.effects))
+            if other.score < best.score - WORTH * more:
+                return other
+        return best
+
+    def _shrink(self, best: Candidate) -> Candidate:
+        """Without effects that are not worth it in the company of the others."""
+        while len(best.effects) > 0:
+            smaller = [self.without(best, effect) for effect in best.effects]
+            least = min(smaller, key=lambda c: c.score)
+            if least.score > best.score + WORTH:
+                break
+            best = least
+        return best
+
+    def without(self, one: Candidate, effect: Effect) -> Candidate:
+        """The set without one effect, fitted whole."""
+        rest = tuple(e for e in one.effects if e is not effect)
+        return self._fit(rest, 30) if rest else self.base()
+
+    def alternatives(self, best: Candidate, effect: Effect) -> list[str]:
+        """Effects that would do in the place of one."""
+        rest = tuple(e for e in best.effects if e is not effect)
+        found = []
+        for other in self.catalogue:
+            if other in best.effects or not _compatible((*rest, other)):
+                continue
+            ordered = tuple(e for e in CATALOGUE if e in (*rest, other))
+            candidate = self._fit(ordered, 12)
+            if candidate.score < best.score + ALIKE:
+                found.append((candidate.score, other.name))
+        return [name for _, name in sorted(found)]
+
+
+def _compatible(effects: Sequence[Effect]) -> bool:
+    names = {effect.name for effect in effects}
+    return not any(pair <= names for pair in _EXCLUSIVE)
+
+
+def _all_unknowns(problem: Problem) -> list[Unknown]:
+    return [*problem.device, *itertools.chain.from_iterable(problem.own)]
+
+
+Key = tuple[int, str, str, int | None]
+
+
+def _key(one: Unknown, point: int) -> Key:
+    return point, one.effect.name if one.effect else "", one.parameter.name, one.drop
+
+
+def _places_of(found: Fit) -> dict[Key, float]:
+    known = {
+        _key(one, 0): float(place)
+        for one, place in zip(found.problem.device, found.device, strict=True)
+    }
+    for index, (unknowns, places) in enumerate(zip(found.problem.own, found.own, strict=True)):
+        for one, place in zip(unknowns, places, strict=True):
+            known[_key(one, index)] = float(place)
+    return known
+
+
+def _start(
+    problem: Problem, known: dict[Key, float], choice: int
+) -> tuple[FloatArray, list[FloatArray]]:
+    def place(one: Unknown, point: int) -> float:
+        found = known.get(_key(one, point))
+        if found is not None:
+            return found
+        starts = one.parameter.starts
+        value = starts[choice % len(starts)]
+        if one.effect is None and one.parameter.name == "modulus_ratio":
+            value *= (1.0, 0.6, 1.7)[choice % 3]
+        return one.place(value)
+
+    device = np.array([place(one, 0) for one in problem.device])
+    owns = [np.array([place(one, index) for one in own]) for index, own in enumerate(problem.own)]
+    return device, owns

@@ -1,0 +1,41 @@
+r"""A low-pass of the maker in the deflection channel, possibly moved ahead in time.
+
+Butterworth of order N and corner :math:`\omega_c`: poles
+:math:`p_k = \omega_c e^{i \pi (2k + N - 1) / (2N)}`, k = 1 to N, gain one at rest.
+"""
+
+import numpy as np
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Values, shift
+from inversion.kernel import FloatArray
+
+ORDER = 4
+"""The records tell orders hardly apart; 4 stands for 2 to 6."""
+
+
+class AcquisitionFilter(Effect):
+    """Rounds the onset; advanced, it rings ahead of it. Applied to the model, never inverted."""
+
+    name = "acquisition_filter"
+    scope = "device"
+    parameters = (
+        EffectParameter("corner", "Hz", 20.0, 2000.0, (150.0,), logarithmic=True),
+        EffectParameter("advance", "s", -1e-3, 6e-3, (0.0, 2e-3)),
+    )
+    advice = "ask the maker for the filter of the deflection channel, or switch it off"
+
+    def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """As the filter lets it through."""
+        n = record.shape[1]
+        size = 1 << (2 * n - 1).bit_length()
+        s = 2j * np.pi * np.fft.rfftfreq(size, drop.step)
+        corner = 2 * np.pi * values["corner"]
+        places = np.arange(1, ORDER + 1)
+        poles = corner * np.exp(1j * np.pi * (2 * places + ORDER - 1) / (2 * ORDER))
+        gain = np.prod(-poles / (s[:, None] - poles), axis=1)
+        # The record goes on at its last value, so that its end makes no step.
+        held = np.concatenate([record, np.repeat(record[:, -1:], size - n, axis=1)], axis=1)
+        fade = np.ones(size)
+        fade[n:] = np.linspace(1.0, 0.0, size - n)
+        filtered = np.fft.irfft(np.fft.rfft(held * fade, axis=1) * gain, size, axis=1)[:, :n]
+        return shift(filtered, -values["advance"], drop.time)

@@ -1,0 +1,177 @@
+"""What an effect is: something real in a record that the base model does not contain.
+
+The model of a record goes through four stages, and an effect changes one of them::
+
+    ground    parameters of the ground and the mass on it
+    compliance  displacement over load in the Laplace domain
+    motion    what plate and ground do in time
+    record    what sensor and processing make of it
+
+A new effect is one module with one class and one entry in the catalogue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from inversion.kernel import ComplexArray, FloatArray
+
+Scope = Literal["drop", "point", "device"]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect.
+
+    Parameters
+    ----------
+    name : str, with its unit as in the result's keys (mass, natural_frequency, ...)
+    unit : str, SI; "-": none
+    lower, upper : float, bounds
+    starts : tuple of float, where a fit begins: so large that the effect shows
+    logarithmic : bool, whether its scale is logarithmic
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    starts: tuple[float, ...]
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class DropContext:
+    """What an effect may know of a drop.
+
+    Parameters
+    ----------
+    time : (n,) ndarray of float, s, uniform, of the model's samples
+    offsets : (n_sensors,) ndarray of float, m
+    load : (n,) ndarray of float, N
+    peak_load : float, N
+    largest_load : float, N, peak of the point's largest drop
+    plate_radius : float, m
+    poisson_ratio : float
+    quantities : tuple of "velocity" or "displacement", of each sensor
+    contact_end : float, s, on ``time``
+    index : int, of the drop within the point
+    count : int, of drops of the point
+    """
+
+    time: FloatArray
+    offsets: FloatArray
+    load: FloatArray
+    peak_load: float
+    largest_load: float
+    plate_radius: float
+    poisson_ratio: float
+    quantities: tuple[str, ...]
+    contact_end: float
+    index: int
+    count: int
+
+    @property
+    def step(self) -> float:
+        """Sampling interval of the model, s."""
+        return float(self.time[1] - self.time[0])
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the ground stage may change.
+
+    Parameters
+    ----------
+    modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
+    """
+
+    modulus: float
+    viscosity: float
+    density: float
+    inverse_depth: float
+    plate_mass: float
+
+
+class Effect:
+    """Base of all effects: changes nothing.
+
+    ``scope`` tells for what one value holds: a drop, a point, or all drops of a device.
+    """
+
+    name: ClassVar[str]
+    scope: ClassVar[Scope]
+    parameters: ClassVar[tuple[EffectParameter, ...]]
+    advice: ClassVar[str] = ""
+    """What to do in the field."""
+
+    def offered(self, drops: tuple[DropContext, ...]) -> bool:
+        """Whether records like these could show it."""
+        return True
+
+    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+        """The parameters with bounds that fit the plate and the drop."""
+        return self.parameters
+
+    def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
+        """The ground with the effect."""
+        return ground
+
+    def compliance(
+        self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
+    ) -> ComplexArray:
+        """Displacement over load, (n_sensors, n), m/N, with the effect."""
+        return compliance
+
+    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """What plate and ground do, (n_sensors, n), m, with the effect."""
+        return motion
+
+    def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """What is recorded, (n_sensors, n), m, with the effect."""
+        return record
+
+
+def convolve(record: FloatArray, kernel: FloatArray, step: float) -> FloatArray:
+    """Causal convolution of records (k, n), zero at their start, with a kernel (n,), 1/s.
+
+    Trapezoidal rule; the error falls with the square of the step.
+    """
+    n = record.shape[1]
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(record, size, axis=1) * np.fft.rfft(kernel, size)
+    full = np.fft.irfft(spectrum, size, axis=1)[:, :n]
+    ends = 0.5 * (record * kernel[0] + record[:, :1] * kernel)
+    result: FloatArray = step * (full - ends)
+    return result
+
+
+def geophone(
+    record: FloatArray, natural_frequency: float, damping: float, step: float
+) -> FloatArray:
+    r"""What a geophone makes of displacements (k, n) that begin at rest.
+
+    .. math:: \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
+              = 1 - \frac{2 h \omega s + \omega^2}{s^2 + 2 h \omega s + \omega^2}
+
+    The second part is a damped oscillation in time.
+    """
+    omega = 2 * np.pi * natural_frequency
+    time = step * np.arange(record.shape[1])
+    root = omega * np.sqrt(complex(damping**2 - 1.0) + 1e-12)
+    first, second = -damping * omega + root, -damping * omega - root
+    # Residues of (2 h omega s + omega^2) / ((s - first)(s - second)).
+    top = 2 * damping * omega * np.array([first, second]) + omega**2
+    residues = top / np.array([first - second, second - first])
+    kernel = (residues[0] * np.exp(first * time) + residues[1] * np.exp(second * time)).real
+    return record - convolve(record, kernel, step)
+
+
+def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:
+    """Records (k, n) later by ``delay`` s (earlier when negative); held at the ends."""
+    return np.stack([np.interp(time - delay, time, row) for row in record])

@@ -1,0 +1,21 @@
+"""Offset or slow drift of a channel, integrated."""
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.kernel import FloatArray
+
+
+class BaselineDrift(Effect):
+    """A velocity offset makes a ramp, a drifting one a parabola in the displacement."""
+
+    name = "baseline_drift"
+    scope = "drop"
+    parameters = (
+        EffectParameter("velocity_offset", "m/s", -0.1, 0.1, (5e-4,)),
+        EffectParameter("acceleration", "m/s2", -2.0, 2.0, (0.0,)),
+    )
+    advice = "let the geophone settle before the drop; keep cable and connector still"
+
+    def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """With the ramp, at every sensor."""
+        ramp = values["velocity_offset"] * drop.time + 0.5 * values["acceleration"] * drop.time**2
+        return record + ramp

@@ -1,0 +1,28 @@
+"""50 or 60 Hz in the velocity."""
+
+import numpy as np
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.kernel import FloatArray
+
+
+class MainsHum(Effect):
+    """A line before and after the pulse; in the displacement its integral."""
+
+    name = "mains_hum"
+    scope = "drop"
+    parameters = (
+        EffectParameter("amplitude", "m/s", 0.0, 0.2, (2e-3,)),
+        EffectParameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
+        EffectParameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
+    )
+    advice = "keep the cable away from mains and generators"
+
+    def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """With the line, at every sensor; the phase counts turns at the start."""
+        omega = 2 * np.pi * values["frequency"]
+        turn = 2 * np.pi * values["phase"]
+        # The mean before the pulse was taken off the velocity: the displacement begins at zero.
+        line = (np.cos(turn) - np.cos(omega * drop.time + turn)) * values["amplitude"] / omega
+        result: FloatArray = record + line
+        return result

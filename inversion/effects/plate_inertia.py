@@ -1,0 +1,18 @@
+"""The load cell sits above a mass that was not declared."""
+
+from dataclasses import replace
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+
+
+class PlateInertia(Effect):
+    """More mass between load cell and ground; the residual follows the plate's acceleration."""
+
+    name = "plate_inertia"
+    scope = "device"
+    parameters = (EffectParameter("mass", "kg", 0.0, 400.0, (8.0, 60.0)),)
+    advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
+
+    def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
+        """The ground with the plate's mass added."""
+        return replace(ground, plate_mass=ground.plate_mass + values["mass"])

@@ -1,0 +1,26 @@
+"""Slip between plate and ground other than the base model's."""
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.kernel import ComplexArray
+
+
+class RoughContact(Effect):
+    """The plate is stiffer on the ground than the base model says, the ground beside it is not."""
+
+    name = "rough_contact"
+    scope = "point"
+    parameters = (EffectParameter("factor", "-", 0.6, 1.6, (1.05, 0.95), logarithmic=True),)
+    advice = "look at the contact: a thin bed of sand under the plate makes it even"
+
+    def offered(self, drops: tuple[DropContext, ...]) -> bool:
+        """The centre alone cannot tell it from a stiffer ground."""
+        drop = drops[0]
+        return bool((drop.offsets < drop.plate_radius).any() and drop.offsets.size > 1)
+
+    def compliance(
+        self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
+    ) -> ComplexArray:
+        """The plate's compliance over the factor."""
+        result = compliance.copy()
+        result[drop.offsets < drop.plate_radius] /= values["factor"]
+        return result

@@ -1,0 +1,24 @@
+"""Earlier drops meet softer ground: the plate is not seated yet."""
+
+from dataclasses import replace
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+
+
+class Seating(Effect):
+    """The modulus under each drop over that under the last one."""
+
+    name = "seating"
+    scope = "drop"
+    parameters = (EffectParameter("modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True),)
+    advice = "drop again until two drops agree; the modulus is that of the last drop"
+
+    def offered(self, drops: tuple[DropContext, ...]) -> bool:
+        """Only several drops can differ."""
+        return len(drops) > 1
+
+    def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
+        """The ground as the drop met it."""
+        if drop.index == drop.count - 1:
+            return ground
+        return replace(ground, modulus=ground.modulus * values["modulus_ratio"])

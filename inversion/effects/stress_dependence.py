@@ -1,0 +1,35 @@
+r"""The modulus depends on the stress, between drops and within one.
+
+With :math:`E = E_{ref} (\sigma / \sigma_{ref})^n` the resistance to a displacement w grows like
+:math:`w^{1/(1-n)}`. The displacement of the linear ground is taken for the stress over the
+reference modulus and mapped: :math:`w = w_{ref} (w_{lin} / w_{ref})^{1 - n}`, the reference being
+the largest drop of the point.
+"""
+
+import numpy as np
+
+from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.kernel import FloatArray
+
+# Part of the reference below which the map goes on as a straight line: near zero its slope would
+# grow without bound, which no ground does.
+_LINEAR_BELOW = 0.02
+
+
+class StressDependence(Effect):
+    """Bends the loading curve of a drop, and differs between drops of different height."""
+
+    name = "stress_dependence"
+    scope = "point"
+    parameters = (EffectParameter("exponent", "-", -0.9, 0.85, (0.35, -0.25)),)
+    advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
+
+    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """Each sensor's displacement on the ground that stiffens or softens."""
+        exponent = values["exponent"]
+        peak = np.abs(motion).max(axis=1, keepdims=True)
+        reference = peak * (drop.largest_load / drop.peak_load)
+        ratio = np.abs(motion) / reference
+        bent = np.maximum(ratio, _LINEAR_BELOW) ** (-exponent)
+        result: FloatArray = motion * bent
+        return result

@@ -1,0 +1,118 @@
+"""Pictures of diagnoses: traces, residual before and after, its spectrum, the ladder of effects."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.inverting.diagnosis import Diagnosed
+
+_BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
+
+
+def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
+    """Write a picture with one row a point.
+
+    Parameters
+    ----------
+    found : sequence of Diagnosed
+        With diagnoses.
+    path : path ending in .png, .svg or .pdf
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    SurveyError
+        If there is nothing to draw.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = [one for one in found if one.diagnosis is not None]
+    if not rows:
+        raise SurveyError(refusal("--plot", "at least one diagnosed point", "none"))
+    figure = Figure(figsize=(15, 3.4 * len(rows)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(rows), 4, squeeze=False)
+    for row, one in zip(axes, rows, strict=True):
+        _draw_traces(row[0], one)
+        _draw_residual(row[1], one)
+        _draw_spectrum(row[2], one)
+        _draw_ladder(row[3], one)
+    target = Path(path)
+    figure.savefig(target, dpi=110)
+    return target
+
+
+def _draw_traces(axis: Any, one: Diagnosed) -> None:
+    assert one.diagnosis is not None
+    for curves in one.diagnosis.curves:
+        time = curves.time * 1e3
+        for observed, before, after in zip(
+            curves.observed, curves.before, curves.after, strict=True
+        ):
+            axis.plot(time, before * 1e6, color=_BEFORE, lw=0.8, ls="--")
+            axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
+            axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
+    axis.set_title(f"{Path(one.file).name}: {one.diagnosis.verdict}", fontsize=9)
+    axis.set_ylabel("displacement, µm (down +)", fontsize=8)
+    axis.set_xlabel("ms", fontsize=8)
+
+
+def _draw_residual(axis: Any, one: Diagnosed) -> None:
+    assert one.diagnosis is not None
+    for curves in one.diagnosis.curves:
+        time = curves.time * 1e3
+        for observed, before, after in zip(
+            curves.observed, curves.before, curves.after, strict=True
+        ):
+            peak = np.abs(observed).max()
+            axis.plot(time, 100 * (before - observed) / peak, color=_BEFORE, lw=0.8)
+            axis.plot(time, 100 * (after - observed) / peak, color=_AFTER, lw=0.9)
+        axis.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
+    axis.set_title("residual before (red), after (blue)", fontsize=9)
+    axis.set_ylabel("% of the peak", fontsize=8)
+    axis.set_xlabel("ms", fontsize=8)
+
+
+def _draw_spectrum(axis: Any, one: Diagnosed) -> None:
+    assert one.diagnosis is not None
+    for curves in one.diagnosis.curves:
+        step = curves.time[1] - curves.time[0]
+        taper = np.hanning(curves.time.size)
+        for values, colour in ((curves.before, _BEFORE), (curves.after, _AFTER)):
+            left = (values[0] - curves.observed[0]) * taper
+            spectrum = np.abs(np.fft.rfft(left, 4 * left.size)) * step
+            frequency = np.fft.rfftfreq(4 * left.size, step)
+            part = (frequency > 2) & (frequency < 600)
+            axis.loglog(frequency[part], spectrum[part], color=colour, lw=0.8)
+    axis.set_title("spectrum of the residual, first sensor", fontsize=9)
+    axis.set_xlabel("Hz", fontsize=8)
+    axis.set_ylabel("m s", fontsize=8)
+
+
+def _draw_ladder(axis: Any, one: Diagnosed) -> None:
+    assert one.diagnosis is not None
+    effects = one.diagnosis.effects
+    names = [effect.name for effect in effects] or ["no effect"]
+    evidence = [effect.evidence if np.isfinite(effect.evidence) else 0.0 for effect in effects]
+    places = np.arange(len(names))
+    axis.barh(places, evidence or [0.0], color=_AFTER)
+    axis.set_yticks(places, names, fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlabel("evidence (drop of the information criterion)", fontsize=8)
+    before, after = one.diagnosis.before, one.diagnosis.after
+    axis.set_title(
+        f"E {before.modulus / 1e6:.1f} to {after.modulus / 1e6:.1f} MPa, residual "
+        f"{100 * before.residual_rms_over_peak:.2g} to "
+        f"{100 * after.residual_rms_over_peak:.2g} %",
+        fontsize=9,
+    )

@@ -1,0 +1,54 @@
+"""``pfwd diagnose``: the residual, the effects behind it, the error before and after."""
+
+import argparse
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.inverting.options import AnalysisOptions
+from tui.diagnosis_lines import diagnosis_lines
+from tui.output import json_line, say
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose the points of the files; 1 when a file was refused."""
+    if args.header is not None and not os.path.isfile(args.header):
+        raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
+    options = AnalysisOptions(
+        header=args.header,
+        plate_radius=args.plate_radius,
+        poisson_ratio=args.poisson_ratio,
+        density=args.density,
+        plate_mass=args.plate_mass,
+    )
+    from pfwd_survey.inverting.diagnosis import (
+        device_of,
+        diagnose_files,
+        read_device_file,
+        write_device_file,
+    )
+
+    device = read_device_file(args.device) if args.device else None
+    found = list(diagnose_files(args.files, options, device, args.jobs))
+    name = device_of(found) if args.write_device else None
+    for one in found:
+        if one.error is not None:
+            say(one.error)
+        elif one.record is not None:
+            _show(one.record, as_json=args.json)
+    if args.write_device:
+        write_device_file(args.write_device, found, name)
+        say(f"device effects written to {args.write_device}")
+    if args.plot:
+        from pfwd_survey.inverting.diagnosis_plots import plot_diagnoses
+
+        plot_diagnoses([one for one in found if one.diagnosis is not None], args.plot)
+        say(f"plot {args.plot}")
+    return 1 if any(one.error for one in found) else 0
+
+
+def _show(record: Mapping[str, Any], *, as_json: bool) -> None:
+    lines = [json_line(record)] if as_json else diagnosis_lines(record)
+    for line in lines:
+        print(line, flush=True)
