@@ -1,4 +1,4 @@
-"""A diagnosis in plain words, for an engineer: what was found, how sure, what it did, what to do."""
+"""A diagnosis in plain words: what was found, how sure, what it did, what to do in the field."""
 
 import math
 from collections.abc import Mapping

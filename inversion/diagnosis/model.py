@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,9 @@ from inversion.surrogate import Surrogate
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
 MOST_SAMPLES = 280
 _REMEMBERED = 12
-# Part of the trail at the start of the record that is zero by construction.
+_FLAT_SAMPLES = 4
+_FLAT_OVER_SPREAD = 1.5
+# The first sample is zero by construction.
 _FROM_SAMPLE = 1
 
 Active = Sequence[tuple[Effect, Values]]
@@ -94,6 +96,7 @@ class DropModel:
             contact_end=drop.contact_end,
             index=index,
             count=count,
+            flat=tuple(_flat_level(sensor.values) for sensor in record.sensors),
         )
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
@@ -156,6 +159,14 @@ class DropModel:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def named(effects: Sequence[Effect], values: Mapping[str, Values]) -> list[tuple[Effect, Values]]:
-    """Effects with their values by name."""
-    return [(effect, values[effect.name]) for effect in effects]
+def _flat_level(values: FloatArray) -> float | None:
+    """Largest level, of either sign, at which a record is flat over several samples; None: none."""
+    inner = values[1:-1]
+    for signed in (inner, -inner):
+        top = float(signed.max())
+        flat = signed >= top - 1e-9 * abs(top)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], flat, [False]]).astype(np.int8)))
+        longest = int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+        if longest >= _FLAT_SAMPLES and top > _FLAT_OVER_SPREAD * float(np.std(inner)):
+            return top
+    return None

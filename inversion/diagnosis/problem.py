@@ -73,7 +73,9 @@ class Point:
         self.records = records
         first = records.records[0]
         self.declared_depth = first.bedrock_depth
-        depth: Any = "unknown" if first.bedrock_depth is None else first.bedrock_depth
+        # A declared half-space may be wrong: rock is offered there too.
+        open_below = first.bedrock_depth is None or np.isinf(first.bedrock_depth)
+        depth: Any = "unknown" if open_below else first.bedrock_depth
         problem, ratio = surrogate_request(first, Settings(bedrock_depth=depth))
         surrogate = library.get(problem, ratio)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
@@ -92,6 +94,11 @@ class Point:
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))
+
+    @property
+    def has_bedrock(self) -> bool:
+        """Whether a rigid base is declared."""
+        return self.declared_depth is not None and not np.isinf(self.declared_depth)
 
     @property
     def soil(self) -> list[Unknown]:

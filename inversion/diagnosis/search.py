@@ -22,9 +22,8 @@ from inversion.kernel import FloatArray
 
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
 _INDEPENDENT_HZ = 800.0
-# Residuals below this part of the noise are not told apart: the model's own error is a bound, and
-# usually a generous one.
-_FLOOR = 0.25
+# Mean square over the noise below which residuals are not told apart: they are noise.
+_FLOOR = 1.0
 # An effect has to be worth so much more than its parameters cost.
 WORTH = 12.0
 # What a parameter on its bound costs: the effect is not what it says.
@@ -33,6 +32,8 @@ _BOUND_COST = 15.0
 ALIKE = 8.0
 # The residual is noise up to this many times the noise.
 EXPLAINED = 1.5
+# Up to this many times nothing is asked: there is nothing to explain.
+NOISE = 1.25
 _PAIRS_REFINED = 6
 _BEAM = 3
 _MOST_EFFECTS = 4
@@ -43,7 +44,11 @@ _EXCLUSIVE = (
     frozenset({"spring_rig", "bedrock"}),
     frozenset({"spring_rig", "rough_contact"}),
     frozenset({"spring_rig", "plate_inertia"}),
+    frozenset({"spring_rig", "layer"}),
+    frozenset({"spring_rig", "seating"}),
+    frozenset({"spring_rig", "sensor_lag"}),
     frozenset({"permanent_set", "hysteretic_unloading"}),
+    frozenset({"layer", "rough_contact"}),
 )
 
 
@@ -101,7 +106,7 @@ class Search:
             for effect in catalogue
             if effect.name not in self.fixed
             and all(effect.offered(drops) for drops in contexts)
-            and not (effect.name == "bedrock" and any(p.declared_depth is not None for p in points))
+            and not (effect.name == "bedrock" and any(p.has_bedrock for p in points))
         )
         self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
         self._known: dict[frozenset[str], Candidate] = {}
@@ -180,6 +185,8 @@ class Search:
     def run(self) -> Candidate:
         """The best set of effects; the base model when nothing is worth its parameters."""
         base = self.base()
+        if base.over_noise <= NOISE:
+            return base
         singles = [self.candidate((effect,)) for effect in self.catalogue]
         best = self._better(base, singles)
         if best.over_noise > EXPLAINED or best is base:

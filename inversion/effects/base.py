@@ -62,6 +62,7 @@ class DropContext:
     contact_end : float, s, on ``time``
     index : int, of the drop within the point
     count : int, of drops of the point
+    flat : tuple of float or None, of each sensor: the level of a flat top in its record, m/s or m
     """
 
     time: FloatArray
@@ -75,6 +76,7 @@ class DropContext:
     contact_end: float
     index: int
     count: int
+    flat: tuple[float | None, ...] = ()
 
     @property
     def step(self) -> float:

@@ -10,8 +10,8 @@ class BaselineDrift(Effect):
     name = "baseline_drift"
     scope = "drop"
     parameters = (
-        EffectParameter("velocity_offset", "m/s", -0.1, 0.1, (5e-4,)),
-        EffectParameter("acceleration", "m/s2", -2.0, 2.0, (0.0,)),
+        EffectParameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,)),
+        EffectParameter("acceleration", "m/s2", -0.3, 0.3, (0.0,)),
     )
     advice = "let the geophone settle before the drop; keep cable and connector still"
 

@@ -1,0 +1,111 @@
+"""The diagnosis on drops of finite elements whose effects nobody declared."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor, SurrogateLibrary
+from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
+from inversion.forward import Instrument
+from pfwd_survey.files.traces import read_traces
+from pfwd_survey.inverting.analysis import record_of
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
+from simulators.mesh import Ground, Plate
+
+MODULUS = 45e6
+RADIUS, MASS = 0.15, 12.0
+
+
+@pytest.fixture(scope="module")
+def library() -> SurrogateLibrary:
+    return SurrogateLibrary()
+
+
+@pytest.fixture(scope="module")
+def drop() -> SimulatedDrop:
+    ground = Ground.uniform(MODULUS, 5e4, 1900.0, 0.35, 1.2)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    return simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=1e-4)
+
+
+def diagnose(
+    drop: SimulatedDrop,
+    library: SurrogateLibrary,
+    mass: float = MASS,
+    depth: float | None = 1.2,
+    noise: float = 1e-3,
+    displacement=None,
+) -> PointDiagnosis:
+    before = 200
+    rng = np.random.default_rng(5)
+    moved = drop.plate_displacement if displacement is None else displacement
+    moved = np.concatenate([np.zeros(before), moved])
+    moved = moved + noise * moved.max() * rng.standard_normal(moved.size)
+    load = np.concatenate([np.zeros(before), drop.load])
+    time = 1e-4 * np.arange(-before, drop.time.size)
+    record = Record(
+        time,
+        load,
+        (Sensor(0.0, "displacement", moved),),
+        Instrument(plate_radius=RADIUS, plate_mass=mass),
+        poisson_ratio=0.35,
+        bedrock_depth=depth,
+    )
+    return diagnose_point(PointRecords("test", (record,), (1,)), library)
+
+
+def test_a_clean_drop_is_clean(drop: SimulatedDrop, library: SurrogateLibrary) -> None:
+    found = diagnose(drop, library)
+    assert found.verdict == "clean"
+    assert found.effects == ()
+    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+
+
+def test_undeclared_rock_is_found(drop: SimulatedDrop, library: SurrogateLibrary) -> None:
+    found = diagnose(drop, library, depth=None)
+    assert found.verdict == "explained"
+    (effect,) = found.effects
+    assert effect.name == "bedrock"
+    assert effect.parameters[0].value == pytest.approx(1.2, rel=0.02)
+    assert found.before.residual_over_noise > 10
+    assert abs(found.before.modulus / MODULUS - 1) > 0.02
+    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+    assert found.after.model == "layer"
+
+
+def test_an_undeclared_plate_is_found(drop: SimulatedDrop, library: SurrogateLibrary) -> None:
+    found = diagnose(drop, library, mass=0.0)
+    names = [effect.name for effect in found.effects]
+    assert found.verdict == "explained"
+    assert "plate_inertia" in names + [a for e in found.effects for a in e.alternatives]
+    assert found.after.modulus == pytest.approx(MODULUS, rel=0.02)
+
+
+def test_what_no_effect_explains_is_called_so(
+    drop: SimulatedDrop, library: SurrogateLibrary
+) -> None:
+    # Something that rings at 190 Hz from the middle of the pulse on, and nobody knows why.
+    late = np.maximum(drop.time - 0.006, 0.0)
+    ringing = 0.1 * drop.plate_displacement.max() * np.sin(2 * np.pi * 190 * late)
+    moved = drop.plate_displacement + ringing * np.exp(-late / 0.05)
+    found = diagnose(drop, library, displacement=moved)
+    assert found.verdict == "unexplained"
+    assert not found.corrected
+    assert any("not explained" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize("number", range(1, 9))
+def test_rock_under_other_finite_elements(
+    number: int, shared: Path, library: SurrogateLibrary
+) -> None:
+    table = (shared / "fe_drops" / "README.md").read_text(encoding="utf-8").splitlines()
+    (row,) = [line for line in table if line.startswith(f"| fe_{number:02d} ")]
+    modulus, depth = (float(row.split("|")[column]) for column in (2, 4))
+    point = read_traces(shared / "fe_drops" / f"fe_{number:02d}.csv")
+    records = tuple(record_of(one, point.setup) for one in point.drops)
+    found = diagnose_point(PointRecords("fe", records, (1,)), library)
+    (effect,) = found.effects
+    assert effect.name == "bedrock"
+    assert effect.parameters[0].value == pytest.approx(depth, rel=0.03)
+    assert found.after.modulus == pytest.approx(1e6 * modulus, rel=0.012)

@@ -1,0 +1,166 @@
+"""The effects of the catalogue against closed forms and integrations written out here."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
+from inversion.effects.base import Effect, convolve, geophone, shift
+
+TIME = np.arange(600) * 1e-4
+PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
+
+
+def context(**changes) -> DropContext:
+    values = {
+        "time": TIME,
+        "offsets": np.array([0.0, 0.6]),
+        "load": 8000.0 * PULSE,
+        "peak_load": 8000.0,
+        "largest_load": 8000.0,
+        "plate_radius": 0.15,
+        "poisson_ratio": 0.35,
+        "quantities": ("velocity", "displacement"),
+        "contact_end": 0.019,
+        "index": 0,
+        "count": 2,
+        "flat": (None, None),
+    } | changes
+    return DropContext(**values)
+
+
+MOTION = 5e-4 * np.stack([PULSE, 0.3 * PULSE])
+# Values at which an effect does nothing.
+NOTHING = {
+    "plate_inertia": {"mass": 0.0},
+    "seating": {"modulus_ratio": 1.0},
+    "rough_contact": {"factor": 1.0},
+    "layer": {"modulus_ratio": 1.0, "thickness": 0.2},
+    "stress_dependence": {"exponent": 0.0},
+    "hysteretic_unloading": {"exponent": 1.0, "unrecovered": 0.0},
+    "permanent_set": {"displacement": 0.0},
+    "sensor_lag": {"delay": 0.0},
+    "baseline_drift": {"velocity_offset": 0.0, "acceleration": 0.0},
+    "mains_hum": {"amplitude": 0.0, "frequency": 50.0, "phase": 0.2},
+    "rebound": {"lift_off": 1.0},
+}
+
+
+def through(effect: Effect, values, drop=None):
+    drop = drop or context()
+    ground = effect.ground(Ground(4e7, 5e4, 1900.0, 0.0, 10.0), values, drop)
+    s = 50.0 + 2j * np.pi * np.arange(1, 40) * 10.0
+    compliance = effect.compliance(np.full((2, s.size), 1e-8 + 0j), s, values, drop)
+    return ground, compliance, effect.record(effect.motion(MOTION, values, drop), values, drop)
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_an_effect_of_no_strength_changes_nothing(name: str) -> None:
+    ground, compliance, record = through(BY_NAME[name], NOTHING[name])
+    assert ground == Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
+    # The equivalent thickness of equal layers is 0.9 of the true one: 2 % of a deflection.
+    np.testing.assert_allclose(compliance, 1e-8, rtol=0.06 if name == "layer" else 1e-12)
+    np.testing.assert_allclose(record, MOTION, atol=1e-12)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_starts_lie_between_the_bounds_and_are_told_with_a_unit(effect: Effect) -> None:
+    for parameter in effect.parameters_for(context()):
+        assert parameter.lower < parameter.upper
+        assert all(parameter.lower <= start <= parameter.upper for start in parameter.starts)
+        assert parameter.unit
+        assert not parameter.logarithmic or parameter.lower > 0
+    assert effect.advice
+    assert effect.scope in ("drop", "point", "device")
+
+
+def test_names_are_unique() -> None:
+    assert len(BY_NAME) == len(CATALOGUE)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(4.5, 0.6), (10.0, 0.2), (2.0, 1.0)])
+def test_a_geophone_follows_its_equation_of_motion(frequency: float, damping: float) -> None:
+    omega = 2 * np.pi * frequency
+    # u'' + 2 h w u' + w^2 u = x'' with x = sin^2; integrated for q = u - x.
+
+    def motion(t, state):
+        q, rate = state
+        x = np.sin(np.pi * t / 0.02) ** 2 if t < 0.02 else 0.0
+        speed = np.pi / 0.02 * np.sin(2 * np.pi * t / 0.02) if t < 0.02 else 0.0
+        return [rate, -2 * damping * omega * (rate + speed) - omega**2 * (q + x)]
+
+    found = solve_ivp(motion, (0, TIME[-1]), [0.0, 0.0], t_eval=TIME, max_step=1e-4, rtol=1e-9)
+    expected = PULSE + found.y[0]
+    got = geophone(PULSE[None], frequency, damping, 1e-4)[0]
+    np.testing.assert_allclose(got, expected, atol=3e-5)
+
+
+def test_convolution_with_an_exponential() -> None:
+    # 1 - exp(-t/tau) for a step.
+    tau = 0.01
+    got = convolve(np.ones((1, 600)), np.exp(-TIME / tau) / tau, 1e-4)[0]
+    np.testing.assert_allclose(got, 1 - np.exp(-TIME / tau), atol=2e-5)
+
+
+def test_a_delay_shifts() -> None:
+    np.testing.assert_allclose(shift(MOTION, 0.002, TIME)[0, 20:], MOTION[0, :-20], atol=1e-9)
+
+
+def test_stress_dependence_makes_resistance_a_power_of_displacement() -> None:
+    # E ~ sigma^n: w ~ F^(1 - n) for a static ground.
+    n = 0.4
+    drop = context(peak_load=4000.0, load=4000.0 * PULSE)
+    half = BY_NAME["stress_dependence"].motion(0.5 * MOTION, {"exponent": n}, drop)
+    whole = BY_NAME["stress_dependence"].motion(MOTION, {"exponent": n}, context())
+    assert whole[0].max() == pytest.approx(MOTION[0].max())
+    assert half[0].max() / whole[0].max() == pytest.approx(0.5 ** (1 - n), rel=1e-9)
+    place = int(np.argmin(np.abs(PULSE[:100] - 0.5)))
+    expected = MOTION[0].max() * PULSE[place] ** (1 - n)
+    assert whole[0, place] == pytest.approx(expected, rel=1e-9)
+
+
+def test_permanent_set_stays() -> None:
+    record = BY_NAME["permanent_set"].motion(MOTION, {"displacement": 1e-4}, context())
+    assert record[0, -1] == pytest.approx(1e-4)
+    assert record[1, -1] == pytest.approx(0.3e-4)
+
+
+def test_a_plate_in_flight_falls_with_gravity() -> None:
+    # Late in the pulse the ground slows down by more than g: the plate goes on without it.
+    record = BY_NAME["rebound"].motion(4 * MOTION, {"lift_off": -0.002}, context())
+    flying = np.flatnonzero(record[0] < 4 * MOTION[0] - 1e-7)
+    assert flying.size > 50
+    acceleration = np.diff(record[0][flying[0] : flying[-1]], 2) / 1e-8
+    np.testing.assert_allclose(acceleration, 9.80665, rtol=1e-3)
+    np.testing.assert_array_equal(record[1], 4 * MOTION[1])
+
+
+def test_a_clipped_velocity_never_exceeds_its_level() -> None:
+    drop = context(flat=(0.02, None))
+    record = BY_NAME["saturation"].record(MOTION, {"level": 0.02}, drop)
+    assert np.abs(np.diff(record[0]) / 1e-4).max() == pytest.approx(0.02)
+    np.testing.assert_array_equal(record[1], MOTION[1])
+
+
+def test_a_filter_lets_slow_things_through_and_takes_fast_ones() -> None:
+    effect = BY_NAME["acquisition_filter"]
+    slow = effect.record(MOTION, {"corner": 1500.0, "advance": 0.0}, context())
+    np.testing.assert_allclose(slow, shift(MOTION, 2.6131 / (2 * np.pi * 1500), TIME), atol=5e-6)
+    fast = np.sin(2 * np.pi * 400 * TIME)[None] * 1e-4
+    quiet = effect.record(fast, {"corner": 50.0, "advance": 0.0}, context(offsets=np.zeros(1)))
+    assert np.abs(quiet[0, 200:-50]).max() < 1e-6
+
+
+def test_a_rig_is_a_resonator() -> None:
+    s = np.array([1e-3 + 0j])
+    values = {"stiffness": 2e7, "moving_mass": 20.0, "damping_ratio": 0.05}
+    still = BY_NAME["spring_rig"].compliance(np.ones((1, 1), complex), s, values, context())
+    assert still[0, 0].real == pytest.approx(1 / 2e7)
+
+
+def test_a_stiff_crust_lowers_the_centre_more_than_the_far_sensor() -> None:
+    values = {"modulus_ratio": 3.0, "thickness": 0.2}
+    one = np.ones((2, 1), complex)
+    near, far = BY_NAME["layer"].compliance(one, np.ones(1, complex), values, context())[:, 0].real
+    assert near < 0.75
+    assert near < far < 1.1
