@@ -10,13 +10,15 @@ import numpy as np
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.forward import Grounds, transfer_function
 from inversion.kernel import FloatArray
-from inversion.laplace import FULL_BAND_HZ, DampedTransform
+from inversion.laplace import DampedTransform
 from inversion.misfit import model_floor
 from inversion.record import PreparedDrop, Record, prepare
 from inversion.surrogate import Surrogate
 
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
-MOST_SAMPLES = 280
+MOST_SAMPLES = 180
+# Hz; a pulse of 8 ms has a hundredth of its spectrum left there.
+_BAND_HZ = 900.0
 _REMEMBERED = 12
 _FLAT_SAMPLES = 4
 _FLAT_OVER_SPREAD = 1.5
@@ -74,7 +76,7 @@ class DropModel:
         stride = max(1, -(-count_samples // MOST_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
         time = drop.time[self.rows]
-        band = min(FULL_BAND_HZ, 0.5 / drop.step)
+        band = min(_BAND_HZ, 0.5 / drop.step)
         if record.instrument.load_filter is not None:
             band = min(band, 2.0 * record.instrument.load_filter)
         transform = DampedTransform(float(time[-1]), band)

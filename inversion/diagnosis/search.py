@@ -22,8 +22,9 @@ from inversion.kernel import FloatArray
 
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
 _INDEPENDENT_HZ = 800.0
-# Mean square over the noise below which residuals are not told apart: they are noise.
-_FLOOR = 1.0
+# Mean square over the noise below which residuals are not told apart. The noise holds the model's
+# own error, which is a bound and usually a generous one.
+_FLOOR = 0.25
 # An effect has to be worth so much more than its parameters cost.
 WORTH = 12.0
 # What a parameter on its bound costs: the effect is not what it says.
@@ -38,6 +39,9 @@ _PAIRS_REFINED = 6
 _BEAM = 3
 _MOST_EFFECTS = 4
 _QUICK = 4
+_SHORTLIST = 6
+# Roll-off of the sensor and ground that stiffens help only together; so may rock under both.
+_HIDING = ("geophone_response", "stress_dependence", "hysteretic_unloading", "bedrock")
 
 # Effects that replace the ground or stand in for a third one explain anything together.
 _EXCLUSIVE = (
@@ -204,10 +208,18 @@ class Search:
     def _pairs(self, best: Candidate) -> Candidate:
         if best.over_noise <= 1.0:
             return best
-        pairs = [pair for pair in itertools.combinations(self.catalogue, 2) if _compatible(pair)]
+        offered = self._shortlist()
+        pairs = [pair for pair in itertools.combinations(offered, 2) if _compatible(pair)]
         quick = [self._fit(pair, _QUICK) for pair in pairs]
         chosen = sorted(quick, key=lambda c: c.score)[:_PAIRS_REFINED]
         return self._better(best, [self._fit(c.effects, 30) for c in chosen])
+
+    def _shortlist(self) -> list[Effect]:
+        """Effects that help most alone, and those that are known to hide behind each other."""
+        alone = [self._known[frozenset({effect.name})] for effect in self.catalogue]
+        best = sorted(alone, key=lambda c: c.score)[:_SHORTLIST]
+        names = set(_HIDING).union(*(c.names for c in best))
+        return [effect for effect in self.catalogue if effect.name in names]
 
     def _grow(self, level: int) -> list[Candidate]:
         """One effect more for the best sets of this size."""
@@ -217,7 +229,7 @@ class Search:
         tried = set()
         found = []
         for one in beam:
-            for effect in self.catalogue:
+            for effect in self._shortlist():
                 names = one.names | {effect.name}
                 larger = (*one.effects, effect)
                 if effect in one.effects or names in tried or not _compatible(larger):

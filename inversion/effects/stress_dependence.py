@@ -3,12 +3,15 @@ r"""The modulus depends on the stress, between drops and within one.
 With :math:`E = E_{ref} (\sigma / \sigma_{ref})^n` the resistance to a displacement w grows like
 :math:`w^{1/(1-n)}`. The displacement of the linear ground is taken for the stress over the
 reference modulus and mapped: :math:`w = w_{ref} (w_{lin} / w_{ref})^{1 - n}`, the reference being
-the largest drop of the point.
+the largest drop of the point. ``within`` is the part that acts within a drop; the rest acts between
+drops alone, each of which meets ground of one modulus.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
 from inversion.kernel import FloatArray
 
 # Part of the reference below which the map goes on as a straight line: near zero its slope would
@@ -21,12 +24,25 @@ class StressDependence(Effect):
 
     name = "stress_dependence"
     scope = "point"
-    parameters = (EffectParameter("exponent", "-", -0.9, 0.85, (0.35, -0.25)),)
+    parameters = (
+        EffectParameter("exponent", "-", -0.9, 0.85, (0.35, -0.25, 0.3)),
+        EffectParameter("within", "-", 0.0, 1.0, (1.0, 1.0, 0.0)),
+    )
     advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
+
+    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+        """With a single drop all of it is within the drop."""
+        return self.parameters if drop.count > 1 else self.parameters[:1]
+
+    def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
+        """The part that a drop of another height meets as another modulus."""
+        between = values["exponent"] * (1.0 - values.get("within", 1.0))
+        height = drop.peak_load / drop.largest_load
+        return replace(ground, modulus=ground.modulus * height**between)
 
     def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """Each sensor's displacement on the ground that stiffens or softens."""
-        exponent = values["exponent"]
+        exponent = values["exponent"] * values.get("within", 1.0)
         peak = np.abs(motion).max(axis=1, keepdims=True)
         reference = peak * (drop.largest_load / drop.peak_load)
         ratio = np.abs(motion) / reference
