@@ -12,6 +12,7 @@ PARTS = {
     "acquisition": "8 channels at 50 kHz beside the simulator; a day with --day",
     "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
+    "loop": "the diagnosis on a blind campaign of drops with undeclared effects (half an hour)",
     "tables": "build the response tables that ship with the package",
     "validation": "the paper's 48 cases by finite elements (some minutes)",
 }

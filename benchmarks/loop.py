@@ -1,0 +1,295 @@
+"""A blind campaign: drops with undeclared effects, what the diagnosis says of them, and the truth.
+
+The trace files come from `simulators.campaign`: finite elements and operators in time, nothing of
+the inversion.  They are diagnosed first, from their folder alone; only then is the truth read.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from platformdirs import user_cache_path
+
+from benchmarks.output import Reporter
+from simulators.campaign import Case, make_campaign, read_truth
+from simulators.effects.catalogue import CLEAN, EFFECTS
+
+Record = Mapping[str, Any]
+
+# An effect counts where it moves the modulus or leaves a residual by more than this.
+MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
+# The pulse's shape is no effect on a fit to the measured load: such drops must pass as clean.
+HARMLESS = frozenset({CLEAN, "load_shape"})
+NOISE_LEVELS = (5e-4, 2e-3, 5e-3)
+CURVE_POINTS = 6
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One point: the truth and what was said."""
+
+    case: Case
+    record: Record | None
+    """None: the file was refused."""
+
+    @property
+    def verdict(self) -> str:
+        """Of the diagnosis, or `refused`."""
+        return "refused" if self.record is None else str(self.record["verdict"])
+
+    @property
+    def first(self) -> str:
+        """The strongest effect named, `clean`, `unexplained` or `refused`."""
+        effects = self.record["effects"] if self.record else []
+        if self.verdict == "explained" and effects:
+            return str(effects[0]["name"])
+        return self.verdict
+
+    @property
+    def named(self) -> set[str]:
+        """Effects named, alternatives included."""
+        found: set[str] = set()
+        for effect in self.record["effects"] if self.record else []:
+            found |= {effect["name"], *effect["alternatives"]}
+        if self.record and self.record.get("rejected"):
+            found.add("false_trigger")
+        if self.record and any("clip" in str(text) for text in self.record["warnings"]):
+            found.add("saturation")
+        return found
+
+    def error(self, when: str) -> float | None:
+        """Relative error of the modulus `before` or `after`; none where there is no modulus."""
+        state = self.record[when] if self.record else None
+        if state is None or state["modulus_pa"] is None or self.case.modulus_pa is None:
+            return None
+        return abs(float(state["modulus_pa"]) / self.case.modulus_pa - 1)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the base model leaves a residual worth the name."""
+        before = self.record["before"] if self.record else None
+        if before is None:
+            return True  # nothing could be fitted at all
+        residual = before["residual_over_noise"]
+        return residual is not None and float(residual) > RESIDUAL_OVER_NOISE
+
+    @property
+    def matters(self) -> bool:
+        """Whether the effect moved the modulus (noise may have helped) or is visible."""
+        shift = self.error("before")
+        return self.visible or (shift is not None and shift > MODULUS_SHIFT)
+
+    @property
+    def right(self) -> bool:
+        """Whether the effect is among those named."""
+        return self.case.effect in self.named
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether anything was found."""
+        return self.verdict != "clean"
+
+
+def run(arguments: list[str]) -> int:
+    """Build, diagnose, compare; 0, or 2 for wrong usage."""
+    parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
+    parser.add_argument("--cases", type=int, help="drops per effect and strength (8)")
+    parser.add_argument("--short", action="store_true", help="two drops, strongest effects only")
+    parser.add_argument("--strengths", action="store_true", help="from which strength on, by noise")
+    parser.add_argument("--only", help=f"effects by comma; of {', '.join(EFFECTS)}")
+    parser.add_argument("--seed", type=int, default=0, help="of the campaign (0)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--folder", type=Path, help="where the campaign stays (temporary)")
+    parser.add_argument("--cache", type=Path, help="of finite-element answers (the platform's)")
+    parser.add_argument("--cli", action="store_true", help="diagnose by the command line")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    try:
+        options = parser.parse_args(arguments)
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    strange = set((options.only or CLEAN).split(",")) - set(EFFECTS)
+    if strange:
+        print(f"pfwd bench loop: no effect {', '.join(sorted(strange))}", file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        report = Reporter(arguments)
+        if options.strengths:
+            _strengths(report, options, folder)
+        else:
+            summarise(report, _campaign(report, options, folder))
+    return 0
+
+
+def _campaign(
+    report: Reporter, options: argparse.Namespace, folder: Path, **choices: Any
+) -> list[Judged]:
+    """One campaign, built and diagnosed."""
+    begin = time.perf_counter()
+    cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
+    only = options.only.split(",") if options.only else None
+    if options.short and "levels" not in choices:
+        choices["levels"] = (2,)
+    choices = {"per_case": options.cases or (2 if options.short else 8), "only": only} | choices
+    cases = make_campaign(folder, seed=options.seed, cache=cache, **choices)
+    built = time.perf_counter()
+    files = sorted((folder / "traces").glob("*.csv"))
+    diagnose = by_command if options.cli else by_library
+    records = diagnose(files, options.jobs)
+    with (folder / "diagnosed.jsonl").open("w", encoding="utf-8") as file:
+        file.writelines(json.dumps(record) + "\n" for record in records.values())
+    report.record(
+        points=len(cases),
+        drops=sum(case.drops for case in cases),
+        build_s=built - begin,
+        diagnosis_s=time.perf_counter() - built,
+    )
+    return [Judged(case, records.get(case.file)) for case in read_truth(folder)]
+
+
+def by_library(files: Sequence[Path], jobs: int) -> dict[str, Record]:
+    """Records by file name; a file that was refused has none."""
+    from pfwd_survey.inverting.diagnosis import diagnose_files
+
+    done = diagnose_files([str(file) for file in files], jobs=jobs)
+    return {Path(one.file).name: dict(one.record) for one in done if one.record is not None}
+
+
+def by_command(files: Sequence[Path], jobs: int) -> dict[str, Record]:
+    """The same by ``pfwd diagnose --json`` in a process of its own."""
+    program = "import sys; from tui.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
+    done = subprocess.run(
+        [*command, *map(str, files)], stdout=subprocess.PIPE, text=True, check=False
+    )
+    records = [json.loads(line) for line in done.stdout.splitlines()]
+    if done.returncode not in (0, 1) or not records:  # 1: some files were refused
+        raise RuntimeError(f"pfwd diagnose: expected records, exit status {done.returncode}")
+    return {Path(record["file"]).name: record for record in records}
+
+
+def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
+    """By effect, then the totals that count, then who was taken for whom."""
+    report.title("by effect and strength; errors of the modulus in %")
+    for key in sorted({one.case.key for one in judged}):
+        for level in sorted({one.case.level for one in judged if one.case.key == key}):
+            part = [one for one in judged if (one.case.key, one.case.level) == (key, level)]
+            report.record(effect=key, strength=part[0].case.strength, **_shares(part))
+    report.title("by effect, drops that matter")
+    for key in sorted({one.case.key for one in judged if one.matters}):
+        part = [one for one in judged if one.case.key == key and one.matters]
+        report.record(effect=key, **_shares(part))
+    report.title("totals (shares of drops)")
+    report.record(**totals(judged))
+    report.title("true effect, and what was named first, where it matters or raised an alarm")
+    for key in sorted({one.case.key for one in judged}):
+        part = [one for one in judged if one.case.key == key and (one.matters or one.alarmed)]
+        if part:
+            counts = Counter(one.first for one in part).most_common()
+            report.record(true=key, named=", ".join(f"{name} {count}" for name, count in counts))
+
+
+def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
+    """The figures by which the loop is judged."""
+    harmless = [one for one in judged if one.case.effect in HARMLESS]
+    real = [one for one in judged if one.case.effect not in HARMLESS and one.matters]
+    known = [one for one in real if one.case.known]
+    unknown = [one for one in real if not one.case.known]
+    visible = [one for one in unknown if one.visible]
+    corrected = [one for one in known if one.verdict == "explained"]
+    return {
+        "known": _drops(known),
+        "right_named": _share(known, lambda one: one.right),
+        "clean": _drops(harmless),
+        "false_alarms": _share(harmless, lambda one: one.alarmed),
+        "unknown": _drops(unknown),
+        "called_unexplained": _share(unknown, lambda one: one.verdict == "unexplained"),
+        # a clock or gain that is wrong throughout looks like other soil: nothing to be seen
+        "unknown_visible": _drops(visible),
+        "visible_called_unexplained": _share(visible, lambda one: one.verdict == "unexplained"),
+        **_errors(known),
+        **{f"corrected_{name}": value for name, value in _errors(corrected).items()},
+        "worse_anywhere": _share(judged, _worse),
+    }
+
+
+def _shares(part: Sequence[Judged]) -> dict[str, float | int | None]:
+    return {
+        "drops": _drops(part),
+        "matters": _share(part, lambda one: one.matters),
+        "right": _share(part, lambda one: one.right),
+        "unexplained": _share(part, lambda one: one.verdict == "unexplained"),
+        "alarmed": _share(part, lambda one: one.alarmed),
+        **_errors(part),
+    }
+
+
+def _errors(part: Sequence[Judged]) -> dict[str, float | None]:
+    """Median and 90th percentile of the modulus's error (%) before and after."""
+    values: dict[str, float | None] = {}
+    for when in ("before", "after"):
+        errors = [error for one in part if (error := one.error(when)) is not None]
+        weights = [one.case.drops for one in part if one.error(when) is not None]
+        spread = np.repeat(errors, weights) if errors else None
+        for name, rank in (("median", 50), ("p90", 90)):
+            value = None if spread is None else 100 * float(np.percentile(spread, rank))
+            values[f"{when}_{name}"] = value
+    values["worse"] = _share(part, _worse)
+    return values
+
+
+def _worse(one: Judged) -> bool:
+    before, after = one.error("before"), one.error("after")
+    return before is not None and after is not None and after > before + MODULUS_SHIFT
+
+
+def _drops(part: Iterable[Judged]) -> int:
+    return sum(one.case.drops for one in part)
+
+
+def _share(part: Sequence[Judged], holds: Callable[[Judged], bool]) -> float | None:
+    """Share of the drops whose point fulfils a condition; none of none."""
+    return _drops(one for one in part if holds(one)) / _drops(part) if part else None
+
+
+def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> None:
+    """How often each effect is found, by strength and noise."""
+    points = 3 if options.short else CURVE_POINTS
+    for noise in NOISE_LEVELS:
+        judged = _campaign(
+            report,
+            options,
+            folder / f"noise-{noise:g}",
+            curve=points,
+            noise=noise,
+            levels=None,
+        )
+        report.title(f"found by strength, noise {100 * noise:g} % of the peak")
+        for key in EFFECTS:
+            part = [one for one in judged if one.case.key == key]
+            for level in sorted({one.case.level for one in part}):
+                chosen = [one for one in part if one.case.level == level]
+                right = (
+                    _share(chosen, lambda one: one.right)
+                    if EFFECTS[key].known
+                    else _share(chosen, lambda one: one.verdict == "unexplained")
+                )
+                report.record(
+                    effect=key,
+                    noise=noise,
+                    strength=chosen[0].case.strength,
+                    drops=_drops(chosen),
+                    found=right,
+                    alarmed=_share(chosen, lambda one: one.alarmed),
+                    before_median=_errors(chosen)["before_median"],
+                    after_median=_errors(chosen)["after_median"],
+                )

@@ -1,0 +1,340 @@
+"""A blind campaign: trace files of simulated drops with effects that their headers do not declare.
+
+>>> cases = make_campaign(Path("campaign"), seed=1, cache=Path("cache"))  # doctest: +SKIP
+
+writes ``campaign/traces/0001.csv`` and so on, in random order, and what is true of them to
+``campaign/truth/truth.json``, which nothing that inverts or diagnoses may read. `only` restricts
+the campaign to some effects (keys of `simulators.effects.catalogue.EFFECTS`) and ``clean``:
+
+>>> make_campaign(Path("few"), seed=1, per_case=2, only=("clean", "sensor_lag"))  # doctest: +SKIP
+
+The ground is finite elements; one run per site and contact, kept in `cache`, serves every drop on
+it (see `simulators.effects.response`). Equal seeds give equal files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simulators.effects.catalogue import CLEAN, EFFECTS, Effect
+from simulators.effects.recording import Converter, write_signals
+from simulators.effects.scene import Laboratory, Outcome, Scene
+from simulators.mesh import Ground, require
+
+CLEAN_SHARE = 0.2
+SURVEY_POINTS = 5
+
+
+@dataclass(frozen=True)
+class Site:
+    """Ground and plate for which finite elements are run; offsets in plate radii."""
+
+    radius: float
+    depth: float
+    modulus: float
+    viscosity: float
+    poisson_ratio: float = 0.35
+    offsets: tuple[float, ...] = (0.0, 2.0, 4.0)
+
+    @property
+    def ground(self) -> Ground:
+        """Before scaling; density 1900 kg/m3."""
+        return Ground.uniform(self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth)
+
+
+_WIDE = (0.0, 3.0, 6.0)
+SITES = (
+    Site(0.10, 0.5, 35e6, 25e3),
+    Site(0.10, 1.2, 60e6, 40e3, 0.4, _WIDE),
+    Site(0.10, math.inf, 25e6, 20e3),
+    Site(0.15, 0.5, 40e6, 54e3),
+    Site(0.15, 0.7, 90e6, 60e3),
+    Site(0.15, 1.0, 30e6, 30e3),
+    Site(0.15, 1.5, 60e6, 80e3, 0.4),
+    Site(0.15, 2.0, 45e6, 54e3),
+    Site(0.15, 3.0, 120e6, 60e3),
+    Site(0.15, math.inf, 50e6, 60e3),
+    Site(0.15, math.inf, 20e6, 30e3, 0.45),
+    Site(0.20, 0.8, 25e6, 40e3, 0.3),
+    Site(0.20, math.inf, 70e6, 90e3),
+    Site(0.30, 0.8, 55e6, 80e3),
+    Site(0.30, 1.5, 80e6, 120e3),
+    Site(0.30, math.inf, 40e6, 100e3),
+)
+# Where each strength needs finite elements of its own.
+LAYER_SITES = (SITES[9], SITES[12])
+HEIGHT_SITES, HEIGHTS = (SITES[3],), (0.6, 0.8)
+# Slip under the plate matters the more the less the ground keeps its volume: one site per ratio.
+CONTACT_SITES = (
+    Site(0.15, 1.0, 40e6, 54e3, 0.2),
+    Site(0.15, 1.0, 40e6, 54e3, 0.35),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """The truth about one trace file."""
+
+    file: str
+    """Name inside the traces folder."""
+    effect: str
+    """Name in the vocabulary of effects, `clean`, or an outsider's."""
+    key: str
+    """The same with its variant."""
+    known: bool
+    """Whether the vocabulary has it."""
+    scope: str
+    level: int
+    """Strength: 0 the weakest; -1 for clean."""
+    strength: float
+    parameters: dict[str, float | list[float]]
+    """True values, SI units in the names."""
+    misread: str
+    """What a naive reader would make of it."""
+    modulus_pa: float | None
+    """What a perfect reader reports."""
+    viscosity_pa_s: float
+    density_kg_m3: float
+    bedrock_depth_m: float | None
+    """True depth; none: no rock."""
+    depth_declared: bool
+    radius_m: float
+    poisson_ratio: float
+    drops: int
+    sensors: int
+    quantity: str
+    noise: float
+    """Root mean square over the peak of each channel."""
+    noise_colour: float
+    """Correlation between successive samples."""
+    device: str | None
+    """Key shared by the files of a survey."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One file to be made."""
+
+    effect: Effect
+    level: int
+    strength: float
+    stream: tuple[int, ...]
+    device: str | None = None
+    device_stream: tuple[int, ...] = (0,)
+
+
+def make_campaign(
+    folder: Path,
+    *,
+    seed: int,
+    per_case: int = 8,
+    cache: Path | None = None,
+    only: Iterable[str] | None = None,
+    levels: Sequence[int] | None = None,
+    noise: float | None = None,
+    curve: int | None = None,
+) -> list[Case]:
+    """Write the trace files and, apart from them, the truth.
+
+    Parameters
+    ----------
+    folder : gets `traces` and `truth`
+    seed : of everything that is drawn
+    per_case : drops per effect and strength, at least
+    cache : folder for finite-element answers, shared by all campaigns
+    only : keys of `EFFECTS`, and `clean`; none: all
+    levels : strengths 0 to 2; none: all
+    noise : root mean square over peak, fixed instead of drawn
+    curve : that many strengths between the weakest and the strongest instead of three, and no
+        surveys, where the effect allows it; see `Effect.curve`
+
+    Raises
+    ------
+    GroundError
+        If an effect is not known, or `folder` holds traces of something else.
+    """
+    wanted = set(EFFECTS if only is None else only)
+    require(wanted <= set(EFFECTS), "only", f"some of {', '.join(EFFECTS)}", wanted)
+    laboratory = Laboratory(cache)
+    traces, truth = folder / "traces", folder / "truth"
+    traces.mkdir(parents=True, exist_ok=True)
+    if (truth / "truth.json").is_file():
+        for case in read_truth(folder):
+            (traces / case.file).unlink(missing_ok=True)
+    strange = sorted(path.name for path in traces.iterdir())
+    require(not strange, "folder", "no traces but those of a former campaign", strange[:3])
+    truth.mkdir(parents=True, exist_ok=True)
+    plans = list(_plans(seed, wanted, per_case, levels, curve))
+    order = np.random.default_rng([seed, 1]).permutation(len(plans))
+    cases = [
+        _make(plans[index], traces / f"{number:04d}.csv", laboratory, noise)
+        for number, index in enumerate(order, start=1)
+    ]
+    text = json.dumps({"seed": seed, "cases": [asdict(case) for case in cases]}, indent=1)
+    (truth / "truth.json").write_text(text + "\n", encoding="utf-8")
+    return cases
+
+
+def read_truth(folder: Path) -> list[Case]:
+    """The truth of a campaign written by `make_campaign`."""
+    text = (folder / "truth" / "truth.json").read_text(encoding="utf-8")
+    return [Case(**case) for case in json.loads(text)["cases"]]
+
+
+def _plans(
+    seed: int,
+    wanted: set[str],
+    per_case: int,
+    levels: Sequence[int] | None,
+    curve: int | None,
+) -> Iterable[_Plan]:
+    files = 0
+    for key in sorted(wanted - {CLEAN}):
+        effect, code = EFFECTS[key], _number(key)
+        strengths = effect.strengths if curve is None else effect.curve(curve)
+        for level in range(len(strengths)) if levels is None else levels:
+            drops, count, strength = 0, 0, strengths[level]
+            while drops < per_case:
+                stream = (seed, code, level, count)
+                drops += _drop_count(effect, np.random.default_rng([*stream, 7]))
+                count += 1
+                yield _Plan(effect, level, strength, stream)
+            surveyed = effect.scope == "device" and effect.known and curve is None
+            if surveyed and level > 0 and per_case >= 4:
+                device_stream = (seed, code, level, 10_000)
+                name = f"unit-{np.random.default_rng(device_stream).integers(16**6):06x}"
+                for point in range(SURVEY_POINTS):
+                    own = (*device_stream, point)
+                    yield _Plan(effect, level, strength, own, name, device_stream)
+                count += SURVEY_POINTS
+            files += count
+    if CLEAN in wanted:
+        clean = max(math.ceil(files * CLEAN_SHARE / (1 - CLEAN_SHARE)), math.ceil(per_case / 2))
+        for count in range(clean):
+            yield _Plan(EFFECTS[CLEAN], -1, 0.0, (seed, _number(CLEAN), 0, count))
+
+
+def _number(key: str) -> int:
+    return int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big")
+
+
+def _drop_count(effect: Effect, generator: np.random.Generator) -> int:
+    return max(effect.least_drops, int(generator.choice([1, 1, 2, 3])))
+
+
+def _site(plan: _Plan, generator: np.random.Generator) -> Site:
+    effect = plan.effect
+    choice = list(SITES)
+    if effect.sites == "few":
+        choice = list(LAYER_SITES if effect.name == "layer" else HEIGHT_SITES)
+    if effect.sites == "contact":
+        choice = list(CONTACT_SITES)
+    if effect.sites == "shallow":  # the strength is the depth over the radius, roughly
+        choice = [s for s in SITES if 0.6 < s.depth / s.radius / plan.strength <= 1.7]
+    return choice[int(generator.integers(len(choice)))]
+
+
+def _scene(plan: _Plan, laboratory: Laboratory) -> tuple[Scene, Site]:
+    generator = np.random.default_rng(plan.stream)
+    count = _drop_count(plan.effect, np.random.default_rng([*plan.stream, 7]))
+    # what belongs to a device is drawn from its stream, alike for all of its points
+    device = np.random.default_rng(plan.device_stream if plan.device else (*plan.stream, 3))
+    site = _site(plan, generator)
+    if plan.device is not None:
+        alike = [s for s in SITES if s.offsets != _WIDE]  # one device, one layout
+        radius = float(device.choice(sorted({s.radius for s in alike})))
+        fitting = [s for s in alike if s.radius == radius]
+        site = fitting[int(generator.integers(len(fitting)))]
+    sensors = int(device.choice([1, 1, 2, 3]))
+    size = site.radius / 0.15
+    plate_mass, hammer_mass = device.uniform([9.0, 7.0], [18.0, 14.0]) * size
+    pulse = float(np.exp(device.uniform(math.log(0.008), math.log(0.024))))
+    lower = generator.uniform(0.55, 0.95, count - 1)
+    if plan.effect.variant:  # a finite-element run for each
+        lower = generator.choice(HEIGHTS, count - 1, replace=False)
+    heights = [*sorted(lower), 1.0]
+    scene = Scene(
+        laboratory,
+        site.ground,
+        site.radius,
+        tuple(round(offset * site.radius, 4) for offset in site.offsets),
+        plate_mass=round(float(plate_mass), 2),
+        hammer_mass=float(hammer_mass),
+        hammer_pulse=pulse,
+        pressure=float(generator.uniform(50e3, 200e3)),
+        heights=tuple(float(height) for height in heights),
+        sensors=max(sensors, plan.effect.least_sensors),
+        generator=generator,
+        device=device,
+        pre_trigger=float(device.choice([0.01, 0.015, 0.02])),
+        time_scale=float(generator.uniform(0.92, 1.1)),
+        density_scale=float(generator.uniform(0.85, 1.12)),
+    )
+    return scene, site
+
+
+def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) -> Case:
+    scene, site = _scene(plan, laboratory)
+    effect, generator = plan.effect, scene.generator
+    converter = Converter.drawn(generator, scene.device, noise)
+    outcome = effect.build(scene, plan.strength)
+    below = scene.ground.layers[-1]
+    depth = scene.ground.bedrock_depth if effect.name != "layer" else math.inf
+    header = _header(scene, site, outcome, depth, plan, generator)
+    offsets = scene.offsets[: len(outcome.signals[0].velocity)]
+    write_signals(path, outcome.signals, offsets, header, converter, generator)
+    return Case(
+        file=path.name,
+        effect=effect.name,
+        key=effect.key,
+        known=effect.known,
+        scope=effect.scope,
+        level=plan.level,
+        strength=plan.strength,
+        parameters=dict(outcome.parameters),
+        misread=effect.misread,
+        modulus_pa=outcome.modulus,
+        viscosity_pa_s=below.viscosity,
+        density_kg_m3=below.density,
+        bedrock_depth_m=depth if math.isfinite(depth) else None,
+        depth_declared="bedrock_depth_m" in header,
+        radius_m=scene.radius,
+        poisson_ratio=site.poisson_ratio,
+        drops=len(outcome.signals),
+        sensors=len(offsets),
+        quantity=converter.quantity,
+        noise=converter.noise,
+        noise_colour=converter.colour,
+        device=plan.device,
+    )
+
+
+def _header(
+    scene: Scene,
+    site: Site,
+    outcome: Outcome,
+    depth: float,
+    plan: _Plan,
+    generator: np.random.Generator,
+) -> dict[str, str | float | int]:
+    """What an operator declares: the truth, but for what the effect is about."""
+    header: dict[str, str | float | int] = {
+        "pfwd-traces": 1,
+        "plate_radius_m": scene.radius,
+        "plate_mass_kg": scene.plate_mass,
+        "poisson_ratio": site.poisson_ratio,
+    }
+    declared = depth if outcome.declared_depth is None else outcome.declared_depth
+    # a half-space need not be declared: undeclared, it is what the base model takes
+    if math.isfinite(declared) or generator.random() < 0.5:
+        header["bedrock_depth_m"] = declared
+    if plan.device is not None:
+        header["device"] = plan.device
+    return header

@@ -1,0 +1,230 @@
+r"""Hammer, plate and finite-element ground stepped through time, non-linear contact included.
+
+The ground enters by its answer to hats of force (`GroundResponse`). At each step the displacement w
+of the ground under the plate is the root of one scalar equation, found by Newton's method:
+
+.. math::
+    m (u - \hat u)/(\beta h^2) = F_{cell}(u) - F, \qquad
+    F = (w - w_{past})/k_1 + D(w), \qquad u = w + p(F)
+
+with u the displacement of the plate, :math:`\hat u` Newmark's predictor (beta = 1/4, gamma = 1/2),
+:math:`w_{past}` what earlier forces do now, :math:`p` a plastic indentation and :math:`D` the
+deviation of the soil's resistance from the linear one. The contact carries no tension beyond the
+weight W that presses plate and ground together at rest: where the root has :math:`F < -W` the plate
+is in flight, :math:`F = -W`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from simulators.drop import Hammer, SimulatedDrop
+from simulators.effects.response import GroundResponse
+from simulators.mesh import Array, require
+
+# Newmark's rule with damping of unresolved vibration; first order, used after an impact.
+DISSIPATIVE = (0.3025, 0.6)
+TRAPEZOIDAL = (0.25, 0.5)
+
+
+class SoilLaw(Protocol):
+    """Resistance of the ground beside the linear one."""
+
+    def deviation(self, displacement: float) -> tuple[float, float]:
+        """Force above the linear static resistance, N, and its slope, N/m."""
+
+    def commit(self, displacement: float) -> None:
+        """The step ended at this displacement of the ground, m."""
+
+
+class Linear:
+    """The ground as it is."""
+
+    def deviation(self, displacement: float) -> tuple[float, float]:
+        """Nothing."""
+        return 0.0, 0.0
+
+    def commit(self, displacement: float) -> None:
+        """Nothing to remember."""
+
+
+@dataclass(frozen=True)
+class Indentation:
+    """Plastic indentation of the plate: :math:`p = s (F_{max}/F_{ref})^m`, never given back."""
+
+    depth: float
+    """s, m."""
+    force: float
+    """F_ref, N, > 0."""
+    exponent: float = 2.0
+    """m, -, >= 1."""
+
+    def at(self, largest_force: float) -> float:
+        """Indentation after a largest contact force so far, m."""
+        return float(self.depth * (max(largest_force, 0.0) / self.force) ** self.exponent)
+
+    def slope(self, largest_force: float) -> float:
+        """Its derivative, m/N."""
+        share = max(largest_force, 0.0) / self.force
+        return float(self.depth * self.exponent / self.force * share ** (self.exponent - 1))
+
+
+Pull = Callable[[float], float]
+Applied = Callable[[float], tuple[float, float]]
+
+
+def strike(
+    response: GroundResponse,
+    plate_mass: float,
+    source: Hammer | Array,
+    samples: int,
+    *,
+    law: SoilLaw | None = None,
+    indentation: Indentation | None = None,
+    weight: float = math.inf,
+    pull: Pull | None = None,
+) -> SimulatedDrop:
+    """One drop on finite-element ground.
+
+    Parameters
+    ----------
+    plate_mass : mass between the load cell and the ground, kg, > 0
+    source : a hammer, or the force above the plate at the samples, N
+    samples : length of the record
+    law : deviation of the soil from a linear one
+    indentation : plastic part of the plate's displacement
+    weight : on the contact at rest, N; infinite: plate and ground never part
+    pull : upward force of the hammer's frame on the load cell at a time (s), N
+
+    Raises
+    ------
+    GroundError
+        If a quantity is outside its range; the message names it and the value.
+    """
+    require(0 < plate_mass < math.inf, "plate_mass", "kg, > 0", plate_mass)
+    require(2 <= samples <= response.displacement.shape[1], "samples", "2 to response", samples)
+    if not isinstance(source, Hammer):
+        require(source.shape == (samples,), "source", "one force per sample", source.shape)
+    plastic = indentation or Indentation(0.0, 1.0)
+    run = _March(response, plate_mass, source, law or Linear(), plastic, weight)
+    load, force, linear, plate, speed = np.zeros((5, samples))
+    for n in range(1, samples):
+        upward = pull(n * response.time_step) if pull else 0.0
+        load[n], force[n], linear[n] = run.advance(n, linear, upward)
+        plate[n], speed[n] = run.u, run.v
+    moved, velocity = response.motion(force)
+    moved[0], velocity[0] = plate, speed
+    return SimulatedDrop(
+        time=np.arange(samples, dtype=float) * response.time_step,
+        load=load,
+        contact_force=force,
+        plate_displacement=plate,
+        plate_velocity=speed,
+        offsets=np.array(response.offsets),
+        ground_displacement=moved,
+        ground_velocity=velocity,
+    )
+
+
+class _March:
+    """State of hammer and plate, and the equation of one step."""
+
+    def __init__(
+        self,
+        response: GroundResponse,
+        mass: float,
+        source: Hammer | Array,
+        law: SoilLaw,
+        plastic: Indentation,
+        weight: float,
+    ) -> None:
+        self.response, self.mass, self.law = response, mass, law
+        self.plastic, self.weight, self.source = plastic, weight, source
+        self.h = response.time_step
+        self.compliance = float(response.displacement[0, 1])
+        self.rule = TRAPEZOIDAL
+        self.u = self.v = self.a = self.w = self.largest = 0.0
+        hammer = source if isinstance(source, Hammer) else None
+        self.x, self.y = 0.0, hammer.velocity if hammer else 0.0
+        self.z = hammer.gravity if hammer else 0.0
+
+    def advance(self, n: int, past: Array, upward: float) -> tuple[float, float, float]:
+        """Load, contact force and the linear ground's share of it at sample n, N."""
+        h, (beta, gamma) = self.h, self.rule
+        guess = self.u + h * self.v + (0.5 - beta) * h**2 * self.a
+        back = self.response.reversed_centre
+        # sum over j = 1 .. n-1 of past[j] k[n-j+1]
+        history = float(past[1:n] @ back[back.size - n - 1 : back.size - 2]) if n > 1 else 0.0
+        applied, after = self._cell(n, upward)
+        inertia = self.mass / (beta * h**2)
+        u, load, force, share = self._in_contact(guess, inertia, history, applied)
+        if force < -self.weight:  # in flight
+            self.rule = DISSIPATIVE
+            force = share = -self.weight
+            u, load = _in_flight(guess, inertia, force, applied)
+            self.w = history + self.compliance * share
+        new = (u - guess) / (beta * h**2)
+        self.v += h * ((1 - gamma) * self.a + gamma * new)
+        self.u, self.a = u, new
+        self.largest = max(self.largest, force)
+        self.law.commit(self.w)
+        after(load)
+        return load, force, share
+
+    def _in_contact(
+        self, guess: float, inertia: float, history: float, applied: Applied
+    ) -> tuple[float, float, float, float]:
+        """Plate displacement, load, contact force and its linear share; moves the ground."""
+        w = self.w
+        for _ in range(50):
+            extra, extra_slope = self.law.deviation(w)
+            share = (w - history) / self.compliance
+            force, slope = share + extra, 1 / self.compliance + extra_slope
+            plastic = self.plastic.at(max(self.largest, force))
+            yielding = self.plastic.slope(force) * slope if force > self.largest else 0.0
+            u = w + plastic
+            load, load_slope = applied(u)
+            residual = inertia * (u - guess) - load + force
+            step = residual / ((inertia - load_slope) * (1 + yielding) + slope)
+            if abs(step) <= 1e-14 + 1e-11 * abs(w):
+                break
+            w -= step
+        self.w = w
+        return u, load, force, share
+
+    def _cell(self, n: int, upward: float) -> tuple[Applied, Callable[[float], None]]:
+        """Load cell force as a function of the plate's displacement, and what it does above."""
+        if not isinstance(self.source, Hammer):
+            known = float(self.source[n]) - upward
+            return (lambda u: (known, 0.0)), (lambda load: None)
+        hammer, rate = self.source, 2 / self.h
+        answer = 1 / (hammer.mass * rate**2)
+        free = self.x + 2 * self.y / rate + (self.z + hammer.gravity) / rate**2
+        spring = hammer.stiffness / (1 + hammer.stiffness * answer)
+
+        def applied(u: float) -> tuple[float, float]:
+            if free <= u:
+                return -upward, 0.0
+            return spring * (free - u) - upward, -spring
+
+        def after(load: float) -> None:
+            force = load + upward
+            new = free - force * answer
+            self.z = hammer.gravity - force / hammer.mass
+            self.x, self.y = new, rate * (new - self.x) - self.y
+
+        return applied, after
+
+
+def _in_flight(guess: float, inertia: float, force: float, applied: Applied) -> tuple[float, float]:
+    """Displacement of a free plate, and the load on it."""
+    u = guess
+    for _ in range(3):  # the load is linear on either side of the touch
+        load, slope = applied(u)
+        u -= (inertia * (u - guess) - load + force) / (inertia - slope)
+    return u, applied(u)[0]

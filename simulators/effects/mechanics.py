@@ -1,0 +1,218 @@
+"""Effects in ground, plate and hammer, each a point computed anew with finite-element ground."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
+from simulators.effects.march import Indentation, strike
+from simulators.effects.outsiders import oscillator
+from simulators.effects.response import layered_ground
+from simulators.effects.scene import Outcome, Scene
+from simulators.effects.soil import Hysteresis, PowerLaw
+from simulators.mesh import Array
+
+
+def bedrock(scene: Scene, strength: float) -> Outcome:
+    """A rigid base where the header says there is none; the strength only names the site."""
+    depth = scene.ground.bedrock_depth
+    signals = scene.signals(scene.strike_all())
+    return Outcome(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
+
+
+def layer(scene: Scene, ratio: float) -> Outcome:
+    """A top of `ratio` times the modulus below, one plate radius thick."""
+    below = scene.site.layers[-1]
+    thickness = scene.radius
+    site = layered_ground(
+        below.modulus, ratio, thickness, below.viscosity, below.density, below.poisson_ratio
+    )
+    response = scene.respond(site)
+    drops = scene.strike_all([response] * len(scene.heights))
+    parameters = {"ratio": ratio, "thickness_m": thickness}
+    return Outcome(scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf)
+
+
+def stress_within(scene: Scene, exponent: float) -> Outcome:
+    """Modulus that grows with stress in every instant; reported: the secant at the largest peak."""
+    response = scene.respond()
+    linear = scene.strike_all()
+    reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
+    weight = (scene.plate_mass + scene.hammer_mass) * STANDARD_GRAVITY
+    # the weight at rest, and some interlocking that a pressure of 5 kPa stands for
+    rest = (weight + 5e3 * math.pi * scene.radius**2) / response.static_stiffness
+
+    def law() -> PowerLaw:
+        return PowerLaw(response.static_stiffness, reference, exponent, rest)
+
+    drops = scene.strike_all(law=law)
+    peak = max(float(np.max(drop.plate_displacement)) for drop in drops)
+    modulus = scene.modulus * law().curve(peak)[0] / peak
+    parameters = {"exponent": exponent, "sigma_ref_pa": _pressure(scene, drops)}
+    return Outcome(scene.signals(drops), modulus, parameters)
+
+
+def stress_between(scene: Scene, exponent: float) -> Outcome:
+    """Linear ground in each drop, with a modulus (and viscosity) that follows its peak stress.
+
+    Every height is a finite-element run of its own.
+    """
+    responses = []
+    for height in scene.heights:
+        factor = height**exponent
+        layers = tuple(
+            replace(one, modulus=one.modulus * factor, viscosity=one.viscosity * factor)
+            for one in scene.site.layers
+        )
+        responses.append(scene.respond(replace(scene.site, layers=layers)))
+    drops = scene.strike_all(responses)
+    moduli = [response.ground.layers[-1].modulus for response in responses]
+    parameters: dict[str, float | list[float]] = {
+        "exponent": exponent,
+        "sigma_ref_pa": _pressure(scene, drops),
+        "moduli_pa": moduli,
+    }
+    return Outcome(scene.signals(drops), max(moduli), parameters)
+
+
+def _pressure(scene: Scene, drops: list[SimulatedDrop]) -> float:
+    largest = max(float(np.max(drop.contact_force)) for drop in drops)
+    return largest / (math.pi * scene.radius**2)
+
+
+def hysteretic_unloading(scene: Scene, unrecovered: float) -> Outcome:
+    """The soil gives back less than it took, on a steeper path."""
+    stiffness = scene.respond().static_stiffness
+    exponent = 1 + 4 * unrecovered
+    drops = scene.strike_all(law=lambda: Hysteresis(stiffness, exponent, unrecovered))
+    parameters = {"exponent": exponent, "unrecovered_fraction": unrecovered}
+    return Outcome(scene.signals(drops), scene.modulus, parameters)
+
+
+def permanent_set(scene: Scene, share: float) -> Outcome:
+    """The plate beds in; `share` of the peak deflection stays, half as much with each drop more."""
+    linear = scene.strike_all()
+    reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
+
+    def indentation(number: int) -> Indentation:
+        force = float(np.max(linear[number].contact_force))
+        return Indentation(share * reference * 0.5**number, force)
+
+    drops = scene.strike_all(indentation=indentation)
+    left = [indentation(n).at(float(np.max(drop.contact_force))) for n, drop in enumerate(drops)]
+    return Outcome(scene.signals(drops), scene.modulus, {"set_m": left})
+
+
+def plate_inertia(scene: Scene, extra: float) -> Outcome:
+    """The load cell sits above `extra` times the declared mass more than was declared."""
+    mass = extra * scene.plate_mass
+    drops = scene.strike_all(plate_mass=scene.plate_mass + mass)
+    return Outcome(scene.signals(drops), scene.modulus, {"mass_kg": mass})
+
+
+def rough_contact(scene: Scene, share: float) -> Outcome:
+    """Contact other than bonded: smooth, or only out to `share` of the radius where below 1."""
+    bonded = scene.respond()
+    if share < 1:
+        response = scene.respond(radius=share * scene.radius)
+    else:
+        response = scene.respond(contact="smooth")
+    drops = scene.strike_all([response] * len(scene.heights))
+    factor = response.static_stiffness / bonded.static_stiffness
+    return Outcome(
+        scene.signals(drops),
+        scene.modulus,
+        {"stiffness_factor": factor, "contact_share": share},
+        declared_radius=scene.radius,
+    )
+
+
+def rebound(scene: Scene, flight: float) -> Outcome:
+    """The hammer's frame takes the plate along on its way up; it flies about `flight` seconds."""
+    weight = scene.plate_mass * STANDARD_GRAVITY
+    tug = 0.003  # s, of the pull
+    linear = scene.strike_all()[0]
+    loaded = np.flatnonzero(linear.load > 0.02 * np.max(linear.load))
+    begin = float(linear.time[loaded[-1]])
+    peak = math.pi / 2 * weight * (1 + flight / (2 * tug))  # impulse of weight and of the flight
+
+    def pull(time: float) -> float:
+        inside = begin < time < begin + tug
+        return peak * math.sin(math.pi * (time - begin) / tug) if inside else 0.0
+
+    drops = scene.strike_all(weight=weight, pull=pull)
+    flights = [
+        float(np.count_nonzero(drop.contact_force <= -0.999 * weight) * drop.time[1])
+        for drop in drops
+    ]
+    return Outcome(scene.signals(drops), scene.modulus, {"liftoff_s": begin, "flights_s": flights})
+
+
+def spring_rig(scene: Scene, damping: float) -> Outcome:
+    """Plate and frame on springs with a fraction `damping` of critical; no ground at all."""
+    stiffness = float(scene.device.uniform(8e6, 30e6))
+    moving = scene.plate_mass * float(scene.device.uniform(1.0, 2.0))
+    dashpot = 2 * damping * math.sqrt(stiffness * moving)
+    signals = []
+    for drop in scene.strike_all():
+        load = drop.load
+        time_step = float(drop.time[1])
+        plate, speed = oscillator(load, moving, dashpot, stiffness, time_step)
+        still = np.zeros_like(drop.ground_displacement[1:])
+        changed = replace(
+            drop,
+            plate_displacement=plate,
+            plate_velocity=speed,
+            ground_displacement=np.vstack([plate, still]),
+            ground_velocity=np.vstack([speed, still]),
+        )
+        signals += replace(scene, sensors=1).signals([changed])
+    parameters = {
+        "stiffness_n_m": stiffness,
+        "moving_mass_kg": moving,
+        "damping_of_critical": damping,
+    }
+    return Outcome(signals, None, parameters)
+
+
+def load_shape(scene: Scene, asymmetry: float) -> Outcome:
+    """A pulse of worn buffers: steep front, long back and a hump, no half-sine."""
+    response = scene.respond()
+    steps = scene.samples
+    force = worn_pulse(
+        np.arange(steps, dtype=float) * response.time_step, 1.4 * scene.hammer_pulse, asymmetry
+    )
+    force *= scene.peak_force / np.max(force)
+    drops = [strike(response, scene.plate_mass, height * force, steps) for height in scene.heights]
+    return Outcome(scene.signals(drops), scene.modulus, {"asymmetry": asymmetry})
+
+
+def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
+    """Half-sine whose time runs unevenly, with a hump of `asymmetry`/2 late in the pulse."""
+    phase = np.clip(time / duration, 0.0, 1.0)
+    bent = phase ** (1 / (1 + asymmetry))
+    pulse = np.sin(math.pi * bent) * (1 + asymmetry / 2 * np.sin(3 * math.pi * phase) ** 2)
+    return np.where((time > 0) & (time < duration), pulse, 0.0)
+
+
+def false_trigger(scene: Scene, share: float) -> Outcome:
+    """No drop: somebody steps on the plate or the hammer bounces, `share` of the wanted load.
+
+    Several small bumps at irregular times; the last drop of a point with more than one.
+    """
+    response = scene.respond()
+    steps = scene.samples
+    time = np.arange(steps, dtype=float) * response.time_step
+    force = np.zeros(steps)
+    for begin in np.cumsum(scene.generator.uniform(0.001, 0.012, 4)):
+        width, size = scene.generator.uniform([0.002, 0.3], [0.012, 1.0])
+        inside = (time > begin) & (time < begin + width)
+        force += np.where(inside, size * np.sin(math.pi * (time - begin) / width), 0.0)
+    force *= share * scene.peak_force / np.max(force)
+    good = scene.strike_all()[:-1]
+    drops = [*good, strike(response, scene.plate_mass, force, steps)]
+    modulus = scene.modulus if good else None
+    return Outcome(scene.signals(drops), modulus, {"share": share, "drop": float(len(drops))})

@@ -1,0 +1,102 @@
+"""Effects that no catalogue names: what a diagnosis should call unexplained, each as physics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from simulators.effects.signals import Signals
+from simulators.mesh import Array
+
+
+def oscillator(
+    force: Array, mass: float, damping: float, stiffness: float, time_step: float
+) -> tuple[Array, Array]:
+    r"""Displacement and velocity of :math:`m \ddot x + c \dot x + k x = F`, from rest.
+
+    Newmark's rule with beta = 1/4 and gamma = 1/2; F is linear between samples.
+    """
+    h = time_step
+    x, v = np.zeros((2, force.size))
+    a = force[0] / mass
+    whole = mass + h / 2 * damping + h**2 / 4 * stiffness
+    for n in range(1, force.size):
+        x_free = x[n - 1] + h * v[n - 1] + h**2 / 4 * a
+        v_free = v[n - 1] + h / 2 * a
+        a = (force[n] - damping * v_free - stiffness * x_free) / whole
+        x[n], v[n] = x_free + h**2 / 4 * a, v_free + h / 2 * a
+    return x, v
+
+
+def mode(force: Array, frequency: float, damping: float, time_step: float) -> tuple[Array, Array]:
+    """The same with a static answer of 1 per unit force: frequency in Hz, fraction of critical."""
+    omega = 2 * math.pi * frequency
+    return oscillator(force, 1 / omega**2, 2 * damping / omega, 1.0, time_step)
+
+
+def plate_flexure(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
+    """The plate bends: its centre rings in the first bending mode (150 to 300 Hz).
+
+    `share`: static deflection of the mode under the peak load over the peak deflection.
+    """
+    moved, speed = mode(signals.load / signals.peak_load, frequency, damping, signals.time_step)
+    return _centre_moves(signals, moved, speed, share)
+
+
+def plate_rocking(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
+    """A tilted plate rocks on its edge: a slow second mode (20 to 50 Hz) off the sensor's axis."""
+    return plate_flexure(signals, frequency, damping, share)
+
+
+def _centre_moves(signals: Signals, moved: Array, speed: Array, share: float) -> Signals:
+    size = share * float(np.max(signals.displacement[0]))
+    velocity, displacement = signals.velocity.copy(), signals.displacement.copy()
+    velocity[0] += size * speed
+    displacement[0] += size * moved
+    return replace(signals, velocity=velocity, displacement=displacement)
+
+
+def cable_crosstalk(signals: Signals, share: float, corner: float) -> Signals:
+    """The load's wire couples into the sensors' through the cable's capacitance.
+
+    First-order high-pass of the load (corner in Hz, stepped by the trapezoidal rule), with `share`
+    of the velocity's peak at the load's peak.
+    """
+    ratio = math.pi * corner * signals.time_step
+    coupled = np.zeros_like(signals.load)
+    for n in range(1, coupled.size):
+        change = signals.load[n] - signals.load[n - 1]
+        coupled[n] = ((1 - ratio) * coupled[n - 1] + change) / (1 + ratio)
+    size = share * signals.peak_velocity / signals.peak_load
+    return signals.with_velocity(signals.velocity + size * coupled)
+
+
+def time_base_error(signals: Signals, error: float) -> Signals:
+    """The converter's clock is slow by `error`: the stated times are too short by it.
+
+    An instrument that integrates does so with the stated times.
+    """
+    slower = replace(signals, time=signals.time / (1 + error))
+    return replace(slower, displacement=signals.displacement / (1 + error))
+
+
+def gain_glitch(signals: Signals, time: float, share: float) -> Signals:
+    """An amplifier changes its range in the record: the gain steps by `share` at `time` (s)."""
+    gain = 1 + share * (signals.time >= time)
+    return signals.with_velocity(signals.velocity * gain)
+
+
+def passing_traffic(
+    signals: Signals, amplitude: float, frequency: float, centre: float, width: float
+) -> Signals:
+    """Ground vibration of a passing lorry: a burst (m/s, Hz) around a time, s."""
+    burst = np.exp(-(((signals.time - centre) / width) ** 2))
+    wave = burst * np.sin(2 * math.pi * frequency * (signals.time - centre))
+    return signals.with_velocity(signals.velocity + amplitude * wave)
+
+
+def load_cell_curvature(signals: Signals, share: float) -> Signals:
+    """A load cell overloaded once: it reads too much, by `share` at the peak, with the square."""
+    return replace(signals, load=signals.load * (1 + share * signals.load / signals.peak_load))

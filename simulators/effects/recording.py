@@ -1,0 +1,88 @@
+"""Noise, converter and trace file: the last steps of every simulated record."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+from simulators.effects.signals import Signals
+from simulators.mesh import Array
+
+
+@dataclass(frozen=True)
+class Converter:
+    """Noise and sampling of one record."""
+
+    quantity: str
+    """`velocity` or `displacement`: what the sensor columns carry."""
+    noise: float
+    """Root mean square over the peak of each channel."""
+    colour: float
+    """Correlation between successive samples; 0: white."""
+    decimation: int
+    """Steps of the simulation per stored sample."""
+    bits: int
+    """Of the converter, whose range is twice the peak to either side."""
+
+    @classmethod
+    def drawn(
+        cls, generator: np.random.Generator, device: np.random.Generator, noise: float | None
+    ) -> Converter:
+        """At random: the kind by the device, the noise by the point."""
+        quantity = "velocity" if device.random() < 0.6 else "displacement"
+        decimation = int(device.choice([2, 4, 4, 6]))
+        bits = int(device.choice([14, 16, 24]))
+        drawn = float(np.exp(generator.uniform(math.log(5e-4), math.log(5e-3))))
+        colour = float(generator.choice([0.0, 0.0, 0.5, 0.8]))
+        return cls(quantity, drawn if noise is None else noise, colour, decimation, bits)
+
+    def noise_of(self, shape: tuple[int, ...], generator: np.random.Generator) -> Array:
+        """Unit noise along the last axis, white or autoregressive of first order."""
+        settling = 60
+        white = generator.standard_normal((*shape[:-1], shape[-1] + settling))
+        size = math.sqrt(1 - self.colour**2)
+        coloured: Array = size * lfilter([1.0], [1.0, -self.colour], white, axis=-1)
+        return coloured[..., settling:]
+
+    def stored(self, signals: Signals, generator: np.random.Generator) -> tuple[Array, Array]:
+        """Time (n,) and table (1 + n_sensors, n) of load and sensors as they are stored."""
+        origin = int(np.argmin(np.abs(signals.time)))
+        kept = slice(origin % self.decimation, None, self.decimation)
+        sensors = signals.velocity if self.quantity == "velocity" else signals.displacement
+        table = np.vstack([signals.load, sensors])[:, kept]
+        peaks = np.max(np.abs(table), axis=1, keepdims=True)
+        # sensors are alike: those far out see less motion with nearly the same noise
+        peaks[1:] = np.sqrt(peaks[1:] * peaks[1])
+        table = table + self.noise * peaks * self.noise_of(table.shape, generator)
+        count = 4 * np.where(peaks > 0, peaks, 1.0) / 2**self.bits
+        return signals.time[kept], np.round(table / count) * count
+
+
+def write_signals(
+    path: Path,
+    signals: Sequence[Signals],
+    offsets: Sequence[float],
+    header: Mapping[str, str | float | int],
+    converter: Converter,
+    generator: np.random.Generator,
+) -> None:
+    """Write the trace file of one point; the header is written as it is given."""
+    unit = "velocity_m_s" if converter.quantity == "velocity" else "displacement_m"
+    columns = ["drop", "time_s", "load_N", *(f"{unit}@{offset:.4f}" for offset in offsets)]
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        for key, value in header.items():
+            # a JSON string is a TOML string; `inf` is a TOML float
+            text = json.dumps(value) if isinstance(value, str) else repr(value)
+            file.write(f"# {key} = {text}\n")
+        file.write(",".join(columns) + "\n")
+        for number, one in enumerate(signals, start=1):
+            time, table = converter.stored(one, generator)
+            whole = np.column_stack([np.full(time.size, number), time, table.T])
+            formats = ["%d", "%.9g", "%.7g", *["%.9g"] * len(offsets)]
+            np.savetxt(file, whole, delimiter=",", fmt=formats)

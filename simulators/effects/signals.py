@@ -1,0 +1,63 @@
+"""Channels of one drop on their way through the instrument, before noise and converter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from simulators.drop import SimulatedDrop
+from simulators.mesh import Array
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What stands on the instrument's wires; downward positive."""
+
+    time: Array
+    """(n,) s, 0 at the first touch, negative before."""
+    load: Array
+    """(n,) N."""
+    velocity: Array
+    """(n_sensors, n) m/s."""
+    displacement: Array
+    """(n_sensors, n) m: of instruments that store the integrated velocity."""
+
+    @property
+    def time_step(self) -> float:
+        """Between samples, s."""
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def peak_velocity(self) -> float:
+        """Largest absolute velocity of the first sensor, m/s."""
+        return float(np.max(np.abs(self.velocity[0])))
+
+    @property
+    def peak_load(self) -> float:
+        """N."""
+        return float(np.max(self.load))
+
+    def with_velocity(self, velocity: Array) -> Signals:
+        """Another velocity; the displacement is the old one plus the integral of the change."""
+        change = cumulative_trapezoid(velocity - self.velocity, dx=self.time_step, initial=0)
+        return replace(self, velocity=velocity, displacement=self.displacement + change)
+
+
+def signals_of(drop: SimulatedDrop, sensors: int, pre_trigger: float) -> Signals:
+    """Channels of a drop, after a rest of `pre_trigger` seconds.
+
+    Parameters
+    ----------
+    sensors : how many, from the plate centre outward
+    """
+    step = float(drop.time[1] - drop.time[0])
+    wait = round(pre_trigger / step)
+    padding = ((0, 0), (wait, 0))
+    return Signals(
+        np.arange(-wait, drop.time.size, dtype=float) * step,
+        np.pad(drop.load, (wait, 0)),
+        np.pad(drop.ground_velocity[:sensors], padding),
+        np.pad(drop.ground_displacement[:sensors], padding),
+    )

@@ -1,0 +1,100 @@
+r"""Ground that is not linear: a static resistance that departs from the finite elements' one.
+
+Waves and viscosity stay those of the linear ground; what changes is the restoring force near the
+plate, :math:`K w \to K r(w)`, with K the static stiffness of the finite elements (a spring with
+:math:`K (r(w) - w)` beside the linear ground). The peak of the largest drop is a fixed point,
+:math:`r(w_{ref}) = w_{ref}`: there the secant modulus is the one of the finite elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from simulators.mesh import require
+
+
+@dataclass
+class PowerLaw:
+    r"""Modulus growing with stress, :math:`E \sim \sigma^n`, within the drop.
+
+    .. math:: r(w) = w_{ref} \frac{(w + w_0)^q - w_0^q}{(w_{ref} + w_0)^q - w_0^q},
+        \qquad q = \frac{1}{1 - n}
+
+    with :math:`w_0` the displacement under the weight at rest. Above :math:`-w_0/2` only; further
+    up the tangent goes on.
+    """
+
+    stiffness: float
+    """K, N/m."""
+    reference: float
+    """w_ref, m, > 0."""
+    exponent: float
+    """n, -, < 1; negative for ground that softens."""
+    rest: float
+    """w_0, m, > 0."""
+
+    def __post_init__(self) -> None:
+        require(self.exponent < 1, "exponent", "below 1", self.exponent)
+        require(self.reference > 0 and self.rest > 0, "rest", "m, > 0", self.rest)
+        self._power = 1 / (1 - self.exponent)
+        end = (self.reference + self.rest) ** self._power - self.rest**self._power
+        self._factor = self.reference / end
+
+    def curve(self, displacement: float) -> tuple[float, float]:
+        """r (m) and its slope."""
+        q, rest = self._power, self.rest
+        inside = max(displacement, -rest / 2)
+        slope = self._factor * q * (inside + rest) ** (q - 1)
+        value = self._factor * ((inside + rest) ** q - rest**q)
+        return value + slope * (displacement - inside), slope
+
+    def deviation(self, displacement: float) -> tuple[float, float]:
+        """Force above the linear static resistance, N, and its slope, N/m."""
+        value, slope = self.curve(displacement)
+        return self.stiffness * (value - displacement), self.stiffness * (slope - 1)
+
+    def commit(self, displacement: float) -> None:
+        """The law has no memory."""
+
+
+@dataclass
+class Hysteresis:
+    r"""Linear under growing load, on another path back.
+
+    .. math:: r(w) = w_{max} \left( \frac{w - f w_{max}}{(1 - f) w_{max}} \right)^m
+
+    below the largest displacement so far, down to the unrecovered part :math:`f w_{max}`; below
+    that, a quarter of the linear slope.
+    """
+
+    stiffness: float
+    """K, N/m."""
+    exponent: float
+    """m, -, >= 1."""
+    unrecovered: float
+    """f, 0 to < 1."""
+    largest: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        require(self.exponent >= 1, "exponent", ">= 1", self.exponent)
+        require(0 <= self.unrecovered < 1, "unrecovered", "0 to < 1", self.unrecovered)
+
+    def curve(self, displacement: float) -> tuple[float, float]:
+        """r (m) and its slope."""
+        if displacement >= self.largest:
+            return displacement, 1.0
+        left = self.unrecovered * self.largest
+        share = (displacement - left) / (self.largest - left)
+        if share <= 0:
+            return (displacement - left) / 4, 0.25
+        slope = self.exponent * share ** (self.exponent - 1) / (1 - self.unrecovered)
+        return self.largest * share**self.exponent, slope
+
+    def deviation(self, displacement: float) -> tuple[float, float]:
+        """Force above the linear static resistance, N, and its slope, N/m."""
+        value, slope = self.curve(displacement)
+        return self.stiffness * (value - displacement), self.stiffness * (slope - 1)
+
+    def commit(self, displacement: float) -> None:
+        """The step ended here."""
+        self.largest = max(self.largest, displacement)

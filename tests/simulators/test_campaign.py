@@ -1,0 +1,192 @@
+"""The blind campaign: what is in its files, what is kept out of them, and that it repeats."""
+
+import csv
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pfwd_survey.files.traces import read_traces
+from simulators.campaign import SITES, Case, make_campaign, read_truth
+from simulators.effects.catalogue import CLEAN, EFFECTS
+from simulators.effects.recording import Converter
+from simulators.mesh import GroundError
+
+# One finite-element run serves them all: only the shallowest site is offered.
+QUICK = ("clean", "sensor_lag", "permanent_set", "spring_rig", "gain_glitch", "plate_inertia")
+ALLOWED = {
+    "pfwd-traces",
+    "plate_radius_m",
+    "plate_mass_kg",
+    "poisson_ratio",
+    "bedrock_depth_m",
+    "device",
+}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("finite-elements")
+
+
+@pytest.fixture(autouse=True)
+def one_site(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("simulators.campaign.SITES", (SITES[3],))
+    monkeypatch.setattr("simulators.campaign.CONTACT_SITES", (SITES[3],))
+
+
+def read(path: Path) -> tuple[dict[str, object], list[str], NDArray[np.float64]]:
+    """Header, column names and numbers, by nothing but TOML and CSV."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    header = [line.removeprefix("# ") for line in lines if line.startswith("# ")]
+    rows = list(csv.reader(lines[len(header) :]))
+    return tomllib.loads("\n".join(header)), rows[0], np.array(rows[1:], dtype=float)
+
+
+def test_equal_seeds_give_equal_files(tmp_path: Path, cache: Path) -> None:
+    names = ("first", "again", "other")
+    for name, seed in zip(names, (3, 3, 4), strict=True):
+        make_campaign(tmp_path / name, seed=seed, per_case=1, cache=cache, only=QUICK)
+    files = [sorted((tmp_path / name / "traces").iterdir()) for name in names]
+    texts = [[file.read_bytes() for file in some] for some in files]
+    assert texts[0] == texts[1]
+    assert texts[0] != texts[2]
+    assert read_truth(tmp_path / "first") == read_truth(tmp_path / "again")
+
+
+def test_files_say_nothing_of_the_truth(tmp_path: Path, cache: Path) -> None:
+    cases = make_campaign(tmp_path, seed=5, per_case=2, cache=cache, only=QUICK)
+    files = sorted((tmp_path / "traces").iterdir())
+    assert [file.name for file in files] == [f"{n:04d}.csv" for n in range(1, len(files) + 1)]
+    assert list((tmp_path / "traces").glob("*.json")) == []
+    assert [case.file for case in cases] == [file.name for file in files]
+    assert [case.key for case in cases] != sorted(case.key for case in cases)
+    for case, file in zip(cases, files, strict=True):
+        text = file.read_text(encoding="utf-8").replace("bedrock_depth_m", "")
+        assert not [name for name in EFFECTS if name in text]
+        header, columns, table = read(file)
+        assert set(header) <= ALLOWED
+        assert header["plate_radius_m"] == case.radius_m
+        assert header.get("bedrock_depth_m", case.bedrock_depth_m) == case.bedrock_depth_m
+        assert len(columns) == 3 + case.sensors
+        assert set(table[:, 0]) == set(range(1, case.drops + 1))
+        assert read_traces(file)
+
+
+def test_the_truth_is_read_back_as_it_was_made(tmp_path: Path, cache: Path) -> None:
+    cases = make_campaign(tmp_path, seed=5, per_case=1, cache=cache, only=QUICK)
+    assert read_truth(tmp_path) == cases
+    strict = (tmp_path / "truth" / "truth.json").read_text(encoding="utf-8")
+    json.loads(strict, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_another_campaign_replaces_its_own_files_only(tmp_path: Path, cache: Path) -> None:
+    make_campaign(tmp_path, seed=1, per_case=4, cache=cache, only=("clean", "sensor_lag"))
+    few = make_campaign(tmp_path, seed=1, per_case=1, cache=cache, only=("clean",))
+    assert {file.name for file in (tmp_path / "traces").iterdir()} == {case.file for case in few}
+    (tmp_path / "traces" / "mine.csv").touch()
+    with pytest.raises(GroundError, match=r"mine\.csv"):
+        make_campaign(tmp_path, seed=1, per_case=1, cache=cache, only=("clean",))
+    with pytest.raises(GroundError, match="only"):
+        make_campaign(tmp_path / "x", seed=1, only=("bedrok",))
+
+
+def by_effect(cases: list[Case], name: str) -> list[Case]:
+    return [case for case in cases if case.effect == name]
+
+
+def test_every_strength_has_its_drops_and_a_fifth_of_the_points_is_clean(
+    tmp_path: Path, cache: Path
+) -> None:
+    cases = make_campaign(tmp_path, seed=2, per_case=8, cache=cache, only=QUICK)
+    for name in set(QUICK) - {CLEAN}:
+        for level in range(3):
+            assert sum(c.drops for c in by_effect(cases, name) if c.level == level) >= 8
+    assert len(by_effect(cases, CLEAN)) / len(cases) == pytest.approx(0.2, abs=0.02)
+    assert {case.drops for case in cases} == {1, 2, 3}
+    assert {case.sensors for case in cases} == {1, 2, 3}
+    assert {case.quantity for case in cases} == {"velocity", "displacement"}
+    assert all(5e-4 <= case.noise <= 5e-3 for case in cases)
+
+
+def test_a_survey_shares_what_belongs_to_the_device(tmp_path: Path, cache: Path) -> None:
+    only = ("geophone_response", "acquisition_filter", "plate_inertia")
+    cases = make_campaign(tmp_path, seed=2, per_case=4, cache=cache, only=only)
+    devices = {case.device for case in cases} - {None}
+    assert len(devices) == 6  # two strengths each
+    for device in devices:
+        points = [case for case in cases if case.device == device]
+        assert len(points) == 5
+        assert len({json.dumps(case.parameters) for case in points}) == 1
+        assert len({(case.radius_m, case.quantity, case.sensors) for case in points}) == 1
+        headers = [read(tmp_path / "traces" / case.file)[0] for case in points]
+        assert {header["device"] for header in headers} == {device}
+        assert len({header["plate_mass_kg"] for header in headers}) == 1
+        assert len({case.modulus_pa for case in points}) == 5
+
+
+def test_undeclared_mass_and_depth_are_in_the_truth_alone(tmp_path: Path, cache: Path) -> None:
+    only = ("bedrock", "plate_inertia")
+    cases = make_campaign(tmp_path, seed=2, per_case=1, cache=cache, only=only, levels=(2,))
+    (rock,) = by_effect(cases, "bedrock")
+    header, _, _ = read(tmp_path / "traces" / rock.file)
+    assert header.get("bedrock_depth_m", math.inf) == math.inf
+    assert rock.bedrock_depth_m == rock.parameters["depth_m"] == pytest.approx(0.5)
+    (heavy,) = by_effect(cases, "plate_inertia")
+    header, _, _ = read(tmp_path / "traces" / heavy.file)
+    assert heavy.parameters["mass_kg"] == pytest.approx(0.5 * float(str(header["plate_mass_kg"])))
+
+
+def test_every_effect_can_be_made_and_keeps_its_drops_finite(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costly = {"layer", "stress_dependence:between_drops", "rough_contact"}
+    only = sorted(set(EFFECTS) - costly)
+    cases = make_campaign(tmp_path, seed=9, per_case=1, cache=cache, only=only, levels=(2,))
+    assert {case.key for case in cases} == set(only)
+    for case in cases:
+        _, _, table = read(tmp_path / "traces" / case.file)
+        assert np.all(np.isfinite(table))
+        assert np.max(np.abs(table[:, 3:])) < 10.0
+
+
+@pytest.mark.slow
+def test_effects_with_ground_of_their_own(tmp_path: Path, cache: Path) -> None:
+    only = ("layer", "stress_dependence:between_drops", "rough_contact")
+    cases = make_campaign(tmp_path, seed=1, per_case=1, cache=cache, only=only, levels=(2,))
+    (layer,) = by_effect(cases, "layer")
+    assert layer.sensors >= 2
+    assert layer.parameters["ratio"] == 2.5
+    (contact,) = by_effect(cases, "rough_contact")
+    assert contact.parameters["stiffness_factor"] == pytest.approx(0.89, abs=0.02)
+    (stress,) = by_effect(cases, "stress_dependence")
+    moduli = stress.parameters["moduli_pa"]
+    assert isinstance(moduli, list)
+    assert stress.modulus_pa == moduli[-1] == max(moduli)
+    assert moduli[0] < 0.95 * moduli[-1]
+
+
+def test_curves_run_from_the_weakest_to_the_strongest() -> None:
+    lag = EFFECTS["sensor_lag"]
+    curve = lag.curve(5)
+    assert len(curve) == 5
+    assert (curve[0], curve[-1]) == pytest.approx((lag.strengths[0], lag.strengths[-1]))
+    assert EFFECTS["layer"].curve(5) == EFFECTS["layer"].strengths
+
+
+def test_noise_has_the_size_and_colour_it_states() -> None:
+    generator = np.random.default_rng(1)
+    converter = Converter("velocity", 1e-3, 0.8, 2, 16)
+    noise = converter.noise_of((2, 40_000), generator)
+    np.testing.assert_allclose(np.std(noise, axis=1), 1, rtol=0.03)
+    assert np.corrcoef(noise[0, 1:], noise[0, :-1])[0, 1] == pytest.approx(0.8, abs=0.02)
+
+
+def test_outsiders_are_not_in_the_vocabulary() -> None:
+    unknown = {effect.name for effect in EFFECTS.values() if not effect.known}
+    assert len(unknown) >= 4
+    assert len({effect.name for effect in EFFECTS.values()} - unknown - {CLEAN}) == 17

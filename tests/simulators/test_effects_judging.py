@@ -1,0 +1,120 @@
+"""The benchmark's judgement of diagnoses: it says what is right, and that wrong is wrong."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from benchmarks.loop import Judged, run, summarise, totals
+from benchmarks.output import Reporter
+from simulators.campaign import Case
+
+CASE = Case(
+    file="0001.csv",
+    effect="sensor_lag",
+    key="sensor_lag",
+    known=True,
+    scope="device",
+    level=1,
+    strength=1e-4,
+    parameters={"delay_s": 1e-4},
+    misread="viscosity",
+    modulus_pa=40e6,
+    viscosity_pa_s=5e4,
+    density_kg_m3=1900.0,
+    bedrock_depth_m=None,
+    depth_declared=True,
+    radius_m=0.15,
+    poisson_ratio=0.35,
+    drops=2,
+    sensors=1,
+    quantity="velocity",
+    noise=1e-3,
+    noise_colour=0.0,
+    device=None,
+)
+CLEAN = replace(CASE, effect="clean", key="clean", level=-1, parameters={})
+UNKNOWN = replace(CASE, effect="gain_glitch", key="gain_glitch", known=False)
+
+
+def said(
+    verdict: str,
+    before: float,
+    after: float,
+    *names: str,
+    residual: float = 1.0,
+    alternatives: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """A record with moduli in MPa."""
+    state = {"modulus_sd_pa": 1e5, "residual_over_noise": residual}
+    return {
+        "verdict": verdict,
+        "before": {"modulus_pa": before * 1e6, **state},
+        "after": {"modulus_pa": after * 1e6, **state},
+        "effects": [{"name": name, "alternatives": list(alternatives)} for name in names],
+        "rejected": [],
+        "warnings": [],
+    }
+
+
+def test_an_effect_matters_by_modulus_or_by_residual() -> None:
+    assert Judged(CASE, said("clean", 41, 41)).matters
+    assert not Judged(CASE, said("clean", 40.3, 40.3)).matters
+    assert Judged(CASE, said("clean", 40, 40, residual=3.5)).matters
+    assert not Judged(CASE, said("clean", 41, 41)).visible
+
+
+def test_the_right_name_may_be_an_alternative() -> None:
+    assert Judged(CASE, said("explained", 44, 40, "sensor_lag")).right
+    assert Judged(CASE, said("explained", 44, 40, "viscosity", alternatives=("sensor_lag",))).right
+    assert not Judged(CASE, said("explained", 44, 40, "viscosity")).right
+    assert not Judged(CASE, None).right
+
+
+def test_totals_count_drops() -> None:
+    judged = [
+        Judged(CASE, said("explained", 44, 40, "sensor_lag")),
+        Judged(replace(CASE, drops=1), said("explained", 44, 46, "bedrock")),
+        Judged(replace(CASE, drops=1), said("clean", 40.1, 40.1)),  # too weak to count
+        Judged(CLEAN, said("clean", 40, 40)),
+        Judged(CLEAN, said("unexplained", 40, 40)),
+        Judged(UNKNOWN, said("unexplained", 44, 44)),
+        Judged(UNKNOWN, said("explained", 44, 44, "bedrock")),
+    ]
+    found = totals(judged)
+    assert found["right_named"] == pytest.approx(2 / 3)
+    assert found["false_alarms"] == pytest.approx(1 / 2)
+    assert found["called_unexplained"] == pytest.approx(1 / 2)
+    assert found["unknown_visible"] == 0
+    assert found["visible_called_unexplained"] is None
+    assert found["before_median"] == pytest.approx(10.0)
+    assert found["after_median"] == pytest.approx(0.0)
+    assert found["worse_anywhere"] == pytest.approx(1 / 12)
+
+
+def test_rejected_drops_and_clipped_samples_count_as_named() -> None:
+    record = said("clean", 40, 40) | {"rejected": ["drop 2: false trigger"]}
+    assert "false_trigger" in Judged(CASE, record).named
+    record = said("clean", 40, 40) | {"warnings": ["load clipped at 8 kN"]}
+    assert "saturation" in Judged(CASE, record).named
+
+
+def test_the_summary_is_one_object_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    nothing = {"before": None, "after": None}
+    spring = replace(CASE, effect="spring_rig", key="spring_rig", modulus_pa=None)
+    judged = [
+        Judged(CASE, said("explained", 44, 40, "sensor_lag")),
+        Judged(spring, said("unexplained", 44, 40) | nothing),
+        Judged(CLEAN, None),
+    ]
+    summarise(Reporter(["--json"]), judged)
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert any(record.get("right_named") == 0.5 for record in records)
+    assert {"true": "sensor_lag", "named": "sensor_lag 1"} in records
+
+
+def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--only", "bedrok"]) == 2
+    assert "bedrok" in capsys.readouterr().err
+    assert run(["--cases", "many"]) == 2
