@@ -20,8 +20,13 @@ MOST_SAMPLES = 180
 # Hz; a pulse of 8 ms has a hundredth of its spectrum left there.
 _BAND_HZ = 900.0
 _REMEMBERED = 12
-_FLAT_SAMPLES = 4
-_FLAT_OVER_SPREAD = 1.5
+# Samples at the start whose middle is the offset of a channel.
+_REST = 16
+# A top is flat within so many times the noise, or this part of it; cut off, when its flanks point
+# to a top higher by this factor.
+_FLAT_SAMPLES = 5
+_FLAT_NOISE, _FLAT_PART = 5.0, 0.015
+_CUT_OFF = 1.06
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
 
@@ -98,7 +103,10 @@ class DropModel:
             contact_end=drop.contact_end,
             index=index,
             count=count,
-            flat=tuple(_flat_level(sensor.values) for sensor in record.sensors),
+            flat=tuple(
+                _flat_level(sensor.values - np.median(sensor.values[:_REST]), channel.model.rms)
+                for sensor, channel in zip(record.sensors, drop.channels, strict=True)
+            ),
         )
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
@@ -161,14 +169,30 @@ class DropModel:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def _flat_level(values: FloatArray) -> float | None:
-    """Largest level, of either sign, at which a record is flat over several samples; None: none."""
-    inner = values[1:-1]
-    for signed in (inner, -inner):
-        top = float(signed.max())
-        flat = signed >= top - 1e-9 * abs(top)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], flat, [False]]).astype(np.int8)))
-        longest = int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
-        if longest >= _FLAT_SAMPLES and top > _FLAT_OVER_SPREAD * float(np.std(inner)):
-            return top
+def _flat_level(values: FloatArray, noise: float) -> float | None:
+    """Level at which a record is cut off, from what its flanks point to; None: it is not.
+
+    The samples near the largest one lie flat, and a parabola through as many samples on either
+    side of them has its top well above.
+    """
+    for signed in (values, -values):
+        top = int(np.argmax(signed))
+        level = float(signed[top])
+        near = signed > level - max(_FLAT_NOISE * noise, _FLAT_PART * level)
+        first, last = top, top
+        while first > 0 and near[first - 1]:
+            first -= 1
+        while last < signed.size - 1 and near[last + 1]:
+            last += 1
+        width = last - first + 1
+        if width < _FLAT_SAMPLES or first < width or last + width >= signed.size:
+            continue
+        place = np.arange(-width, 2 * width) / width
+        part = signed[first - width : last + width + 1]
+        flanks = np.r_[0:width, 2 * width : 3 * width]
+        curve = np.polynomial.polynomial.polyfit(place[flanks], part[flanks], 2)
+        pointed = float(np.polynomial.polynomial.polyval(0.5, curve))
+        spread = float(np.std(part[width : 2 * width]))
+        if pointed > _CUT_OFF * level and spread < max(2.5 * noise, 0.01 * level):
+            return float(np.median(part[width : 2 * width]))
     return None
