@@ -1,4 +1,4 @@
-"""The model of a drop with effects: four stages, of which the slow one is remembered."""
+"""The model of a drop with effects: five stages, of which the slow one is remembered."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
+from inversion.effects.parallel import Bending, effective_force, hat_response
 from inversion.forward import Grounds, transfer_function
-from inversion.kernel import FloatArray
+from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
 from inversion.misfit import model_floor
 from inversion.record import PreparedDrop, Record, prepare
@@ -19,7 +20,9 @@ from inversion.surrogate import Surrogate
 MOST_SAMPLES = 180
 # Hz; a pulse of 8 ms has a hundredth of its spectrum left there.
 _BAND_HZ = 900.0
-_REMEMBERED = 12
+_REMEMBERED = 24
+# 1/s; slow enough for the ground to be at rest.
+_STILL = 1e-3
 # Samples at the start whose middle is the offset of a channel.
 _REST = 16
 # A top is flat within so many times the noise, or this part of it; cut off, when its flanks point
@@ -90,6 +93,8 @@ class DropModel:
         spectrum = spectrum * self._instrument.response(self._s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+        ramp = transform.synthesis(time) / self._s[:, None] ** 2
+        self._ramp = np.vstack([ramp.real, -ramp.imag])
         self.observed = drop.displacement[:, self.rows]
         self.context = DropContext(
             time=time,
@@ -111,11 +116,12 @@ class DropModel:
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
         self.peak: FloatArray = drop.peak_displacement
-        self._memory: dict[tuple[object, ...], FloatArray] = {}
+        self._memory: dict[tuple[object, ...], ComplexArray] = {}
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
         """What would be recorded, (n_sensors, n), m."""
         motion = self._linear(ground, active)
+        motion = self._bent(motion, ground, active)
         for effect, values in active:
             motion = effect.motion(motion, values, self.context)
         instrument, step = self.record.instrument, self.context.step
@@ -126,12 +132,34 @@ class DropModel:
             motion = effect.record(motion, values, self.context)
         return motion
 
-    def _linear(self, ground: Ground, active: Active) -> FloatArray:
-        """Motion of the linear ground under the load."""
+    def _bent(self, motion: FloatArray, ground: Ground, active: Active) -> FloatArray:
+        """The motion of ground whose static resistance bends, from that of the linear one."""
+        bending = Bending()
+        for effect, values in active:
+            bending = effect.bending(bending, values, self.context)
+        if bending.straight:
+            return motion
+        compliance = self._compliance(ground, active, self._s)
+        still = self._compliance(ground, active, np.array([_STILL + 0j]))
+        plate = int(np.argmin(self.context.offsets))
+        stiffness = 1.0 / float(still[plate, 0].real)
+        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
+        hats = hat_response(parts @ self._ramp, self.context.step)
+        load = self.context.load
+        reference = self.context.largest_load / stiffness
+        force = effective_force(hats[plate], load, bending, stiffness, reference)
+        # What the samples of the load leave out is small and linear: it stays in the motion.
+        change = force - load
+        moved = np.stack([np.convolve(hat, change)[: load.size] for hat in hats])
+        bent: FloatArray = motion + moved
+        return bent
+
+    def _compliance(self, ground: Ground, active: Active, s: ComplexArray) -> ComplexArray:
+        """Displacement over load at every sensor, (n_sensors, n), m/N."""
         for effect, values in active:
             ground = effect.ground(ground, values, self.context)
         shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
-        key = (ground, *((e.name, *v.values()) for e, v in shaping))
+        key = (s.size, ground, *((e.name, *v.values()) for e, v in shaping))
         known = self._memory.get(key)
         if known is not None:
             return known
@@ -142,15 +170,20 @@ class DropModel:
             np.array([ground.inverse_depth]),
         )
         instrument = replace(self._instrument, plate_mass=ground.plate_mass)
-        compliance = transfer_function(self._surrogate, instrument, self._s, grounds)[0]
-        compliance = compliance[-self.context.offsets.size :]
+        every = transfer_function(self._surrogate, instrument, s, grounds)[0]
+        compliance: ComplexArray = every[-self.context.offsets.size :]
         for effect, values in shaping:
-            compliance = effect.compliance(compliance, self._s, values, self.context)
-        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
-        motion: FloatArray = parts @ self._synthesis
+            compliance = effect.compliance(compliance, s, values, self.context)
         if len(self._memory) >= _REMEMBERED:
             self._memory.pop(next(iter(self._memory)))
-        self._memory[key] = motion
+        self._memory[key] = compliance
+        return compliance
+
+    def _linear(self, ground: Ground, active: Active) -> FloatArray:
+        """Motion of the linear ground under the load."""
+        compliance = self._compliance(ground, active, self._s)
+        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
+        motion: FloatArray = parts @ self._synthesis
         return motion
 
     def window(self, *, contact_only: bool) -> slice:

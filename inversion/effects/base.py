@@ -1,9 +1,10 @@
 """What an effect is: something real in a record that the base model does not contain.
 
-The model of a record goes through four stages, and an effect changes one of them::
+The model of a record goes through five stages, and an effect changes one of them::
 
     ground    parameters of the ground and the mass on it
     compliance  displacement over load in the Laplace domain
+    bending   static resistance that is no straight line
     motion    what plate and ground do in time
     record    what sensor and processing make of it
 
@@ -18,6 +19,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from inversion.effects.parallel import Bending
 from inversion.kernel import ComplexArray, FloatArray
 
 Scope = Literal["drop", "point", "device"]
@@ -129,6 +131,10 @@ class Effect:
     ) -> ComplexArray:
         """Displacement over load, (n_sensors, n), m/N, with the effect."""
         return compliance
+
+    def bending(self, bending: Bending, values: Values, drop: DropContext) -> Bending:
+        """How the ground's static resistance bends, with the effect."""
+        return bending
 
     def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """What plate and ground do, (n_sensors, n), m, with the effect."""

@@ -1,22 +1,15 @@
 r"""The modulus depends on the stress, between drops and within one.
 
 With :math:`E = E_{ref} (\sigma / \sigma_{ref})^n` the resistance to a displacement w grows like
-:math:`w^{1/(1-n)}`. The displacement of the linear ground is taken for the stress over the
-reference modulus and mapped: :math:`w = w_{ref} (w_{lin} / w_{ref})^{1 - n}`, the reference being
-the largest drop of the point. ``within`` is the part that acts within a drop; the rest acts between
-drops alone, each of which meets ground of one modulus.
+:math:`w^{1/(1-n)}` (`inversion.effects.parallel`), the reference being the stress under the point's
+largest drop. ``within`` is the part that acts within a drop; the rest acts between drops alone,
+each of which meets ground of one modulus.
 """
 
 from dataclasses import replace
 
-import numpy as np
-
 from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
-from inversion.kernel import FloatArray
-
-# Part of the reference below which the map goes on as a straight line: near zero its slope would
-# grow without bound, which no ground does.
-_LINEAR_BELOW = 0.02
+from inversion.effects.parallel import Bending
 
 
 class StressDependence(Effect):
@@ -40,12 +33,7 @@ class StressDependence(Effect):
         height = drop.peak_load / drop.largest_load
         return replace(ground, modulus=ground.modulus * height**between)
 
-    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Each sensor's displacement on the ground that stiffens or softens."""
+    def bending(self, bending: Bending, values: Values, drop: DropContext) -> Bending:
+        """The part that acts within a drop, and between drops through it."""
         exponent = values["exponent"] * values.get("within", 1.0)
-        peak = np.abs(motion).max(axis=1, keepdims=True)
-        reference = peak * (drop.largest_load / drop.peak_load)
-        ratio = np.abs(motion) / reference
-        bent = np.maximum(ratio, _LINEAR_BELOW) ** (-exponent)
-        result: FloatArray = motion * bent
-        return result
+        return replace(bending, stress_exponent=exponent)

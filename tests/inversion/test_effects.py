@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
+from inversion.effects.parallel import Bending, effective_force, hat_response
 
 TIME = np.arange(600) * 1e-4
 PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
@@ -51,7 +52,12 @@ def through(effect: Effect, values, drop=None):
     ground = effect.ground(Ground(4e7, 5e4, 1900.0, 0.0, 10.0), values, drop)
     s = 50.0 + 2j * np.pi * np.arange(1, 40) * 10.0
     compliance = effect.compliance(np.full((2, s.size), 1e-8 + 0j), s, values, drop)
+    assert effect.bending(Bending(), values, drop).straight or name_bends(effect)
     return ground, compliance, effect.record(effect.motion(MOTION, values, drop), values, drop)
+
+
+def name_bends(effect: Effect) -> bool:
+    return effect.name not in NOTHING
 
 
 @pytest.mark.parametrize("name", NOTHING)
@@ -106,17 +112,67 @@ def test_a_delay_shifts() -> None:
     np.testing.assert_allclose(shift(MOTION, 0.002, TIME)[0, 20:], MOTION[0, :-20], atol=1e-9)
 
 
-def test_stress_dependence_makes_resistance_a_power_of_displacement() -> None:
-    # E ~ sigma^n: w ~ F^(1 - n) for a static ground.
-    n = 0.4
-    drop = context(peak_load=4000.0, load=4000.0 * PULSE)
-    half = BY_NAME["stress_dependence"].motion(0.5 * MOTION, {"exponent": n}, drop)
-    whole = BY_NAME["stress_dependence"].motion(MOTION, {"exponent": n}, context())
-    assert whole[0].max() == pytest.approx(MOTION[0].max())
-    assert half[0].max() / whole[0].max() == pytest.approx(0.5 ** (1 - n), rel=1e-9)
-    place = int(np.argmin(np.abs(PULSE[:100] - 0.5)))
-    expected = MOTION[0].max() * PULSE[place] ** (1 - n)
-    assert whole[0, place] == pytest.approx(expected, rel=1e-9)
+def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
+    """Hat response of a spring and a damper side by side: w = (1 - exp(-k t / c)) / k."""
+    time = step * np.arange(count)
+    rate = stiffness / damper
+    ramp = (time - (1 - np.exp(-rate * time)) / rate) / stiffness
+    return hat_response(ramp[None], step)
+
+
+def test_a_straight_resistance_changes_nothing() -> None:
+    hats = rod(1e-4, 600, 2e7, 1e5)
+    load = 8000.0 * PULSE
+    force = effective_force(hats[0], load, Bending(), 2e7, 4e-4)
+    np.testing.assert_allclose(force, load, atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [0.3, -0.3, 0.55])
+def test_bending_ground_follows_its_equation_of_motion(n: float) -> None:
+    # c w' + R(w) = F with R = k r (w / r)^(1/(1-n)): integrated without any convolution.
+    stiffness, damper, reference = 2e7, 3e4, 4e-4
+    load = 8000.0 * PULSE
+
+    def motion(t, w):
+        force = np.interp(t, TIME, load)
+        size = max(abs(w[0]) / reference, 1e-6)
+        return [(force - np.sign(w[0]) * stiffness * reference * size ** (1 / (1 - n))) / damper]
+
+    found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
+    hats = rod(1e-4, 600, stiffness, damper)
+    force = effective_force(hats[0], load, Bending(stress_exponent=n), stiffness, reference)
+    got = np.convolve(hats[0], force)[:600]
+    np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
+
+
+def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
+    # So slow that nothing is radiated: w = r (F / (k r))^(1 - n).
+    hats = rod(1.0, 400, 2e7, 1e3)
+    load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
+    force = effective_force(hats[0], load, Bending(stress_exponent=0.4), 2e7, 4e-4)
+    got = np.convolve(hats[0], force)[:400]
+    np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
+
+
+def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
+    hats = rod(1e-4, 600, 2e7, 1e4)
+    load = 8000.0 * PULSE
+    bending = Bending(unrecovered=0.2)
+    force = effective_force(hats[0], load, bending, 2e7, 4e-4)
+    got = np.convolve(hats[0], force)[:600]
+    assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
+
+
+def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
+    effect = BY_NAME["stress_dependence"]
+    low = context(peak_load=4000.0, count=3)
+    ground = Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
+    values = {"exponent": 0.5, "within": 0.0}
+    assert effect.ground(ground, values, low).modulus == pytest.approx(4e7 * 0.5**0.5)
+    assert effect.bending(Bending(), values, low) == Bending()
+    values = {"exponent": 0.5, "within": 1.0}
+    assert effect.ground(ground, values, low) == ground
+    assert effect.bending(Bending(), values, low) == Bending(stress_exponent=0.5)
 
 
 def test_permanent_set_stays() -> None:

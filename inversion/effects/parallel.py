@@ -1,0 +1,144 @@
+r"""Ground whose static resistance bends, beside the waves that it radiates.
+
+.. math:: w = h * \big( F - [R(w) - K w] \big)
+
+h is the linear ground with all it does in time (inertia, radiation, viscosity, plate mass, rock), K
+its static stiffness: the spring's part of the ground is exchanged for R, the rest stays linear.
+Loading, :math:`R = K w_r (w / w_r)^{1/(1-n)}`, is what a modulus :math:`E \sim \sigma^n` makes of
+the secant stiffness; the reference :math:`w_r` is the static displacement under the point's largest
+load, at which the modulus holds. Unloading from the peak :math:`w_p`:
+:math:`R = R(w_p) x^{q/(1-n)}`, :math:`x = (w/w_p - u)/(1-u)`. With n = 0, q = 1, u = 0 this is the
+linear model to rounding.
+
+Newton's method on all samples at once; the system is lower triangular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg import solve_triangular
+
+from inversion.kernel import FloatArray
+
+_NEWTON_STEPS = 20
+_CONVERGED = 1e-6
+# The ground unloads from its largest displacement while the load is above this fraction.
+_LOADED = 0.2
+# Below this ratio a power is a straight line: its slope at rest stays finite.
+_STRAIGHT_BELOW = 1e-6
+
+
+@dataclass(frozen=True)
+class Bending:
+    """How the static resistance departs from a straight line.
+
+    Parameters
+    ----------
+    stress_exponent : float, n in E ~ stress^n
+    unloading_exponent : float, q; 1: as in loading
+    unrecovered : float, u; 0: all recovered
+    """
+
+    stress_exponent: float = 0.0
+    unloading_exponent: float = 1.0
+    unrecovered: float = 0.0
+
+    @property
+    def straight(self) -> bool:
+        """Whether there is no departure."""
+        return self == Bending()
+
+
+def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
+    """Displacement (k, n) at the samples after a force that is a hat over one sample, m/N.
+
+    Parameters
+    ----------
+    ramp_response : (k, n) ndarray
+        Displacement under a force that grows by 1 N/s from time 0: the inverse transform of
+        compliance(s) / s^2.
+    step : float, s
+    """
+    ramp = (ramp_response - ramp_response[:, :1]) / step
+    result = np.empty_like(ramp)
+    result[:, 0] = ramp[:, 1]
+    result[:, 1:-1] = ramp[:, 2:] - 2.0 * ramp[:, 1:-1] + ramp[:, :-2]
+    result[:, -1] = result[:, -2]
+    return result
+
+
+def effective_force(
+    plate: FloatArray, load: FloatArray, bending: Bending, stiffness: float, reference: float
+) -> FloatArray:
+    """Force on the linear ground that stands for the load on the bending one, (n,), N.
+
+    Parameters
+    ----------
+    plate : (n,) ndarray, hat response of the plate, m/N
+    load : (n,) ndarray, N
+    bending : Bending
+    stiffness : float, N/m, static, of the linear ground
+    reference : float, m
+    """
+    toeplitz = _lower_toeplitz(plate)
+    linear = toeplitz @ load
+    scale = float(np.abs(linear).max())
+    w, diagonal = linear.copy(), np.arange(load.size)
+    for _ in range(_NEWTON_STEPS):
+        turn = _turning_point(w, load)
+        force, slope, in_peak = _resistance(w, turn, bending, stiffness, reference)
+        left = w - toeplitz @ (load - force + stiffness * w)
+        system = toeplitz * (slope - stiffness)
+        system[diagonal, diagonal] += 1.0
+        if in_peak is not None:
+            system[:, turn] += toeplitz @ in_peak
+        step = solve_triangular(system, left, lower=True, check_finite=False)
+        size = float(np.abs(step).max())
+        if not np.isfinite(size):
+            break
+        w = w - step * min(1.0, 0.5 * scale / size) if size > 0.0 else w
+        if size < _CONVERGED * scale:
+            break
+    force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)
+    return load - force + stiffness * w
+
+
+def _lower_toeplitz(kernel: FloatArray) -> FloatArray:
+    padded = np.concatenate([kernel[::-1], np.zeros(kernel.size - 1)])
+    return np.asarray(sliding_window_view(padded, kernel.size)[::-1])
+
+
+def _turning_point(w: FloatArray, load: FloatArray) -> int | None:
+    loaded = np.flatnonzero(load > _LOADED * load.max())
+    turn = int(loaded[0] + np.argmax(w[loaded[0] : loaded[-1] + 1]))
+    return turn if w[turn] > 0.0 else None
+
+
+def _resistance(
+    w: FloatArray, turn: int | None, bending: Bending, stiffness: float, reference: float
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Force, its slope in w, and after the turning point its slope in the peak, each (n,)."""
+    power = 1.0 / (1.0 - bending.stress_exponent)
+    force, slope = _power(w / reference, power)
+    force, slope = force * stiffness * reference, slope * stiffness
+    if turn is None or (bending.unloading_exponent == 1.0 and bending.unrecovered == 0.0):
+        return force, slope, None
+    peak, top, free = float(w[turn]), float(force[turn]), 1.0 - bending.unrecovered
+    later = w[turn + 1 :]
+    value, steep = _power(
+        (later / peak - bending.unrecovered) / free, power * bending.unloading_exponent
+    )
+    force[turn + 1 :], slope[turn + 1 :] = top * value, top * steep / (peak * free)
+    in_peak = np.zeros_like(w)
+    in_peak[turn + 1 :] = power * top / peak * value - top * steep * later / (peak**2 * free)
+    return force, slope, in_peak
+
+
+def _power(ratio: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:
+    """sign(x) |x|^p and its derivative, p > 0."""
+    size = np.abs(ratio)
+    steep = np.maximum(size, _STRAIGHT_BELOW) ** (exponent - 1.0)
+    return steep * ratio, np.where(size < _STRAIGHT_BELOW, 1.0, exponent) * steep
