@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
     try:
-        _stop_cleanly_on_sigterm()
+        _stop_cleanly_on_signals()
         status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))
         sys.stdout.flush()  # here, so that a reader who has left is noticed here
     except KeyboardInterrupt:
@@ -71,10 +71,12 @@ def _explain(err: Exception, command: str) -> str:
     )
 
 
-def _stop_cleanly_on_sigterm() -> None:
+def _stop_cleanly_on_signals() -> None:
     def stop(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
     # Python hands signals to the main thread only, and refuses handlers elsewhere.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, stop)
+        # Set anew: what a shell starts in the background ignores it otherwise.
+        signal.signal(signal.SIGINT, stop)

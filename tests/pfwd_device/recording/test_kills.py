@@ -18,10 +18,13 @@ from pfwd_device.recording.publishing import InlinePublisher
 TOP = Path(__file__).resolve().parents[3]
 
 WRITER = """
+import signal
 import sys
 import numpy as np
 from benchmarks.power_loss import make_record
 from pfwd_device.recording import SurveyWriter
+# A run in the background would ignore it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with SurveyWriter.open(sys.argv[1], publish=sys.argv[2] == "publish") as writer:
     print("open", flush=True)
     number = writer.drops_acknowledged
