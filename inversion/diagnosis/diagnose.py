@@ -180,7 +180,7 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
     verdict: Verdict = "unexplained"
     if explained:
         verdict = "explained" if helped else "clean"
-    held_before, held_after = _held_out(point, search, best)
+    held_before, held_after = _held_out(point, base, best)
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
@@ -268,14 +268,14 @@ def _parameter(
     return FoundParameter(p.name, p.unit, value, float(abs(slope) * deviation), number, at_bound)
 
 
-def _held_out(point: Point, search: Search, best: Candidate) -> tuple[float | None, float | None]:
+def _held_out(point: Point, base: Candidate, best: Candidate) -> tuple[float | None, float | None]:
     """Residual over peak of each drop, predicted from the others; None with a single drop."""
     count = len(point.drops)
     if count < 2:
         return None, None
     errors: dict[str, list[float]] = {"before": [], "after": []}
     for left_out in range(count):
-        for name, candidate in (("before", search.base()), ("after", best)):
+        for name, candidate in (("before", base), ("after", best)):
             errors[name].append(_predict_left_out(candidate, left_out))
     before, after = (float(np.sqrt(np.mean(np.square(e)))) for e in errors.values())
     return before, after

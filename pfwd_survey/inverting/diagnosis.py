@@ -95,6 +95,8 @@ def diagnose_files(
             yield one
             continue
         diagnosis = found.get(id(one))
+        if device and isinstance(diagnosis, PointDiagnosis):
+            diagnosis = with_device(diagnosis, _given(device))
         if isinstance(diagnosis, str):
             yield Diagnosed(one.file, error=f"{one.file}: {diagnosis}")
             continue
@@ -202,6 +204,12 @@ def _device_findings(
     ordered = [name for name in BY_NAME if name in names]
     records = [one.records for one in points if one.records is not None]
     return fit_device(records, diagnoses, ordered, SurrogateLibrary())
+
+
+def _given(device: DeviceValues) -> DeviceFindings:
+    """Known device effects, whose deviations are not known here."""
+    nothing = {name: dict.fromkeys(values, math.nan) for name, values in device.items()}
+    return DeviceFindings(device, nothing, 0)
 
 
 def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDiagnosis:

@@ -1,0 +1,149 @@
+"""Diagnoses of files: device files, surveys of one device, what machines and people are shown."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd_device import Channel, Drop
+from pfwd_survey.errors import OptionError
+from pfwd_survey.files.header import Setup
+from pfwd_survey.files.traces import TracePoint, write_traces
+from pfwd_survey.inverting.diagnosis import (
+    Diagnosed,
+    device_of,
+    diagnose_files,
+    read_device_file,
+    write_device_file,
+)
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+from tui.diagnosis_lines import diagnosis_lines
+
+RADIUS = 0.15
+DELAY = 6e-4
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Two points of one device whose deflection comes late, by whole samples."""
+    folder = tmp_path_factory.mktemp("points")
+    paths = []
+    for number, (modulus, depth) in enumerate([(40e6, 1.0), (70e6, 1.5)]):
+        ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
+        hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+        found = simulate_drop(ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4)
+        late = round(DELAY / 1e-4)
+        moved = np.concatenate([np.zeros(200 + late), found.plate_displacement[:-late]])
+        rng = np.random.default_rng(number)
+        moved = moved + 5e-4 * moved.max() * rng.standard_normal(moved.size)
+        load = np.concatenate([np.zeros(200), found.load])
+        time = 1e-4 * np.arange(-200, found.load.size)
+        drop = Drop(1, time, load, (Channel(0.0, "displacement", moved),))
+        setup = Setup(
+            plate_radius=RADIUS,
+            plate_mass=10.0,
+            poisson_ratio=0.35,
+            bedrock_depth=depth,
+            device="late unit",
+        )
+        path = folder / f"point-{number}.csv"
+        write_traces(path, TracePoint(str(path), setup, (drop,)))
+        paths.append(str(path))
+    return paths
+
+
+@pytest.fixture(scope="module")
+def found(files: list[str]) -> list[Diagnosed]:
+    return list(diagnose_files(files))
+
+
+def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> None:
+    values = set()
+    for one, modulus in zip(found, (40e6, 70e6), strict=True):
+        assert one.record is not None
+        assert one.record["verdict"] == "explained"
+        assert one.record["corrected"] is True
+        lag = next(e for e in one.record["effects"] if e["name"] == "sensor_lag")
+        values.add(lag["value"])
+        assert lag["value"] == pytest.approx(DELAY, abs=2e-5)
+        assert one.record["after"]["modulus_pa"] == pytest.approx(modulus, rel=0.012)
+        before, after = one.record["before"], one.record["after"]
+        assert before["residual_over_noise"] > 3 * after["residual_over_noise"]
+    assert len(values) == 1
+
+
+def test_the_keys_are_those_of_the_contract(found: list[Diagnosed]) -> None:
+    record = found[0].record
+    assert record is not None
+    keys = "file device drops verdict corrected noise_rms_m before effects after held_out warnings"
+    assert set(keys.split()) <= set(record)
+    state = (
+        "model modulus_pa modulus_sd_pa residual_rms_m residual_over_noise "
+        "residual_rms_over_peak contact_residual_rms_over_peak"
+    )
+    assert set(state.split()) == set(record["before"]) == set(record["after"])
+    effect = "name value sd unit parameters evidence alternatives"
+    assert set(effect.split()) <= set(record["effects"][0])
+    assert record["held_out"] is None
+    text = "\n".join(diagnosis_lines(record))
+    assert "EXPLAINED" in text
+    assert "sensor_lag" in text
+
+
+def test_device_effects_are_kept_and_applied(
+    found: list[Diagnosed], files: list[str], tmp_path: Path
+) -> None:
+    assert device_of(found) == "late unit"
+    path = tmp_path / "D.toml"
+    write_device_file(path, found, "late unit")
+    values = read_device_file(path)
+    assert values["sensor_lag"]["delay"] == pytest.approx(DELAY, abs=2e-5)
+    (again,) = diagnose_files(files[:1], device=values)
+    assert again.record is not None
+    assert again.record["after"]["modulus_pa"] == pytest.approx(40e6, rel=0.012)
+    assert [effect["name"] for effect in again.record["effects"]] == ["sensor_lag"]
+    assert found[0].record is not None
+    before = found[0].record["before"]["modulus_pa"]
+    assert again.record["before"]["modulus_pa"] == pytest.approx(before)
+
+
+def test_files_of_two_devices_cannot_be_one_calibration() -> None:
+    two = [Diagnosed("a", {"device": "one"}), Diagnosed("b", {"device": "two"})]
+    with pytest.raises(OptionError, match=r"--write-device: expected files of one device"):
+        device_of(two)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[no_such_effect]\nx = 1", "expected device effects of the catalogue"),
+        ("[bedrock]\ndepth_m = 1", "expected device effects of the catalogue"),
+        ("[sensor_lag]\ndelay = 1", r"expected \[sensor_lag\] delay_s as a number"),
+        ("[sensor_lag]\ndelay_s = 1.0", r"delay_s from -0.003 to 0.003"),
+        ("[sensor_lag", "expected TOML"),
+    ],
+)
+def test_a_wrong_device_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "D.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(OptionError, match=message):
+        read_device_file(path)
+
+
+def test_a_device_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="a TOML file"):
+        read_device_file(tmp_path / "none.toml")
+
+
+def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
+    quiet = np.zeros(400)
+    time = 1e-4 * np.arange(-100, 300)
+    drop = Drop(1, time, quiet, (Channel(0.0, "velocity", quiet),))
+    path = tmp_path / "quiet.csv"
+    write_traces(path, TracePoint(str(path), Setup(plate_radius=RADIUS), (drop,)))
+    (one, other) = diagnose_files([str(path), str(tmp_path / "none.csv")])
+    assert one.record is not None
+    assert one.record["drops"] == []
+    assert one.record["effects"][0]["name"] == "false_trigger"
+    assert other.error is not None
