@@ -11,15 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from inversion.diagnosis.problem import Problem, Unknown
 from inversion.kernel import FloatArray
 
 _STEP = 1e-4
 _MOST_ITERATIONS = 30
-_SMALLEST_GAIN = 1e-4
+_SMALLEST_GAIN = 1e-5
 _ON_BOUND = 1e-3
 _LARGEST_STEP = 0.25
+# How far from a bound a fit begins, and what stands for a residual without a value.
+_INSIDE = 2e-3
+_FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,8 @@ def fit(
     device, own : places to start from
     iterations : int, at most
     """
+    if len(problem.points) == 1:
+        return _fit_point(problem, device, own[0], iterations)
     device, owns = np.clip(device, 0.0, 1.0), [np.clip(one, 0.0, 1.0) for one in own]
     residuals = _residuals(problem, device, owns)
     cost = _cost(residuals)
@@ -111,6 +117,43 @@ def fit(
             break
     count = sum(one.size for one in residuals)
     return Fit(problem, device, tuple(owns), cost, count, normal)
+
+
+def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations: int) -> Fit:
+    """A single point: few unknowns, many of them near a bound, where the method that keeps away
+    from bounds (Branch, Coleman and Li 1999, SIAM J. Sci. Comput. 21(1), 1-23) does not get stuck.
+    """
+    width = len(device)
+
+    def residual(places: FloatArray) -> FloatArray:
+        found = problem.residual(0, places[:width], places[width:])
+        return np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+
+    def jacobian(places: FloatArray) -> FloatArray:
+        there = residual(places)
+        columns = []
+        for place in range(places.size):
+            step = _difference(places[place])
+            moved = places.copy()
+            moved[place] += step
+            columns.append((residual(moved) - there) / step)
+        return np.array(columns).T
+
+    start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
+    found = least_squares(
+        residual,
+        start,
+        jacobian,
+        bounds=(0.0, 1.0),
+        method="trf",
+        xtol=1e-5,
+        ftol=_SMALLEST_GAIN,
+        gtol=1e-10,
+        max_nfev=iterations,
+    )
+    places, cost = found.x, 2.0 * float(found.cost)
+    normal = found.jac.T @ found.jac
+    return Fit(problem, places[:width], (places[width:],), cost, found.fun.size, normal)
 
 
 def _cost(residuals: Sequence[FloatArray]) -> float:
