@@ -25,11 +25,11 @@ _REMEMBERED = 24
 _STILL = 1e-3
 # Samples at the start whose middle is the offset of a channel.
 _REST = 16
-# A top is flat within so many times the noise, or this part of it; cut off, when its flanks point
-# to a top higher by this factor.
-_FLAT_SAMPLES = 5
+# A top is flat within so many times the noise, or this part of it, over at least so many samples;
+# it is cut off when it is left so much more steeply than a rounded one.
+_FLAT_SAMPLES = 4
 _FLAT_NOISE, _FLAT_PART = 5.0, 0.015
-_CUT_OFF = 1.06
+_STEEPER = 2.5
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
 
@@ -203,29 +203,28 @@ class DropModel:
 
 
 def _flat_level(values: FloatArray, noise: float) -> float | None:
-    """Level at which a record is cut off, from what its flanks point to; None: it is not.
+    """Level at which a record is cut off; None: it is not.
 
-    The samples near the largest one lie flat, and a parabola through as many samples on either
-    side of them has its top well above.
+    The samples within a narrow band below the largest one are many, and the record leaves the band
+    far more steeply than a rounded top of that width does: a parabola that falls by the band b
+    within half the width n leaves it with a slope of 4 b / n.
     """
     for signed in (values, -values):
         top = int(np.argmax(signed))
         level = float(signed[top])
-        near = signed > level - max(_FLAT_NOISE * noise, _FLAT_PART * level)
+        band = max(_FLAT_NOISE * noise, _FLAT_PART * level)
+        near = signed > level - band
         first, last = top, top
         while first > 0 and near[first - 1]:
             first -= 1
         while last < signed.size - 1 and near[last + 1]:
             last += 1
         width = last - first + 1
-        if width < _FLAT_SAMPLES or first < width or last + width >= signed.size:
+        if width < _FLAT_SAMPLES or first < 2 or last + 2 >= signed.size:
             continue
-        place = np.arange(-width, 2 * width) / width
-        part = signed[first - width : last + width + 1]
-        flanks = np.r_[0:width, 2 * width : 3 * width]
-        curve = np.polynomial.polynomial.polyfit(place[flanks], part[flanks], 2)
-        pointed = float(np.polynomial.polynomial.polyval(0.5, curve))
-        spread = float(np.std(part[width : 2 * width]))
-        if pointed > _CUT_OFF * level and spread < max(2.5 * noise, 0.01 * level):
-            return float(np.median(part[width : 2 * width]))
+        rounded = 4.0 * band / width
+        rise = 0.5 * (signed[first] - signed[first - 2])
+        fall = 0.5 * (signed[last] - signed[last + 2])
+        if min(rise, fall) > _STEEPER * rounded:
+            return float(np.median(signed[first : last + 1]))
     return None

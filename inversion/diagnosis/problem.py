@@ -20,8 +20,8 @@ from inversion.library import SurrogateLibrary
 from inversion.peak_method import peak_modulus
 
 SOIL = (
-    # E over the peak-method value, so that all grounds start alike
-    EffectParameter("modulus_ratio", "-", 0.05, 20.0, (0.8,), logarithmic=True),
+    # E over the peak-method value, within what the inversion allows (inversion.parameters)
+    EffectParameter("modulus_ratio", "-", 0.12, 6.0, (0.8,), logarithmic=True),
     EffectParameter("relaxation", "s", 0.0, 0.02, (1.0e-3,)),
     EffectParameter("density", "kg/m3", 1000.0, 2800.0, (1800.0,), logarithmic=True),
 )

@@ -17,7 +17,7 @@ class Rebound(Effect):
 
     name = "rebound"
     scope = "drop"
-    parameters = (EffectParameter("lift_off", "s", -0.012, 0.02, (-0.002, 0.002)),)
+    parameters = (EffectParameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),)
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
     def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:

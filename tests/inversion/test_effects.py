@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from inversion.diagnosis.model import _flat_level
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
 from inversion.effects.parallel import Bending, effective_force, hat_response
@@ -220,3 +221,15 @@ def test_a_stiff_crust_lowers_the_centre_more_than_the_far_sensor() -> None:
     near, far = BY_NAME["layer"].compliance(one, np.ones(1, complex), values, context())[:, 0].real
     assert near < 0.75
     assert near < far < 1.1
+
+
+@pytest.mark.parametrize("level", [0.6, 0.85, 0.95])
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: float) -> None:
+    rng = np.random.default_rng(2)
+    pulse = np.sin(np.pi * np.arange(300) / 100) * np.exp(-np.arange(300) / 150)
+    pulse = pulse / pulse.max()
+    hiss = noise * rng.standard_normal(300)
+    assert _flat_level(pulse + hiss, noise) is None
+    cut = np.clip(pulse, -level, level) + hiss
+    assert _flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
