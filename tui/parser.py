@@ -112,12 +112,7 @@ def _add_invert(commands: "Commands") -> None:
     search.add_argument(
         "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
     )
-    known = invert.add_argument_group("what is known, over the files' headers")
-    known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
-    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
-    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
-    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
-    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
+    _add_known(invert)
     output = invert.add_argument_group("output")
     output.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
@@ -242,14 +237,18 @@ def _add_diagnose(commands: "Commands") -> None:
     diagnose.add_argument(
         "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
     )
-    known = diagnose.add_argument_group("what is known, over the files' headers")
+    _add_known(diagnose)
+    diagnose.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
+
+
+def _add_known(parser: argparse.ArgumentParser) -> None:
+    known = parser.add_argument_group("what is known, over the files' headers")
     known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
     known.add_argument("--plate-radius", type=float, metavar="M", help="m")
     known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
     known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
     known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
-    diagnose.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
-    diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 
 def _add_edit(commands: "Commands") -> None:
