@@ -213,7 +213,8 @@ def prepare(record: Record) -> PreparedDrop:
     window = slice(0, int(np.searchsorted(own_time, window_end)))
     channels = tuple(
         ChannelNoise(
-            _noise(s.values[:baseline]),
+            # Nothing moves before the pulse: the more of it, the better known is slow noise.
+            _noise(s.values[: max(baseline, first) if baseline else 0]),
             s.quantity == "velocity",
             baseline if s.quantity == "velocity" else _settled_samples(first, step),
         )

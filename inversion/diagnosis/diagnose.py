@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.diagnosis.search import EXPLAINED, Candidate, Search
@@ -176,7 +176,8 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
     before, after = _state(point, base, search), _state(point, best, search)
     effects = _effects(point, search, best)
     helped = bool(effects) or bool(search.fixed)
-    explained = best.over_noise <= EXPLAINED
+    # Slow noise may look large at single samples: then what its correlation leaves counts.
+    explained = best.over_noise <= EXPLAINED or best.fit.excess <= 1.0
     verdict: Verdict = "unexplained"
     if explained:
         verdict = "explained" if helped else "clean"
@@ -214,7 +215,7 @@ def _state(point: Point, candidate: Candidate, search: Search) -> State:
     rig = _NO_GROUND in candidate.names
     model = "half-space" if ground.inverse_depth == 0.0 else "layer"
     index = len(found.problem.device)
-    deviation = _deviations(found, search)[index]
+    deviation = found.deviations()[index]
     first = found.problem.own[0][0].parameter
     relative = deviation * math.log(first.upper / first.lower)
     return State(
@@ -228,18 +229,20 @@ def _state(point: Point, candidate: Candidate, search: Search) -> State:
     )
 
 
-def _deviations(found: Fit, search: Search) -> FloatArray:
-    """Of all places; a residual larger than the noise counts, and so does its correlation."""
-    scale = max(1.0, math.sqrt(found.cost / found.count))
-    return found.deviations(scale * math.sqrt(max(1.0, found.count / search.independent)))
-
-
 def _effects(point: Point, search: Search, best: Candidate) -> tuple[FoundEffect, ...]:
-    deviations = _deviations(best.fit, search)
+    deviations = best.fit.deviations()
     bounds = {id(one) for one in best.fit.at_bound()}
     found = []
     for effect in best.effects:
-        parameters = []
+        told = {
+            (name, unit, value, None if effect.scope != "drop" else number)
+            for number, model in zip(point.records.numbers, point.drops, strict=True)
+            for name, unit, value in effect.known(model.context)
+        }
+        parameters = [
+            FoundParameter(name, unit, value, 0.0, number, False)
+            for name, unit, value, number in sorted(told, key=lambda one: (one[3] or 0, one[0]))
+        ]
         for one, place, deviation in zip(
             best.fit.unknowns, best.fit.places, deviations, strict=True
         ):
@@ -283,7 +286,13 @@ def _held_out(point: Point, base: Candidate, best: Candidate) -> tuple[float | N
 
 def _predict_left_out(candidate: Candidate, left_out: int) -> float:
     problem = candidate.fit.problem
-    others = _Without(problem, left_out)
+    others = Problem(
+        problem.points,
+        problem.effects,
+        problem.fixed,
+        contact_only=problem.contact_only,
+        left_out={(0, left_out)},
+    )
     found = fit(others, candidate.fit.device, candidate.fit.own, 8)
     own = found.own[0].copy()
     # What belongs to single drops is not known of this one: the middle of the others.
@@ -298,28 +307,6 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> float:
             own[index] = float(np.median(alike)) if alike else own[index]
     predicted = problem.predict(0, found.device, own)[left_out]
     return problem.points[0].drops[left_out].residual_over_peak(predicted, contact_only=False)
-
-
-class _Without(Problem):
-    """A problem that does not see one drop of its only point."""
-
-    def __init__(self, problem: Problem, left_out: int) -> None:
-        super().__init__(
-            problem.points, problem.effects, problem.fixed, contact_only=problem.contact_only
-        )
-        self._left_out = left_out
-
-    def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
-        parts = []
-        predicted = self.predict(index, device, own)
-        for number, (model, values) in enumerate(
-            zip(self.points[index].drops, predicted, strict=True)
-        ):
-            if number != self._left_out:
-                window = model.window(contact_only=self.contact_only)
-                left = (values - model.observed)[:, window] / model.noise[:, None]
-                parts.append(left.ravel())
-        return np.concatenate(parts)
 
 
 def _warnings(best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict) -> list[str]:
@@ -409,9 +396,7 @@ def fit_device(
             for own, diagnosis in zip(problem.own, found, strict=True)
         ]
         result = fit(problem, device, owns, 12)
-    samples = sum(Search([point]).independent for point in made)
-    scale = max(1.0, math.sqrt(result.cost / result.count))
-    deviations = result.deviations(scale * math.sqrt(max(1.0, result.count / samples)))
+    deviations = result.deviations()
     values: DeviceValues = {}
     spread: dict[str, dict[str, float]] = {}
     for one, place, deviation in zip(problem.device, result.device, deviations, strict=False):

@@ -16,7 +16,6 @@ from scipy.optimize import least_squares
 from inversion.diagnosis.problem import Problem, Unknown
 from inversion.kernel import FloatArray
 
-_STEP = 1e-4
 _MOST_ITERATIONS = 30
 _SMALLEST_GAIN = 1e-5
 _ON_BOUND = 1e-3
@@ -35,8 +34,8 @@ class Fit:
     problem : Problem
     device : (d,) ndarray of places
     own : tuple of (k_i,) ndarray of places, one a point
-    cost : float, sum of squares of the residuals over the noise
-    count : int, number of residuals
+    cost : float, sum of squares of the weighed residuals (`DropModel.weigh`)
+    independent : float, what it would be if they were noise
     normal : (n, n) ndarray, J^T J in places; the device's block first
     """
 
@@ -44,7 +43,7 @@ class Fit:
     device: FloatArray
     own: tuple[FloatArray, ...]
     cost: float
-    count: int
+    independent: float
     normal: FloatArray
 
     @property
@@ -60,10 +59,20 @@ class Fit:
     def at_bound(self) -> list[Unknown]:
         """Unknowns on a bound."""
         near = (self.places < _ON_BOUND) | (self.places > 1.0 - _ON_BOUND)
-        return [one for one, hit in zip(self.unknowns, near, strict=True) if hit]
+        return [
+            one
+            for one, hit in zip(self.unknowns, near, strict=True)
+            if hit and not one.parameter.natural
+        ]
 
-    def deviations(self, scale: float = 1.0) -> FloatArray:
-        """Standard deviations of the places when the residual is ``scale`` times the noise."""
+    @property
+    def excess(self) -> float:
+        """Root of the cost over what noise would leave."""
+        return float(np.sqrt(self.cost / self.independent))
+
+    def deviations(self) -> FloatArray:
+        """Standard deviations of the places; a residual larger than noise counts."""
+        scale = max(1.0, self.excess)
         damped = self.normal + 1e-9 * np.eye(self.normal.shape[0])
         try:
             covariance = np.linalg.inv(damped)
@@ -115,8 +124,7 @@ def fit(
         normal, gradient = _linearise(problem, device, owns, residuals)
         if gain < _SMALLEST_GAIN:
             break
-    count = sum(one.size for one in residuals)
-    return Fit(problem, device, tuple(owns), cost, count, normal)
+    return Fit(problem, device, tuple(owns), cost, problem.independent, normal)
 
 
 def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations: int) -> Fit:
@@ -130,14 +138,8 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
         return np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
     def jacobian(places: FloatArray) -> FloatArray:
-        there = residual(places)
-        columns = []
-        for place in range(places.size):
-            step = _difference(places[place])
-            moved = places.copy()
-            moved[place] += step
-            columns.append((residual(moved) - there) / step)
-        return np.array(columns).T
+        found = problem.jacobian(0, places[:width], places[width:], residual(places))
+        return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
     start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
     found = least_squares(
@@ -153,7 +155,7 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
     )
     places, cost = found.x, 2.0 * float(found.cost)
     normal = found.jac.T @ found.jac
-    return Fit(problem, places[:width], (places[width:],), cost, found.fun.size, normal)
+    return Fit(problem, places[:width], (places[width:],), cost, problem.independent, normal)
 
 
 def _cost(residuals: Sequence[FloatArray]) -> float:
@@ -184,27 +186,12 @@ def _linearise(
     normal, gradient = np.zeros((size, size)), np.zeros(size)
     start = width
     for index, (own, residual) in enumerate(zip(owns, residuals, strict=True)):
-        columns = []
-        for place in range(width):
-            step = _difference(device[place])
-            moved = device.copy()
-            moved[place] += step
-            columns.append((problem.residual(index, moved, own) - residual) / step)
-        for place in range(own.size):
-            step = _difference(own[place])
-            moved = own.copy()
-            moved[place] += step
-            columns.append((problem.residual(index, device, moved) - residual) / step)
-        jacobian = np.array(columns)
+        jacobian = problem.jacobian(index, device, own, residual).T
         where = np.r_[0:width, start : start + own.size]
         normal[np.ix_(where, where)] += jacobian @ jacobian.T
         gradient[where] += jacobian @ residual
         start += own.size
     return normal, gradient
-
-
-def _difference(place: float) -> float:
-    return -_STEP if place > 0.5 else _STEP
 
 
 def _step(

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from inversion.diagnosis.channel import Channel
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.effects.parallel import Bending, effective_force, hat_response
 from inversion.forward import Grounds, transfer_function
 from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
 from inversion.misfit import model_floor
-from inversion.record import PreparedDrop, Record, prepare
+from inversion.record import PreparedDrop, Record, Sensor, prepare
 from inversion.surrogate import Surrogate
 
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
@@ -32,6 +34,12 @@ _FLAT_NOISE, _FLAT_PART = 5.0, 0.015
 _STEEPER = 2.5
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
+# Independent samples per second and sensor: twice the band in which ground and geophone move.
+INDEPENDENT_HZ = 800.0
+# s over which a displacement is differentiated.
+_DIFFERENCE_S = 4e-4
+# The deflection has its peak within so many contact times.
+_SOON = 1.3
 
 Active = Sequence[tuple[Effect, Values]]
 
@@ -95,7 +103,16 @@ class DropModel:
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
         ramp = transform.synthesis(time) / self._s[:, None] ** 2
         self._ramp = np.vstack([ramp.real, -ramp.imag])
-        self.observed = drop.displacement[:, self.rows]
+        first = int(np.searchsorted(record.time, drop.start - 0.5 * drop.step))
+        # Samples before the pulse, where nothing moves but drift, hum and noise show.
+        self.before = first // stride
+        samples = first + np.concatenate([np.arange(-self.before, 0) * stride, self.rows])
+        self.channels = tuple(
+            Channel(sensor, noise, first, samples, drop.step)
+            for sensor, noise in zip(record.sensors, drop.channels, strict=True)
+        )
+        self._everywhere = np.stack([channel.observed for channel in self.channels])
+        self.observed = self._everywhere[:, self.before :]
         self.context = DropContext(
             time=time,
             offsets=drop.offsets,
@@ -108,57 +125,102 @@ class DropModel:
             contact_end=drop.contact_end,
             index=index,
             count=count,
+            plate_mass=record.instrument.plate_mass,
             flat=tuple(
-                _flat_level(sensor.values - np.median(sensor.values[:_REST]), channel.model.rms)
+                _flat_velocity(sensor, channel.model.rms, drop.step)
                 for sensor, channel in zip(record.sensors, drop.channels, strict=True)
             ),
+            flat_load=_flat_level(
+                record.load - np.median(record.load[:_REST]), drop.load_noise.rms, both=False
+            ),
+            rest=tuple(float(np.median(sensor.values[:_REST])) for sensor in record.sensors),
         )
+        self._recorded = replace(self.context, time=drop.step * (samples - first))
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
+        self._floor = floor
+        self._whiteners: dict[bool, tuple[FloatArray, ...]] = {}
         self.peak: FloatArray = drop.peak_displacement
         self._memory: dict[tuple[object, ...], ComplexArray] = {}
+        self._motions: dict[tuple[object, ...], FloatArray] = {}
+        self._bent_before: FloatArray | None = None
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
-        """What would be recorded, (n_sensors, n), m."""
-        motion = self._linear(ground, active)
-        motion = self._bent(motion, ground, active)
+        """What would be recorded, (n_sensors, n), m; the samples before the pulse stand first."""
+        motion = self._ground_motion(ground, active)
         for effect, values in active:
-            motion = effect.motion(motion, values, self.context)
+            motion = effect.motion(
+                motion, values, self.context, partial(self._struck, ground, active)
+            )
+        motion = np.concatenate([np.zeros((motion.shape[0], self.before)), motion], axis=1)
         instrument, step = self.record.instrument, self.context.step
         frequency, damping = instrument.geophone_natural_frequency, instrument.geophone_damping
         if frequency is not None and damping is not None:
             motion = geophone(motion, frequency, damping, step)
         for effect, values in active:
-            motion = effect.record(motion, values, self.context)
-        return motion
+            motion = effect.record(motion, values, self._recorded)
+        return np.stack(
+            [channel.read(row) for channel, row in zip(self.channels, motion, strict=True)]
+        )
 
-    def _bent(self, motion: FloatArray, ground: Ground, active: Active) -> FloatArray:
-        """The motion of ground whose static resistance bends, from that of the linear one."""
+    def _ground_motion(self, ground: Ground, active: Active) -> FloatArray:
+        """Motion of the ground, whose static resistance may bend; remembered, for the effects
+        behind it are tried many times on the same motion.
+        """
         bending = Bending()
         for effect, values in active:
+            ground = effect.ground(ground, values, self.context)
             bending = effect.bending(bending, values, self.context)
-        if bending.straight:
-            return motion
-        compliance = self._compliance(ground, active, self._s)
-        still = self._compliance(ground, active, np.array([_STILL + 0j]))
-        plate = int(np.argmin(self.context.offsets))
-        stiffness = 1.0 / float(still[plate, 0].real)
+        shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
+        key = (ground, bending, *((e.name, *v.values()) for e, v in shaping))
+        known = self._motions.get(key)
+        if known is not None:
+            return known
+        compliance = self._compliance(ground, shaping, self._s)
         parts = np.concatenate([compliance.real, compliance.imag], axis=1)
-        hats = hat_response(parts @ self._ramp, self.context.step)
-        load = self.context.load
-        reference = self.context.largest_load / stiffness
-        force = effective_force(hats[plate], load, bending, stiffness, reference)
-        # What the samples of the load leave out is small and linear: it stays in the motion.
-        change = force - load
-        moved = np.stack([np.convolve(hat, change)[: load.size] for hat in hats])
-        bent: FloatArray = motion + moved
-        return bent
+        motion: FloatArray = parts @ self._synthesis
+        if not bending.straight:
+            motion = motion + self._bent(parts, ground, shaping, bending)
+        if len(self._motions) >= _REMEMBERED:
+            self._motions.pop(next(iter(self._motions)))
+        self._motions[key] = motion
+        return motion
 
-    def _compliance(self, ground: Ground, active: Active, s: ComplexArray) -> ComplexArray:
-        """Displacement over load at every sensor, (n_sensors, n), m/N."""
+    def _struck(self, ground: Ground, active: Active) -> FloatArray:
+        """Motion after a blow of 1 N s on the plate, (n_sensors, n), m."""
         for effect, values in active:
             ground = effect.ground(ground, values, self.context)
         shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
+        compliance = self._compliance(ground, shaping, self._s)
+        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
+        return hat_response(parts @ self._ramp, self.context.step) / self.context.step
+
+    def _bent(
+        self, parts: FloatArray, ground: Ground, shaping: Active, bending: Bending
+    ) -> FloatArray:
+        """What the bending of the static resistance adds to the motion of the linear ground."""
+        still = self._compliance(ground, shaping, np.array([_STILL + 0j]))
+        plate = int(np.argmin(self.context.offsets))
+        stiffness = 1.0 / float(still[plate, 0].real)
+        hats = hat_response(parts @ self._ramp, self.context.step)
+        load = self.context.load
+        reference = self.context.largest_load / stiffness
+        force, self._bent_before = effective_force(
+            hats[plate], load, bending, stiffness, reference, self._bent_before
+        )
+        # What the samples of the load leave out is small and linear: it stays in the motion.
+        change = force - load
+        # Ground beside the plate feels the force on it, not how far it gives way under it.
+        under = self.context.offsets < self.context.plate_radius
+        return np.stack(
+            [
+                np.convolve(hat, change)[: load.size] if below else np.zeros(load.size)
+                for hat, below in zip(hats, under, strict=True)
+            ]
+        )
+
+    def _compliance(self, ground: Ground, shaping: Active, s: ComplexArray) -> ComplexArray:
+        """Displacement over load at every sensor, (n_sensors, n), m/N."""
         key = (s.size, ground, *((e.name, *v.values()) for e, v in shaping))
         known = self._memory.get(key)
         if known is not None:
@@ -179,12 +241,52 @@ class DropModel:
         self._memory[key] = compliance
         return compliance
 
-    def _linear(self, ground: Ground, active: Active) -> FloatArray:
-        """Motion of the linear ground under the load."""
-        compliance = self._compliance(ground, active, self._s)
-        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
-        motion: FloatArray = parts @ self._synthesis
-        return motion
+    @property
+    def peak_in_contact(self) -> float:
+        """Largest deflection of the innermost sensor until shortly after the contact, m."""
+        row = self.observed[int(np.argmin(self.context.offsets))]
+        return float(row[self.context.time <= _SOON * self.context.contact_end].max())
+
+    def independent(self, *, contact_only: bool) -> float:
+        """Number of independent samples that count, all sensors."""
+        part = self._part(contact_only=contact_only)
+        count = part.stop - part.start
+        seconds = count * self.context.step
+        return float(min(max(INDEPENDENT_HZ * seconds, 8.0), count) * self.observed.shape[0])
+
+    def weigh(self, predicted: FloatArray, *, contact_only: bool) -> FloatArray:
+        r"""What a prediction leaves, (n,): noise would leave a sum of squares of `independent`.
+
+        Noise is coloured: a velocity's becomes a random walk when it is integrated, whose slow
+        part must not be taken for an effect. With C the covariance of noise, quantisation and
+        the model's own error, the residual is :math:`\sqrt{N/n} L^{-1} r`, :math:`L L^T = C`,
+        N of n samples being independent as far as the model's own error goes.
+        """
+        part = self._part(contact_only=contact_only)
+        left = (predicted - self._everywhere)[:, part]
+        whiteners = self._whiteners.get(contact_only)
+        if whiteners is None:
+            moving = (np.arange(part.start, part.stop) >= self.before).astype(float)
+            whiteners = tuple(
+                channel.whitener(part, np.hypot(floor * moving, quantum))
+                for channel, floor, quantum in zip(
+                    self.channels, self._floor, self.drop.quantisation, strict=True
+                )
+            )
+            self._whiteners[contact_only] = whiteners
+        share = np.sqrt(self.independent(contact_only=contact_only) / left.size)
+        parts = [share * (w @ row) for w, row in zip(whiteners, left, strict=True)]
+        return np.concatenate(parts)
+
+    def weighed_size(self, *, contact_only: bool) -> int:
+        """Number of values that `weigh` gives."""
+        part = self._part(contact_only=contact_only)
+        return int((part.stop - part.start) * self.observed.shape[0])
+
+    def _part(self, *, contact_only: bool) -> slice:
+        """Samples that count for a fit, those before the pulse among them."""
+        window = self.window(contact_only=contact_only)
+        return slice(0, self.before + window.stop)
 
     def window(self, *, contact_only: bool) -> slice:
         """Samples that count, of the model's."""
@@ -202,14 +304,23 @@ class DropModel:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def _flat_level(values: FloatArray, noise: float) -> float | None:
+def _flat_velocity(sensor: Sensor, noise: float, step: float) -> float | None:
+    """Level at which the velocity is cut off, m/s; also where its integral was recorded."""
+    if sensor.quantity == "velocity":
+        return _flat_level(sensor.values - np.median(sensor.values[:_REST]), noise)
+    span = max(1, round(_DIFFERENCE_S / step))
+    velocity = (sensor.values[span:] - sensor.values[:-span]) / (span * step)
+    return _flat_level(velocity, np.sqrt(2.0) * noise / (span * step))
+
+
+def _flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float | None:
     """Level at which a record is cut off; None: it is not.
 
     The samples within a narrow band below the largest one are many, and the record leaves the band
     far more steeply than a rounded top of that width does: a parabola that falls by the band b
     within half the width n leaves it with a slope of 4 b / n.
     """
-    for signed in (values, -values):
+    for signed in (values, -values) if both else (values,):
         top = int(np.argmax(signed))
         level = float(signed[top])
         band = max(_FLAT_NOISE * noise, _FLAT_PART * level)

@@ -7,7 +7,8 @@ its own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,8 @@ from inversion.effects.base import Effect, EffectParameter, Ground
 from inversion.kernel import FloatArray
 from inversion.library import SurrogateLibrary
 from inversion.peak_method import peak_modulus
+
+_STEP = 1e-4
 
 SOIL = (
     # E over the peak-method value, within what the inversion allows (inversion.parameters)
@@ -87,7 +90,7 @@ class Point:
         peaks = [
             peak_modulus(
                 model.drop.peak_load,
-                max(float(model.peak[0]), 1e-9),
+                max(model.peak_in_contact, 1e-9),
                 first.instrument.plate_radius,
                 first.poisson_ratio,
             ).modulus
@@ -117,8 +120,11 @@ class Point:
                 drops = list(range(len(self.drops)))
                 if effect.name == "seating":
                     drops.pop()
-            parameters = effect.parameters_for(self.drops[0].context)
-            found += [Unknown(p, effect, d) for d in drops for p in parameters]
+            found += [
+                Unknown(p, effect, d)
+                for d in drops
+                for p in effect.parameters_for(self.drops[d or 0].context)
+            ]
         return found
 
     def ground(self, own: Sequence[Unknown], places: FloatArray) -> Ground:
@@ -150,6 +156,7 @@ class Problem:
     fixed : mapping of device effects that are given, by name
     contact_only : bool, whether the contact phase alone counts
     local : sequence of sequences of Effect, what each point has; None: all have all
+    left_out : set of (point, drop), which count for nothing
     """
 
     def __init__(
@@ -160,11 +167,13 @@ class Problem:
         *,
         contact_only: bool = False,
         local: Sequence[Sequence[Effect]] | None = None,
+        left_out: Collection[tuple[int, int]] = (),
     ) -> None:
         self.points = tuple(points)
         self.effects = tuple(effects)
         self.fixed = fixed or {}
         self.contact_only = contact_only
+        self.left_out = frozenset(left_out)
         self.device = [
             Unknown(p, effect)
             for effect in effects
@@ -201,20 +210,89 @@ class Problem:
 
     def predict(self, index: int, device: FloatArray, own: FloatArray) -> list[FloatArray]:
         """What each drop of a point would show, (n_sensors, n), m."""
-        point = self.points[index]
-        ground = point.ground(self.own[index], own)
-        self.solves += len(point.drops)
         return [
-            model.predict(ground, self.values(index, device, own, number))
-            for number, model in enumerate(point.drops)
+            self.predict_drop(index, device, own, number)[:, model.before :]
+            for number, model in enumerate(self.points[index].drops)
         ]
 
+    def predict_drop(
+        self, index: int, device: FloatArray, own: FloatArray, number: int
+    ) -> FloatArray:
+        """What one drop would show, see `DropModel.predict`, (n_sensors, before + n), m."""
+        point = self.points[index]
+        self.solves += 1
+        values = self.values(index, device, own, number)
+        return point.drops[number].predict(point.ground(self.own[index], own), values)
+
     def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
-        """Of a point, over the noise, (n,)."""
-        parts = []
-        predicted = self.predict(index, device, own)
-        for model, values in zip(self.points[index].drops, predicted, strict=True):
+        """Of a point, (n,); see `DropModel.weigh`."""
+        count = len(self.points[index].drops)
+        return np.concatenate([self.residual_drop(index, device, own, i) for i in range(count)])
+
+    def residual_drop(
+        self, index: int, device: FloatArray, own: FloatArray, number: int
+    ) -> FloatArray:
+        """Of one drop, (n,); empty when the drop is left out."""
+        if (index, number) in self.left_out:
+            return np.empty(0)
+        predicted = self.predict_drop(index, device, own, number)
+        return self.points[index].drops[number].weigh(predicted, contact_only=self.contact_only)
+
+    @property
+    def independent(self) -> float:
+        """Number of independent samples of all that counts."""
+        return sum(
+            model.independent(contact_only=self.contact_only)
+            for index, point in enumerate(self.points)
+            for number, model in enumerate(point.drops)
+            if (index, number) not in self.left_out
+        )
+
+    def over_noise(self, index: int, device: FloatArray, own: FloatArray) -> float:
+        """Root mean square of a point's residual over its noise."""
+        total, count = 0.0, 0
+        for model, predicted in zip(
+            self.points[index].drops, self.predict(index, device, own), strict=True
+        ):
             window = model.window(contact_only=self.contact_only)
-            left = (values - model.observed)[:, window] / model.noise[:, None]
-            parts.append(left.ravel())
-        return np.concatenate(parts)
+            left = (predicted - model.observed)[:, window] / model.noise[:, None]
+            total, count = total + float(np.sum(left**2)), count + left.size
+        return math.sqrt(total / count)
+
+    def jacobian(
+        self, index: int, device: FloatArray, own: FloatArray, there: FloatArray
+    ) -> FloatArray:
+        """Of a point's residual in the places of the device and its own, (n, d + k).
+
+        By differences; a place that belongs to one drop moves that drop alone.
+        """
+        count = len(self.points[index].drops)
+        parts = np.split(there, np.cumsum(self._sizes(index))[:-1])
+        rows = np.cumsum([0, *self._sizes(index)])
+        result = np.zeros((there.size, device.size + own.size))
+        for column in range(device.size + own.size):
+            is_own = column >= device.size
+            unknown = self.own[index][column - device.size] if is_own else self.device[column]
+            moved_device, moved_own = device.copy(), own.copy()
+            moved = moved_own if is_own else moved_device
+            place = column - device.size if is_own else column
+            step = _difference(moved[place])
+            moved[place] += step
+            for number in range(count) if unknown.drop is None else (unknown.drop,):
+                changed = self.residual_drop(index, moved_device, moved_own, number)
+                part = slice(rows[number], rows[number + 1])
+                result[part, column] = (changed - parts[number]) / step
+        return result
+
+    def _sizes(self, index: int) -> list[int]:
+        """Number of residuals of each drop of a point."""
+        sizes = []
+        for number, model in enumerate(self.points[index].drops):
+            size = model.weighed_size(contact_only=self.contact_only)
+            sizes.append(0 if (index, number) in self.left_out else size)
+        return sizes
+
+
+def _difference(place: float) -> float:
+    """Step of a difference, away from the nearer bound."""
+    return -_STEP if place > 0.5 else _STEP

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,8 +21,6 @@ from inversion.effects.base import Effect
 from inversion.effects.catalogue import CATALOGUE
 from inversion.kernel import FloatArray
 
-# Independent samples per second and sensor: twice the band in which ground and geophone move.
-_INDEPENDENT_HZ = 800.0
 # Mean square over the noise below which residuals are not told apart. The noise holds the model's
 # own error, which is a bound and usually a generous one.
 _FLOOR = 0.25
@@ -34,7 +33,9 @@ ALIKE = 8.0
 # The residual is noise up to this many times the noise.
 EXPLAINED = 1.5
 # Up to this many times nothing is asked: there is nothing to explain.
-NOISE = 1.25
+NOISE = 1.0
+# A weighed residual of so many times what noise leaves asks for no more effects.
+ENOUGH = 1.15
 _PAIRS_REFINED = 6
 _BEAM = 3
 _MOST_EFFECTS = 4
@@ -42,6 +43,32 @@ _QUICK = 4
 _SHORTLIST = 6
 # Roll-off of the sensor and ground that stiffens help only together; so may rock under both.
 _HIDING = ("geophone_response", "stress_dependence", "hysteretic_unloading", "bedrock")
+
+_COMPANIES = (
+    frozenset({"stress_dependence", "geophone_response"}),
+    frozenset({"stress_dependence", "hysteretic_unloading", "geophone_response"}),
+    frozenset({"bedrock", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
+    frozenset(
+        {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound", "geophone_response"}
+    ),
+)
+# Where companies begin: soft and stiff sensors, much and little bending.
+_COMPANY_STARTS = (
+    {
+        ("geophone_response", "natural_frequency"): 11.0,
+        ("geophone_response", "damping"): 0.15,
+        ("stress_dependence", "exponent"): 0.4,
+        ("hysteretic_unloading", "exponent"): 1.5,
+        ("hysteretic_unloading", "unrecovered"): 0.2,
+    },
+    {
+        ("geophone_response", "natural_frequency"): 14.0,
+        ("geophone_response", "damping"): 0.3,
+        ("stress_dependence", "exponent"): 0.5,
+        ("hysteretic_unloading", "exponent"): 1.5,
+        ("hysteretic_unloading", "unrecovered"): 0.4,
+    },
+)
 
 # Effects that replace the ground or stand in for a third one explain anything together.
 _EXCLUSIVE = (
@@ -76,10 +103,14 @@ class Candidate:
         """Names of the effects."""
         return frozenset(effect.name for effect in self.effects)
 
-    @property
+    @cached_property
     def over_noise(self) -> float:
         """Rms of the residual over the noise."""
-        return float(np.sqrt(self.fit.cost / self.fit.count))
+        squares = [
+            self.fit.problem.over_noise(index, self.fit.device, own) ** 2
+            for index, own in enumerate(self.fit.own)
+        ]
+        return float(np.sqrt(np.mean(squares)))
 
 
 class Search:
@@ -114,16 +145,10 @@ class Search:
         )
         self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
         self._known: dict[frozenset[str], Candidate] = {}
-        self.independent = self._independent_samples()
-
-    def _independent_samples(self) -> float:
-        total = 0.0
-        for point in self.points:
-            for model in point.drops:
-                window = model.window(contact_only=self.contact_only)
-                seconds = (window.stop - window.start) * model.context.step
-                total += _INDEPENDENT_HZ * seconds * model.observed.shape[0]
-        return max(total, 16.0)
+        self._contact: dict[Key, float] | None = None
+        self.independent = Problem(
+            self.points, (), self.fixed, contact_only=contact_only
+        ).independent
 
     def base(self) -> Candidate:
         """The base model."""
@@ -148,18 +173,16 @@ class Search:
             if best is None or found.cost < best.cost:
                 best = found
         assert best is not None
-        result = Candidate(ordered, best, self._score(best))
-        known = self._known.get(names)
-        if known is None or result.score < known.score:
-            self._known[names] = result
-        return self._known[names]
+        return self._keep(Candidate(ordered, best, self._score(best)))
 
     def _score(self, found: Fit) -> float:
-        floor = max(found.cost / found.count, _FLOOR)
+        return self._misfit(found) + found.problem.size * float(np.log(self.independent))
+
+    def _misfit(self, found: Fit) -> float:
+        """Information criterion without what the parameters cost."""
         bounds = sum(1 for one in found.at_bound() if one.effect is not None)
-        size = found.problem.size
-        penalty = size * np.log(self.independent) + _BOUND_COST * bounds
-        return float(self.independent * np.log(floor) + penalty)
+        floor = max(found.excess**2, _FLOOR)
+        return float(self.independent * np.log(floor)) + _BOUND_COST * bounds
 
     def _starts(
         self, problem: Problem, names: frozenset[str]
@@ -184,7 +207,19 @@ class Search:
         many = many if parent is None or len(names) == 1 else min(many, 2)
         if parent is None:
             many = max(many, 3)
-        return [_start(problem, known, choice) for choice in range(many)]
+        starts = [_start(problem, known, choice) for choice in range(many)]
+        if len(names) == 1:
+            # What comes after the pulse may have spoilt the ground of the base model.
+            starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
+        return starts
+
+    def _ground_of_contact(self) -> dict[Key, float]:
+        """The base model's ground when the contact phase alone counts."""
+        if self._contact is None:
+            problem = Problem(self.points, self._given, self.fixed, contact_only=True)
+            found = [fit(problem, *_start(problem, {}, choice)) for choice in range(3)]
+            self._contact = _places_of(min(found, key=lambda one: one.cost))
+        return self._contact
 
     def run(self) -> Candidate:
         """The best set of effects; the base model when nothing is worth its parameters."""
@@ -193,17 +228,52 @@ class Search:
             return base
         singles = [self.candidate((effect,)) for effect in self.catalogue]
         best = self._better(base, singles)
-        if best.over_noise > EXPLAINED or best is base:
+        if best.fit.excess > ENOUGH:
             best = self._pairs(best)
+        if best.fit.excess > ENOUGH:
+            best = self._better(best, self._companies())
         level = 2
-        while level < _MOST_EFFECTS and best.over_noise > EXPLAINED:
-            bigger = self._grow(level)
-            grown = self._better(best, bigger)
+        while level < _MOST_EFFECTS and best.fit.excess > ENOUGH:
+            grown = self._better(best, self._grow(level))
             level += 1
-            if grown is best:
+            if grown is best and level > len(best.effects):
                 break
             best = grown
         return self._shrink(best)
+
+    def _companies(self) -> list[Candidate]:
+        """Sets that only help together, each from starts where they do."""
+        found = []
+        offered = {effect.name for effect in self.catalogue} | set(self.fixed)
+        for names in _COMPANIES:
+            if not names <= offered:
+                continue
+            chosen = [e for e in self.catalogue if e.name in names]
+            if len(self.points[0].drops) > 1 and "seating" in offered:
+                chosen.append(next(e for e in self.catalogue if e.name == "seating"))
+            ordered = tuple(e for e in CATALOGUE if e in chosen)
+            active = [e for e in CATALOGUE if e in ordered or e in self._given]
+            problem = Problem(self.points, active, self.fixed, contact_only=self.contact_only)
+            fits = []
+            for values in _COMPANY_STARTS:
+                known = {
+                    _key(one, index): one.place(values[key])
+                    for index, own in enumerate([problem.device, *problem.own])
+                    for one in own
+                    if one.effect and (key := (one.effect.name, one.parameter.name)) in values
+                }
+                known = {(max(k[0] - 1, 0), *k[1:]): v for k, v in known.items()}
+                fits.append(fit(problem, *_start(problem, known, 0), 60))
+            best = min(fits, key=lambda one: one.cost)
+            found.append(self._keep(Candidate(ordered, best, self._score(best))))
+        return found
+
+    def _keep(self, candidate: Candidate) -> Candidate:
+        """The better of a candidate and what is known of its effects."""
+        known = self._known.get(candidate.names)
+        if known is None or candidate.score < known.score:
+            self._known[candidate.names] = candidate
+        return self._known[candidate.names]
 
     def _pairs(self, best: Candidate) -> Candidate:
         if best.over_noise <= 1.0:
@@ -272,7 +342,8 @@ class Search:
                 continue
             ordered = tuple(e for e in CATALOGUE if e in (*rest, other))
             candidate = self._fit(ordered, 12)
-            if candidate.score < best.score + ALIKE:
+            # Fewer parameters decide between them, but do not tell them apart.
+            if self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE:
                 found.append((candidate.score, other.name))
         return [name for _, name in sorted(found)]
 

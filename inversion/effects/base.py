@@ -13,7 +13,7 @@ A new effect is one module with one class and one entry in the catalogue.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -24,6 +24,8 @@ from inversion.kernel import ComplexArray, FloatArray
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
+Struck = Callable[[], FloatArray]
+"""Motion of ground and plate after a blow of 1 N s on the plate at time 0, (n_sensors, n), m."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class EffectParameter:
     lower, upper : float, bounds
     starts : tuple of float, where a fit begins: so large that the effect shows
     logarithmic : bool, whether its scale is logarithmic
+    natural : bool, whether its bounds are those of nature, where a value may well sit
     """
 
     name: str
@@ -45,6 +48,7 @@ class EffectParameter:
     upper: float
     starts: tuple[float, ...]
     logarithmic: bool = False
+    natural: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,10 @@ class DropContext:
     contact_end : float, s, on ``time``
     index : int, of the drop within the point
     count : int, of drops of the point
-    flat : tuple of float or None, of each sensor: the level of a flat top in its record, m/s or m
+    flat : tuple of float or None, of each sensor: the level of a flat top in its velocity, m/s
+    flat_load : float or None, N, the level of a flat top in the load
+    rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
+    plate_mass : float, kg, declared
     """
 
     time: FloatArray
@@ -79,6 +86,9 @@ class DropContext:
     index: int
     count: int
     flat: tuple[float | None, ...] = ()
+    flat_load: float | None = None
+    rest: tuple[float, ...] = ()
+    plate_mass: float = 0.0
 
     @property
     def step(self) -> float:
@@ -119,8 +129,12 @@ class Effect:
         return True
 
     def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
-        """The parameters with bounds that fit the plate and the drop."""
+        """The parameters with bounds that fit the plate and the drop; none: it has no effect."""
         return self.parameters
+
+    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Name, unit and value of what the record itself tells of the effect; goes first."""
+        return ()
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with the effect."""
@@ -136,7 +150,9 @@ class Effect:
         """How the ground's static resistance bends, with the effect."""
         return bending
 
-    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+    def motion(
+        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+    ) -> FloatArray:
         """What plate and ground do, (n_sensors, n), m, with the effect."""
         return motion
 

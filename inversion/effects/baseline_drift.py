@@ -11,11 +11,24 @@ class BaselineDrift(Effect):
     scope = "drop"
     parameters = (
         EffectParameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,)),
-        EffectParameter("acceleration", "m/s2", -0.3, 0.3, (0.0,)),
+        EffectParameter("acceleration", "m/s2", -3.0, 3.0, (0.0,)),
     )
     advice = "let the geophone settle before the drop; keep cable and connector still"
 
+    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+        """A velocity's offset before the pulse was taken off: what is left is its drift."""
+        return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
+
+    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """The offset of a velocity."""
+        if "displacement" in drop.quantities:
+            return ()
+        return (("velocity_offset", "m/s", drop.rest[0]),)
+
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """With the ramp, at every sensor."""
-        ramp = values["velocity_offset"] * drop.time + 0.5 * values["acceleration"] * drop.time**2
+        ramp = (
+            values.get("velocity_offset", 0.0) * drop.time
+            + 0.5 * values["acceleration"] * drop.time**2
+        )
         return record + ramp

@@ -16,7 +16,7 @@ class HystereticUnloading(Effect):
     scope = "drop"
     parameters = (
         EffectParameter("exponent", "-", 0.3, 6.0, (1.4, 0.8), logarithmic=True),
-        EffectParameter("unrecovered", "-", 0.0, 0.8, (0.1, 0.02)),
+        EffectParameter("unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True),
     )
     advice = "the ground yields: drop again until nothing is left behind"
 

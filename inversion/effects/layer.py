@@ -1,21 +1,29 @@
 r"""A crust or a soft top: the modulus of the top over the modulus below.
 
-The static deflection of two layers by equivalent thickness (Odemark 1949; Ullidtz 1987, Pavement
-Analysis, ch. 3): :math:`w = w_1(0) - w_1(h) + w_2(h_e)`, :math:`h_e = f h (E_1/E_2)^{1/3}`, with
-Boussinesq's deflection w at the depth z under or beside a loaded circle. Its ratio to that of the
-ground below alone scales the dynamic compliance of each sensor: right at low frequency, and as good
-as the equivalent thickness, which is within a tenth.
+The surface of two layers of one Poisson's ratio under a pressure of wave number k gives way
+:math:`F(kh)` times as much as the top alone would (Burmister 1945, J. Appl. Phys. 16, 89-94):
+
+.. math:: F(m) = \frac{1 + 4 N m e^{-2m} - N L e^{-4m}}
+                      {1 - (N + L + 4 N m^2) e^{-2m} + N L e^{-4m}},
+    \quad N = \frac{1 - n}{1 + n \kappa}, \quad L = \kappa \frac{1 - n}{\kappa + n},
+
+n the modulus below over that of the top, :math:`\kappa = 3 - 4 \nu`. Under the pressure of a rigid
+plate, :math:`\sin(ka)/(ka)`, the deflections of plate and ground beside it follow by quadrature.
+Their ratio to those of the ground below alone scales the dynamic compliance of each sensor, which
+is exact at rest.
 """
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import j0
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
 from inversion.kernel import ComplexArray, FloatArray
 
-_EQUIVALENT = 0.9
-"""f of two layers (Ullidtz 1987)."""
+# F is 1 beyond this m; nodes of the quadrature up to there.
+_FAR = 12.0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(160)
 
 
 class Layer(Effect):
@@ -46,20 +54,44 @@ class Layer(Effect):
     ) -> ComplexArray:
         """Each sensor's, scaled by the static ratio."""
         ratio, h = values["modulus_ratio"], values["thickness"]
-        equivalent = _EQUIVALENT * h * ratio ** (1.0 / 3.0)
-        nu, a = drop.poisson_ratio, drop.plate_radius
-        top = _deflection(drop.offsets, 0.0, a, nu) - _deflection(drop.offsets, h, a, nu)
-        layered = top / ratio + _deflection(drop.offsets, equivalent, a, nu)
-        scale = layered / _deflection(drop.offsets, 0.0, a, nu)
+        scale = static_scale(ratio, h, drop.offsets, drop.plate_radius, drop.poisson_ratio)
         result: ComplexArray = compliance * scale[:, None]
         return result
 
 
-def _deflection(offsets: FloatArray, depth: float, radius: float, nu: float) -> FloatArray:
-    """Boussinesq's vertical deflection times the modulus over the pressure, m."""
-    slant = np.sqrt(1.0 + (depth / radius) ** 2)
-    under = (1 + nu) * radius * (1 / slant + (1 - 2 * nu) * (slant - depth / radius))
-    distance = np.sqrt(np.maximum(offsets, radius) ** 2 + depth**2)
-    beside = (1 + nu) * radius**2 / 2 * (depth**2 / distance**3 + 2 * (1 - nu) / distance)
-    result: FloatArray = np.where(offsets < radius, under, beside)
+def static_scale(
+    ratio: float, thickness: float, offsets: FloatArray, radius: float, nu: float
+) -> FloatArray:
+    """Deflection of two layers over that of the ground below alone, (n_sensors,).
+
+    Parameters
+    ----------
+    ratio : float, modulus of the top over that below
+    thickness, radius : float, m
+    offsets : (n_sensors,) ndarray, m; within the radius: the plate
+    nu : float
+    """
+    m = 0.5 * _FAR * (_NODES + 1.0)
+    more = (_give(m, ratio, nu) - 1.0) * 0.5 * _FAR * _WEIGHTS / thickness
+    k = m / thickness
+    pressed = np.sinc(k * radius / np.pi)
+    scale = np.empty(offsets.size)
+    for index, offset in enumerate(offsets):
+        if offset < radius:
+            # Mean over the plate, weighted with its pressure; the integral for uniform ground.
+            extra, uniform = more @ pressed**2, 0.5 * np.pi / radius
+        else:
+            extra, uniform = more @ (pressed * j0(k * offset)), np.arcsin(radius / offset) / radius
+        scale[index] = (1.0 + extra / uniform) / ratio
+    return scale
+
+
+def _give(m: FloatArray, ratio: float, nu: float) -> FloatArray:
+    """F(m)."""
+    n, kappa = 1.0 / ratio, 3.0 - 4.0 * nu
+    first, second = (1.0 - n) / (1.0 + n * kappa), kappa * (1.0 - n) / (kappa + n)
+    once, twice = np.exp(-2.0 * m), first * second * np.exp(-4.0 * m)
+    result: FloatArray = (1.0 + 4.0 * first * m * once - twice) / (
+        1.0 - (first + second + 4.0 * first * m**2) * once + twice
+    )
     return result

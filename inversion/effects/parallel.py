@@ -71,8 +71,13 @@ def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
 
 
 def effective_force(
-    plate: FloatArray, load: FloatArray, bending: Bending, stiffness: float, reference: float
-) -> FloatArray:
+    plate: FloatArray,
+    load: FloatArray,
+    bending: Bending,
+    stiffness: float,
+    reference: float,
+    start: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Force on the linear ground that stands for the load on the bending one, (n,), N.
 
     Parameters
@@ -82,15 +87,39 @@ def effective_force(
     bending : Bending
     stiffness : float, N/m, static, of the linear ground
     reference : float, m
+    start : (n,) ndarray, m, displacement of like ground; None: that of the linear ground
+
+    Returns
+    -------
+    force : (n,) ndarray, N
+    displacement : (n,) ndarray, m, of the plate
     """
     toeplitz = _lower_toeplitz(plate)
     linear = toeplitz @ load
+    for guess in (start, linear) if start is not None else (linear,):
+        w, settled = _solve(toeplitz, guess, linear, load, bending, stiffness, reference)
+        if settled:
+            break
+    force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)
+    return load - force + stiffness * w, w
+
+
+def _solve(
+    toeplitz: FloatArray,
+    guess: FloatArray,
+    linear: FloatArray,
+    load: FloatArray,
+    bending: Bending,
+    stiffness: float,
+    reference: float,
+) -> tuple[FloatArray, bool]:
+    """Displacement of the plate, (n,), m, and whether Newton's steps came to rest."""
     scale = float(np.abs(linear).max())
-    w, diagonal = linear.copy(), np.arange(load.size)
+    w, diagonal = guess.copy(), np.arange(load.size)
     for _ in range(_NEWTON_STEPS):
         turn = _turning_point(w, load)
         force, slope, in_peak = _resistance(w, turn, bending, stiffness, reference)
-        left = w - toeplitz @ (load - force + stiffness * w)
+        left = w - linear + toeplitz @ (force - stiffness * w)
         system = toeplitz * (slope - stiffness)
         system[diagonal, diagonal] += 1.0
         if in_peak is not None:
@@ -98,12 +127,11 @@ def effective_force(
         step = solve_triangular(system, left, lower=True, check_finite=False)
         size = float(np.abs(step).max())
         if not np.isfinite(size):
-            break
+            return w, False
         w = w - step * min(1.0, 0.5 * scale / size) if size > 0.0 else w
         if size < _CONVERGED * scale:
-            break
-    force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)
-    return load - force + stiffness * w
+            return w, True
+    return w, False
 
 
 def _lower_toeplitz(kernel: FloatArray) -> FloatArray:

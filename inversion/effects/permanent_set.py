@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
 from inversion.kernel import FloatArray
 
 
@@ -14,7 +14,9 @@ class PermanentSet(Effect):
     parameters = (EffectParameter("displacement", "m", -3e-3, 1e-2, (5e-5,)),)
     advice = "seat the plate with more drops before measuring"
 
-    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+    def motion(
+        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+    ) -> FloatArray:
         """With what stays, at each sensor in proportion to its peak."""
         highest = np.maximum.accumulate(np.maximum(motion, 0.0), axis=1)
         first = max(float(highest[0, -1]), 1e-12)

@@ -1,12 +1,15 @@
-r"""Plate or hammer leaves contact and flies under gravity.
+r"""Plate or hammer leaves contact, flies under gravity and comes down again.
 
-From the time of lift-off on the plate moves as a thrown body,
-:math:`w = w_0 + v_0 t + g t^2 / 2`, until the ground is met again.
+From the time of lift-off on the plate is a thrown body on which the load may still act,
+:math:`\ddot w = g + F/m`, until it meets the ground again. Its momentum then goes into ground and
+plate as a blow.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
 from inversion.kernel import FloatArray
 
 GRAVITY = 9.80665
@@ -17,25 +20,69 @@ class Rebound(Effect):
 
     name = "rebound"
     scope = "drop"
-    parameters = (EffectParameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),)
+    parameters = (
+        EffectParameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),
+        EffectParameter("mass", "kg", 1.0, 300.0, (20.0,), logarithmic=True, natural=True),
+    )
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
-    def motion(self, motion: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """The plate in flight; the ground beside it goes its own way."""
-        time = drop.time
+    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+        """The mass in flight is about that of the plate, where that is known."""
+        time, mass = self.parameters
+        return time, replace(mass, starts=(drop.plate_mass or mass.starts[0],))
+
+    def motion(
+        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+    ) -> FloatArray:
+        """The plate in flight and after; the ground beside it goes its own way."""
+        time, step = drop.time, drop.step
         moment = drop.contact_end + values["lift_off"]
         if not time[2] < moment < time[-2]:
             return motion
-        result = motion.copy()
-        for row, offset in zip(result, drop.offsets, strict=True):
-            if offset >= drop.plate_radius:
+        flight, near = time - moment, drop.offsets < drop.plate_radius
+        blow = struck()
+        # What the ground does once the plate has left it: neither load nor weight press on it.
+        weight = values["mass"] * GRAVITY
+        # Parts of samples count, so that the times have a smooth influence.
+        flown = np.clip(flight / step + 0.5, 0.0, 1.0)
+        taken = -flown * (drop.load + weight)
+        result = motion + _after(blow, taken, step)
+        way = _way(flown * drop.load / values["mass"], step)
+        last, speed, part = time.size, 0.0, 0.0
+        for row, ground, below in zip(motion, result, near, strict=True):
+            if not below:
                 continue
             start = np.interp(moment, time, row)
-            around = np.array([moment - drop.step, moment + drop.step])
-            below, above = np.interp(around, time, row)
-            speed = (above - below) / (2 * drop.step)
-            flight = time - moment
-            free = start + speed * flight + 0.5 * GRAVITY * flight**2
-            # Nearer to the eye than the ground: it cannot fly into it.
-            row[:] = np.where(flight > 0, np.minimum(free, row), row)
+            before, after = np.interp([moment - step, moment + step], time, row)
+            free = start + (after - before) / (2 * step) * flight + 0.5 * GRAVITY * flight**2 + way
+            flying = (flight > 0) & (free < ground)
+            if not flying.any():
+                return motion
+            first = int(np.argmax(flying))
+            landed = np.flatnonzero(~flying[first:])
+            last = first + int(landed[0]) if landed.size else time.size
+            if last < time.size:
+                gap = free - ground
+                speed = max(0.0, float(gap[last] - gap[last - 1]) / step)
+                part = float(-gap[last - 1] / (gap[last] - gap[last - 1]))
+            ground[first:last] = free[first:last]
+        if last < time.size:
+            # The plate is back with its momentum, load and weight press again.
+            index = np.arange(time.size)
+            given = np.clip(index - last + 1.5 - part, 0.0, 1.0) * (drop.load + weight)
+            given[last - 1 : last + 1] += values["mass"] * speed / step * np.array([1 - part, part])
+            result += _after(blow, given, step)
         return result
+
+
+def _after(blow: FloatArray, force: FloatArray, step: float) -> FloatArray:
+    """Motion (k, n) under a force (n,), N, given that after a blow."""
+    if not force.any():
+        return np.zeros_like(blow)
+    return np.stack([step * np.convolve(row, force)[: force.size] for row in blow])
+
+
+def _way(acceleration: FloatArray, step: float) -> FloatArray:
+    """Twice integrated by trapezoids, (n,)."""
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1]))])
+    return np.concatenate([[0.0], np.cumsum(0.5 * step * (speed[1:] + speed[:-1]))])

@@ -1,46 +1,94 @@
-"""Clipped samples: the channel shows no more than its level."""
+"""Clipped samples: a channel shows no more than its level."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
 from inversion.kernel import FloatArray
+
+# A load within this part of its level is cut off.
+_CUT = 0.99
 
 
 class Saturation(Effect):
-    """Flat tops; a clipped velocity loses displacement that never comes back."""
+    """Flat tops. A clipped velocity loses displacement that never comes back; of a clipped load
+    the cap is put back, a parabola between the ends of the flat top.
+    """
 
     name = "saturation"
     scope = "drop"
-    parameters = (EffectParameter("level", "m/s", 1e-6, 100.0, (0.1,), logarithmic=True),)
+    parameters = (
+        EffectParameter("level", "m/s", 1e-6, 100.0, (0.1,), logarithmic=True),
+        EffectParameter("cap", "N", 0.0, 1.0, (0.1,), natural=True),
+    )
     advice = "lower the gain or the drop height: the channel reached the end of its range"
 
     def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
-        """The level at which the record is flat, give or take its offset."""
-        level = next((one for one in drop.flat if one is not None), 0.1)
-        unit = next(
-            ("m/s" if quantity == "velocity" else "m")
-            for quantity, flat in zip(drop.quantities, drop.flat, strict=True)
-            if flat is not None or all(one is None for one in drop.flat)
-        )
-        low, high = 0.8 * level, 1.2 * level
-        return (replace(self.parameters[0], unit=unit, starts=(level,), lower=low, upper=high),)
+        """The level at which the velocity is flat, give or take its offset; the load's cap."""
+        found = []
+        levels = [one for one in drop.flat if one is not None]
+        if levels:
+            low, high = 0.8 * min(levels), 1.25 * max(levels)
+            found.append(replace(self.parameters[0], starts=(levels[0],), lower=low, upper=high))
+        if drop.flat_load is not None:
+            cap = _cap_of_slopes(drop)
+            found.append(replace(self.parameters[1], starts=(cap,), upper=4.0 * cap))
+        return tuple(found)
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Only where a record has a flat top."""
-        return any(one is not None for drop in drops for one in drop.flat)
+        return any(
+            drop.flat_load is not None or any(one is not None for one in drop.flat)
+            for drop in drops
+        )
+
+    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """The level of the load."""
+        return () if drop.flat_load is None else (("level", "N", drop.flat_load),)
+
+    def motion(
+        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+    ) -> FloatArray:
+        """With what the cap of the load adds."""
+        if "cap" not in values:
+            return motion
+        cap = values["cap"] * _cap(drop)
+        blow = struck()
+        return motion + np.stack([drop.step * np.convolve(row, cap)[: cap.size] for row in blow])
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Cut at the level."""
+        """Velocities cut at the level."""
+        if "level" not in values:
+            return record
         level = values["level"]
         result = record.copy()
-        for row, quantity, flat in zip(result, drop.quantities, drop.flat, strict=True):
-            if flat is None:
-                continue
-            if quantity == "displacement":
-                row[:] = np.clip(row, -level, level)
-                continue
-            velocity = np.diff(row) / drop.step
-            row[1:] = row[0] + np.cumsum(np.clip(velocity, -level, level)) * drop.step
+        for row, flat in zip(result, drop.flat, strict=True):
+            if flat is not None:
+                velocity = np.diff(row) / drop.step
+                row[1:] = row[0] + np.cumsum(np.clip(velocity, -level, level)) * drop.step
         return result
+
+
+def _flat_ends(drop: DropContext) -> tuple[float, float]:
+    """Times between which the load is cut off, s."""
+    assert drop.flat_load is not None
+    cut = np.flatnonzero(drop.load > _CUT * drop.flat_load)
+    return float(drop.time[cut[0]]), float(drop.time[cut[-1]])
+
+
+def _cap(drop: DropContext) -> FloatArray:
+    """The cap of height 1 at the samples, (n,)."""
+    begin, end = _flat_ends(drop)
+    middle, half = 0.5 * (begin + end), 0.5 * (end - begin) + 0.5 * drop.step
+    cap: FloatArray = np.maximum(1.0 - ((drop.time - middle) / half) ** 2, 0.0)
+    return cap
+
+
+def _cap_of_slopes(drop: DropContext) -> float:
+    """Height of the parabola that goes on with the slopes at the ends of the flat top, N."""
+    begin, end = _flat_ends(drop)
+    slopes = np.interp([begin - drop.step, end + drop.step], drop.time, drop.load)
+    outer = np.interp([begin - 3 * drop.step, end + 3 * drop.step], drop.time, drop.load)
+    slope = float(np.mean(slopes - outer)) / (2 * drop.step)
+    return max(0.25 * slope * (end - begin), 0.01 * drop.peak_load)

@@ -19,7 +19,7 @@ class StressDependence(Effect):
     scope = "point"
     parameters = (
         EffectParameter("exponent", "-", -0.9, 0.85, (0.35, -0.25, 0.3)),
-        EffectParameter("within", "-", 0.0, 1.0, (1.0, 1.0, 0.0)),
+        EffectParameter("within", "-", 0.0, 1.0, (1.0, 1.0, 0.0), natural=True),
     )
     advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
 

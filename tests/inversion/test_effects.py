@@ -44,7 +44,7 @@ NOTHING = {
     "sensor_lag": {"delay": 0.0},
     "baseline_drift": {"velocity_offset": 0.0, "acceleration": 0.0},
     "mains_hum": {"amplitude": 0.0, "frequency": 50.0, "phase": 0.2},
-    "rebound": {"lift_off": 1.0},
+    "rebound": {"lift_off": 1.0, "mass": 20.0},
 }
 
 
@@ -54,7 +54,12 @@ def through(effect: Effect, values, drop=None):
     s = 50.0 + 2j * np.pi * np.arange(1, 40) * 10.0
     compliance = effect.compliance(np.full((2, s.size), 1e-8 + 0j), s, values, drop)
     assert effect.bending(Bending(), values, drop).straight or name_bends(effect)
-    return ground, compliance, effect.record(effect.motion(MOTION, values, drop), values, drop)
+    motion = effect.motion(MOTION, values, drop, no_blow)
+    return ground, compliance, effect.record(motion, values, drop)
+
+
+def no_blow() -> np.ndarray:
+    return np.zeros_like(MOTION)
 
 
 def name_bends(effect: Effect) -> bool:
@@ -65,8 +70,7 @@ def name_bends(effect: Effect) -> bool:
 def test_an_effect_of_no_strength_changes_nothing(name: str) -> None:
     ground, compliance, record = through(BY_NAME[name], NOTHING[name])
     assert ground == Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
-    # The equivalent thickness of equal layers is 0.9 of the true one: 2 % of a deflection.
-    np.testing.assert_allclose(compliance, 1e-8, rtol=0.06 if name == "layer" else 1e-12)
+    np.testing.assert_allclose(compliance, 1e-8, rtol=1e-12)
     np.testing.assert_allclose(record, MOTION, atol=1e-12)
 
 
@@ -124,7 +128,7 @@ def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
 def test_a_straight_resistance_changes_nothing() -> None:
     hats = rod(1e-4, 600, 2e7, 1e5)
     load = 8000.0 * PULSE
-    force = effective_force(hats[0], load, Bending(), 2e7, 4e-4)
+    force, _ = effective_force(hats[0], load, Bending(), 2e7, 4e-4)
     np.testing.assert_allclose(force, load, atol=1e-3)
 
 
@@ -141,7 +145,7 @@ def test_bending_ground_follows_its_equation_of_motion(n: float) -> None:
 
     found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
     hats = rod(1e-4, 600, stiffness, damper)
-    force = effective_force(hats[0], load, Bending(stress_exponent=n), stiffness, reference)
+    force, _ = effective_force(hats[0], load, Bending(stress_exponent=n), stiffness, reference)
     got = np.convolve(hats[0], force)[:600]
     np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
 
@@ -150,7 +154,7 @@ def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
     # So slow that nothing is radiated: w = r (F / (k r))^(1 - n).
     hats = rod(1.0, 400, 2e7, 1e3)
     load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
-    force = effective_force(hats[0], load, Bending(stress_exponent=0.4), 2e7, 4e-4)
+    force, _ = effective_force(hats[0], load, Bending(stress_exponent=0.4), 2e7, 4e-4)
     got = np.convolve(hats[0], force)[:400]
     np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
 
@@ -159,7 +163,7 @@ def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
     hats = rod(1e-4, 600, 2e7, 1e4)
     load = 8000.0 * PULSE
     bending = Bending(unrecovered=0.2)
-    force = effective_force(hats[0], load, bending, 2e7, 4e-4)
+    force, _ = effective_force(hats[0], load, bending, 2e7, 4e-4)
     got = np.convolve(hats[0], force)[:600]
     assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
 
@@ -177,14 +181,16 @@ def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
 
 
 def test_permanent_set_stays() -> None:
-    record = BY_NAME["permanent_set"].motion(MOTION, {"displacement": 1e-4}, context())
+    record = BY_NAME["permanent_set"].motion(MOTION, {"displacement": 1e-4}, context(), no_blow)
     assert record[0, -1] == pytest.approx(1e-4)
     assert record[1, -1] == pytest.approx(0.3e-4)
 
 
 def test_a_plate_in_flight_falls_with_gravity() -> None:
     # Late in the pulse the ground slows down by more than g: the plate goes on without it.
-    record = BY_NAME["rebound"].motion(4 * MOTION, {"lift_off": -0.002}, context())
+    drop = context(load=np.zeros_like(TIME))
+    values = {"lift_off": -0.002, "mass": 20.0}
+    record = BY_NAME["rebound"].motion(4 * MOTION, values, drop, no_blow)
     flying = np.flatnonzero(record[0] < 4 * MOTION[0] - 1e-7)
     assert flying.size > 50
     acceleration = np.diff(record[0][flying[0] : flying[-1]], 2) / 1e-8
@@ -192,11 +198,56 @@ def test_a_plate_in_flight_falls_with_gravity() -> None:
     np.testing.assert_array_equal(record[1], 4 * MOTION[1])
 
 
+def test_a_plate_that_jumps_comes_down_with_its_momentum() -> None:
+    # A mass on a spring and a damper that cannot pull beyond the mass's weight; here integrated.
+    mass, stiffness, damper, gravity = 12.0, 1e7, 1.5e4, 9.80665
+    load = 8000.0 * PULSE
+
+    def motion(t, state):
+        plate, speed, ground = state
+        outside = np.interp(t, TIME, load)
+        pressed = stiffness * plate + damper * speed
+        if plate < ground - 1e-9 or pressed < -mass * gravity:
+            back = (-mass * gravity - stiffness * ground) / damper
+            return [speed, outside / mass + gravity, back]
+        return [speed, (outside - pressed) / mass, speed]
+
+    found = solve_ivp(
+        motion, (0, TIME[-1]), [0.0] * 3, t_eval=TIME, max_step=1e-5, rtol=1e-8, atol=1e-12
+    )
+    truth = found.y[0]
+    pressed = stiffness * truth + damper * found.y[1]
+    begin = int(np.argmax((pressed < -mass * gravity) & (TIME > 0.01)))
+    root = np.sqrt(complex(damper**2 / (4 * mass**2) - stiffness / mass))
+    rate = damper / (2 * mass)
+    blow = (np.exp(-rate * TIME) * np.sinh(root * TIME) / (mass * root)).real[None]
+    linear = 1e-4 * np.convolve(blow[0], load)[: TIME.size][None]
+    drop = context(load=load, offsets=np.zeros(1), quantities=("velocity",), flat=(None,))
+    values = {"lift_off": TIME[begin] - drop.contact_end, "mass": mass}
+    record = BY_NAME["rebound"].motion(linear, values, drop, lambda: blow)[0]
+    assert truth.min() < -0.05 * truth.max()  # it does jump
+    np.testing.assert_allclose(record, truth, atol=0.03 * truth.max())
+    assert np.abs(linear[0] - truth).max() > 0.08 * truth.max()
+
+
 def test_a_clipped_velocity_never_exceeds_its_level() -> None:
     drop = context(flat=(0.02, None))
     record = BY_NAME["saturation"].record(MOTION, {"level": 0.02}, drop)
     assert np.abs(np.diff(record[0]) / 1e-4).max() == pytest.approx(0.02)
     np.testing.assert_array_equal(record[1], MOTION[1])
+
+
+def test_the_cap_of_a_clipped_load_goes_on_where_it_was_cut() -> None:
+    full = 8000.0 * np.sin(np.pi * np.minimum(TIME, 0.02) / 0.02)
+    drop = context(load=np.minimum(full, 6400.0), flat_load=6400.0, peak_load=6400.0)
+    (cap,) = BY_NAME["saturation"].parameters_for(drop)
+    assert cap.starts[0] == pytest.approx(1600.0, rel=0.25)
+    # Displacement that follows at once, one metre a newton second: the cap itself comes out.
+    blow = np.zeros_like(MOTION)
+    blow[:, 0] = 1.0 / drop.step
+    added = BY_NAME["saturation"].motion(0 * MOTION, {"cap": 1600.0}, drop, lambda: blow)
+    np.testing.assert_allclose(added[0], full - drop.load, atol=0.02 * 8000.0)
+    assert BY_NAME["saturation"].known(drop) == (("level", "N", 6400.0),)
 
 
 def test_a_filter_lets_slow_things_through_and_takes_fast_ones() -> None:

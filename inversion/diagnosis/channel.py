@@ -1,0 +1,92 @@
+r"""One motion channel as the diagnosis sees it, the time before the pulse included.
+
+Drift and hum show before the pulse, and only there can they be told from what ground and plate do.
+What becomes of the native samples is linear, :math:`w = W v`: offset taken off, velocity
+integrated, zero where the pulse begins. So is what becomes of their noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from inversion.kernel import FloatArray
+from inversion.record import ChannelNoise, Sensor
+
+# Part of the mean variance that keeps a covariance positive.
+_JITTER = 1e-6
+
+
+class Channel:
+    """Displacement of one sensor at the samples of the diagnosis.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    noise : ChannelNoise
+    first : int, native sample where the pulse begins: displacement is zero there
+    samples : (m,) ndarray of int, native samples that count, the first of them before ``first``
+    step : float, s, of the native samples
+    """
+
+    def __init__(
+        self, sensor: Sensor, noise: ChannelNoise, first: int, samples: np.ndarray, step: float
+    ) -> None:
+        self._noise = noise
+        self._time = step * (samples - first)
+        weights = np.zeros((samples.size, int(samples[-1]) + 1))
+        if sensor.quantity == "velocity":
+            weights[:] = _integral(samples, weights.shape[1], step)
+            weights -= _integral(np.array([first]), weights.shape[1], step)
+            before = noise.baseline_samples
+            if before:
+                weights[:, :before] -= self._time[:, None] / before
+            self._quiet = step * (np.array([0, max(before - 1, 0)]) - first)
+            self.ramps = before > 1
+        else:
+            weights[np.arange(samples.size), samples] = 1.0
+            settled = max(noise.baseline_samples, 1)
+            begin = first - settled if first >= settled else first
+            weights[:, begin : begin + settled] -= 1.0 / settled
+            self._quiet = step * (np.array([begin, begin + settled - 1]) - first)
+            self.ramps = False
+        self._weights = weights
+        self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
+
+    def read(self, displacement: FloatArray) -> FloatArray:
+        """A displacement (m,) as it would come out: without its offset before the pulse, m."""
+        if self.ramps:
+            first, last = np.interp(self._quiet, self._time, displacement)
+            slope = (last - first) / (self._quiet[1] - self._quiet[0])
+            still = float(np.interp(0.0, self._time, displacement))
+            ramp: FloatArray = still + slope * self._time
+            return displacement - ramp
+        begin, end = np.interp(self._quiet, self._time, displacement)
+        result: FloatArray = displacement - 0.5 * (begin + end)
+        return result
+
+    def whitener(self, part: slice, steady: FloatArray) -> FloatArray:
+        """Inverse of the lower Cholesky factor of the covariance of some samples, 1/m.
+
+        Parameters
+        ----------
+        part : slice of the samples
+        steady : (n,) ndarray, m: rms of what is added to the noise, independent at each
+        """
+        covariance = np.diag(steady**2)
+        if self._noise.model.samples:
+            covariance += self._noise.model.quadratic_form(self._weights[part])
+        size = steady.size
+        covariance += _JITTER * float(np.trace(covariance)) / size * np.eye(size)
+        lower = np.linalg.cholesky(covariance)
+        return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
+
+
+def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:
+    """Weights (m, count) of the trapezoidal integral from the first sample to each of some."""
+    index = np.arange(count)
+    weights = np.where(index[None, :] < samples[:, None], step, 0.0)
+    weights[:, 0] *= 0.5
+    inside = (samples > 0) & (samples < count)
+    weights[np.flatnonzero(inside), samples[inside]] = 0.5 * step
+    return weights
