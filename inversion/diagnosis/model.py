@@ -127,7 +127,7 @@ class DropModel:
             count=count,
             plate_mass=record.instrument.plate_mass,
             flat=tuple(
-                _flat_velocity(sensor, channel.model.rms, drop.step)
+                _flat_velocity(sensor, channel.model.rms, drop.step, drop.peak_load >= largest_load)
                 for sensor, channel in zip(record.sensors, drop.channels, strict=True)
             ),
             flat_load=_flat_level(
@@ -304,13 +304,21 @@ class DropModel:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def _flat_velocity(sensor: Sensor, noise: float, step: float) -> float | None:
-    """Level at which the velocity is cut off, m/s; also where its integral was recorded."""
+def _flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> float | None:
+    """Level at which the velocity is cut off, m/s; also where its integral was recorded.
+
+    The difference of a displacement is too noisy to show a flat top: that of the largest drop may
+    have one just below its highest value.
+    """
     if sensor.quantity == "velocity":
         return _flat_level(sensor.values - np.median(sensor.values[:_REST]), noise)
     span = max(1, round(_DIFFERENCE_S / step))
     velocity = (sensor.values[span:] - sensor.values[:-span]) / (span * step)
-    return _flat_level(velocity, np.sqrt(2.0) * noise / (span * step))
+    hiss = np.sqrt(2.0) * noise / (span * step)
+    found = _flat_level(velocity, hiss)
+    if found is None and largest:
+        found = float(np.abs(velocity).max() - 2.0 * hiss)
+    return found
 
 
 def _flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float | None:

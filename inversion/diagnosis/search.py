@@ -39,7 +39,11 @@ ENOUGH = 1.15
 _PAIRS_REFINED = 6
 _BEAM = 3
 _MOST_EFFECTS = 4
-_QUICK = 4
+_QUICK = 5
+# So many starts are followed to the end.
+_REFINED = 2
+# What is so much worse after a few steps will not catch up.
+_HOPELESS = 60.0
 _SHORTLIST = 6
 # Roll-off of the sensor and ground that stiffens help only together; so may rock under both.
 _HIDING = ("geophone_response", "stress_dependence", "hysteretic_unloading", "bedrock")
@@ -167,12 +171,13 @@ class Search:
         names = frozenset(effect.name for effect in ordered)
         active = [e for e in CATALOGUE if e in ordered or e in self._given]
         problem = Problem(self.points, active, self.fixed, contact_only=self.contact_only)
-        best: Fit | None = None
-        for device, own in self._starts(problem, names):
-            found = fit(problem, device, own, iterations)
-            if best is None or found.cost < best.cost:
-                best = found
-        assert best is not None
+        starts = self._starts(problem, names)
+        if len(starts) > _REFINED and iterations > _QUICK:
+            tried = [fit(problem, device, own, _QUICK) for device, own in starts]
+            tried.sort(key=lambda one: one.cost)
+            starts = [(one.device, list(one.own)) for one in tried[:_REFINED]]
+        fits = [fit(problem, device, own, iterations) for device, own in starts]
+        best = min(fits, key=lambda one: one.cost)
         return self._keep(Candidate(ordered, best, self._score(best)))
 
     def _score(self, found: Fit) -> float:
@@ -341,7 +346,10 @@ class Search:
             if other in best.effects or not _compatible((*rest, other)):
                 continue
             ordered = tuple(e for e in CATALOGUE if e in (*rest, other))
-            candidate = self._fit(ordered, 12)
+            candidate = self._fit(ordered, _QUICK)
+            if self._misfit(candidate.fit) > self._misfit(best.fit) + _HOPELESS:
+                continue
+            candidate = self._fit(ordered, 20)
             # Fewer parameters decide between them, but do not tell them apart.
             if self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE:
                 found.append((candidate.score, other.name))

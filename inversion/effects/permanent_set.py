@@ -1,4 +1,8 @@
-"""Displacement that is left after the drop."""
+r"""Displacement that is left after the drop.
+
+The plate beds in while it goes deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. What is left
+lies under the plate; the ground beside it comes back.
+"""
 
 import numpy as np
 
@@ -7,17 +11,24 @@ from inversion.kernel import FloatArray
 
 
 class PermanentSet(Effect):
-    """Grows with the displacement up to its peak and stays; a part of the peak, m."""
+    """Grows with the displacement up to its peak and stays."""
 
     name = "permanent_set"
     scope = "drop"
-    parameters = (EffectParameter("displacement", "m", -3e-3, 1e-2, (5e-5,)),)
+    parameters = (
+        EffectParameter("displacement", "m", 0.0, 1e-2, (5e-5,), natural=True),
+        EffectParameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True),
+    )
     advice = "seat the plate with more drops before measuring"
 
     def motion(
         self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
     ) -> FloatArray:
-        """With what stays, at each sensor in proportion to its peak."""
-        highest = np.maximum.accumulate(np.maximum(motion, 0.0), axis=1)
-        first = max(float(highest[0, -1]), 1e-12)
-        return motion + highest * (values["displacement"] / first)
+        """With what stays, at the sensors on the plate."""
+        result = motion.copy()
+        for row, offset in zip(result, drop.offsets, strict=True):
+            if offset < drop.plate_radius:
+                highest = np.maximum.accumulate(np.maximum(row, 0.0))
+                share = highest / max(float(highest[-1]), 1e-12)
+                row += values["displacement"] * share ** values["exponent"]
+        return result

@@ -40,7 +40,7 @@ NOTHING = {
     "layer": {"modulus_ratio": 1.0, "thickness": 0.2},
     "stress_dependence": {"exponent": 0.0},
     "hysteretic_unloading": {"exponent": 1.0, "unrecovered": 0.0},
-    "permanent_set": {"displacement": 0.0},
+    "permanent_set": {"displacement": 0.0, "exponent": 1.5},
     "sensor_lag": {"delay": 0.0},
     "baseline_drift": {"velocity_offset": 0.0, "acceleration": 0.0},
     "mains_hum": {"amplitude": 0.0, "frequency": 50.0, "phase": 0.2},
@@ -180,10 +180,13 @@ def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
     assert effect.bending(Bending(), values, low) == Bending(stress_exponent=0.5)
 
 
-def test_permanent_set_stays() -> None:
-    record = BY_NAME["permanent_set"].motion(MOTION, {"displacement": 1e-4}, context(), no_blow)
+def test_permanent_set_stays_under_the_plate() -> None:
+    values = {"displacement": 1e-4, "exponent": 1.5}
+    record = BY_NAME["permanent_set"].motion(MOTION, values, context(), no_blow)
     assert record[0, -1] == pytest.approx(1e-4)
-    assert record[1, -1] == pytest.approx(0.3e-4)
+    half = int(np.argmax(PULSE >= 0.5))
+    assert record[0, half] - MOTION[0, half] == pytest.approx(1e-4 * PULSE[half] ** 1.5)
+    np.testing.assert_array_equal(record[1], MOTION[1])
 
 
 def test_a_plate_in_flight_falls_with_gravity() -> None:
