@@ -22,8 +22,6 @@ from inversion.threads import single_threaded_blas
 Verdict = Literal["clean", "explained", "unexplained"]
 DeviceValues = dict[str, dict[str, float]]
 
-_NO_GROUND = "spring_rig"
-
 
 @dataclass(frozen=True)
 class FoundParameter:
@@ -212,12 +210,13 @@ def _state(point: Point, candidate: Candidate, search: Search) -> State:
     ground = point.ground(found.problem.own[0], found.own[0])
     for effect, values in found.problem.values(0, found.device, found.own[0], len(pairs) - 1):
         ground = effect.ground(ground, values, point.drops[-1].context)
-    rig = _NO_GROUND in candidate.names
+    rig = any(effect.replaces_ground for effect in candidate.effects)
     model = "half-space" if ground.inverse_depth == 0.0 else "layer"
     index = len(found.problem.device)
-    deviation = found.deviations()[index]
-    first = found.problem.own[0][0].parameter
-    relative = deviation * math.log(first.upper / first.lower)
+    relative = math.nan
+    if not rig:
+        first = found.problem.own[0][0].parameter
+        relative = found.deviations()[index] * math.log(first.upper / first.lower)
     return State(
         model="rig" if rig else model,
         modulus=math.nan if rig else ground.modulus,
@@ -290,7 +289,7 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> float:
         problem.points,
         problem.effects,
         problem.fixed,
-        contact_only=problem.contact_only,
+        scope=problem.scope,
         left_out={(0, left_out)},
     )
     found = fit(others, candidate.fit.device, candidate.fit.own, 8)

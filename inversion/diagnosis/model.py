@@ -44,6 +44,23 @@ _SOON = 1.3
 Active = Sequence[tuple[Effect, Values]]
 
 
+@dataclass(frozen=True)
+class Scope:
+    """What of a record counts for a fit, and how.
+
+    Parameters
+    ----------
+    contact_only : bool, no more than the contact phase
+    plain : bool, every sample from the pulse on alike, as if the noise were white
+    """
+
+    contact_only: bool = False
+    plain: bool = False
+
+
+WHOLE = Scope()
+
+
 @dataclass(frozen=True, eq=False)
 class PointRecords:
     """The drops of a point, as they enter the diagnosis.
@@ -139,7 +156,7 @@ class DropModel:
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
         self._floor = floor
-        self._whiteners: dict[bool, tuple[FloatArray, ...]] = {}
+        self._whiteners: dict[Scope, tuple[FloatArray, ...]] = {}
         self.peak: FloatArray = drop.peak_displacement
         self._memory: dict[tuple[object, ...], ComplexArray] = {}
         self._motions: dict[tuple[object, ...], FloatArray] = {}
@@ -247,14 +264,14 @@ class DropModel:
         row = self.observed[int(np.argmin(self.context.offsets))]
         return float(row[self.context.time <= _SOON * self.context.contact_end].max())
 
-    def independent(self, *, contact_only: bool) -> float:
+    def independent(self, scope: Scope = WHOLE) -> float:
         """Number of independent samples that count, all sensors."""
-        part = self._part(contact_only=contact_only)
+        part = self._part(scope)
         count = part.stop - part.start
         seconds = count * self.context.step
         return float(min(max(INDEPENDENT_HZ * seconds, 8.0), count) * self.observed.shape[0])
 
-    def weigh(self, predicted: FloatArray, *, contact_only: bool) -> FloatArray:
+    def weigh(self, predicted: FloatArray, scope: Scope = WHOLE) -> FloatArray:
         r"""What a prediction leaves, (n,): noise would leave a sum of squares of `independent`.
 
         Noise is coloured: a velocity's becomes a random walk when it is integrated, whose slow
@@ -262,9 +279,12 @@ class DropModel:
         the model's own error, the residual is :math:`\sqrt{N/n} L^{-1} r`, :math:`L L^T = C`,
         N of n samples being independent as far as the model's own error goes.
         """
-        part = self._part(contact_only=contact_only)
+        part = self._part(scope)
         left = (predicted - self._everywhere)[:, part]
-        whiteners = self._whiteners.get(contact_only)
+        share = np.sqrt(self.independent(scope) / left.size)
+        if scope.plain:
+            return np.asarray(share * (left / self.noise[:, None]).ravel())
+        whiteners = self._whiteners.get(scope)
         if whiteners is None:
             moving = (np.arange(part.start, part.stop) >= self.before).astype(float)
             whiteners = tuple(
@@ -273,20 +293,19 @@ class DropModel:
                     self.channels, self._floor, self.drop.quantisation, strict=True
                 )
             )
-            self._whiteners[contact_only] = whiteners
-        share = np.sqrt(self.independent(contact_only=contact_only) / left.size)
+            self._whiteners[scope] = whiteners
         parts = [share * (w @ row) for w, row in zip(whiteners, left, strict=True)]
         return np.concatenate(parts)
 
-    def weighed_size(self, *, contact_only: bool) -> int:
+    def weighed_size(self, scope: Scope = WHOLE) -> int:
         """Number of values that `weigh` gives."""
-        part = self._part(contact_only=contact_only)
+        part = self._part(scope)
         return int((part.stop - part.start) * self.observed.shape[0])
 
-    def _part(self, *, contact_only: bool) -> slice:
-        """Samples that count for a fit, those before the pulse among them."""
-        window = self.window(contact_only=contact_only)
-        return slice(0, self.before + window.stop)
+    def _part(self, scope: Scope) -> slice:
+        """Samples that count for a fit, those before the pulse among them unless all are alike."""
+        window = self.window(contact_only=scope.contact_only)
+        return slice(self.before + window.start if scope.plain else 0, self.before + window.stop)
 
     def window(self, *, contact_only: bool) -> slice:
         """Samples that count, of the model's."""

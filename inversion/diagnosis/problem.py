@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.diagnosis.model import WHOLE, DropModel, PointRecords, Scope
 from inversion.effects.base import Effect, EffectParameter, Ground
 from inversion.kernel import FloatArray
 from inversion.library import SurrogateLibrary
@@ -111,7 +111,8 @@ class Point:
 
     def unknowns(self, effects: Sequence[Effect]) -> list[Unknown]:
         """Of the ground and of the effects that are not the device's."""
-        found = self.soil
+        # On a rig there is no ground to be fitted.
+        found = [] if any(effect.replaces_ground for effect in effects) else self.soil
         for effect in effects:
             if effect.scope == "device":
                 continue
@@ -135,12 +136,13 @@ class Point:
             for one, place in zip(own, places, strict=True)
             if one.effect is None
         }
+        soil = {p.name: p.starts[0] for p in SOIL} | soil
         modulus = self.peak_modulus * soil["modulus_ratio"]
         depth = self.declared_depth
         return Ground(
             modulus=modulus,
             viscosity=modulus * soil["relaxation"],
-            density=soil.get("density", record.density or 0.0),
+            density=soil["density"] if record.density is None else record.density,
             inverse_depth=0.0 if depth is None or np.isinf(depth) else 1.0 / depth,
             plate_mass=record.instrument.plate_mass,
         )
@@ -154,7 +156,7 @@ class Problem:
     points : sequence of Point
     effects : sequence of Effect, in the order in which they act
     fixed : mapping of device effects that are given, by name
-    contact_only : bool, whether the contact phase alone counts
+    scope : Scope, what counts
     local : sequence of sequences of Effect, what each point has; None: all have all
     left_out : set of (point, drop), which count for nothing
     """
@@ -165,14 +167,14 @@ class Problem:
         effects: Sequence[Effect],
         fixed: dict[str, dict[str, float]] | None = None,
         *,
-        contact_only: bool = False,
+        scope: Scope = WHOLE,
         local: Sequence[Sequence[Effect]] | None = None,
         left_out: Collection[tuple[int, int]] = (),
     ) -> None:
         self.points = tuple(points)
         self.effects = tuple(effects)
         self.fixed = fixed or {}
-        self.contact_only = contact_only
+        self.scope = scope
         self.left_out = frozenset(left_out)
         self.device = [
             Unknown(p, effect)
@@ -236,13 +238,13 @@ class Problem:
         if (index, number) in self.left_out:
             return np.empty(0)
         predicted = self.predict_drop(index, device, own, number)
-        return self.points[index].drops[number].weigh(predicted, contact_only=self.contact_only)
+        return self.points[index].drops[number].weigh(predicted, self.scope)
 
     @property
     def independent(self) -> float:
         """Number of independent samples of all that counts."""
         return sum(
-            model.independent(contact_only=self.contact_only)
+            model.independent(self.scope)
             for index, point in enumerate(self.points)
             for number, model in enumerate(point.drops)
             if (index, number) not in self.left_out
@@ -254,7 +256,7 @@ class Problem:
         for model, predicted in zip(
             self.points[index].drops, self.predict(index, device, own), strict=True
         ):
-            window = model.window(contact_only=self.contact_only)
+            window = model.window(contact_only=self.scope.contact_only)
             left = (predicted - model.observed)[:, window] / model.noise[:, None]
             total, count = total + float(np.sum(left**2)), count + left.size
         return math.sqrt(total / count)
@@ -288,7 +290,7 @@ class Problem:
         """Number of residuals of each drop of a point."""
         sizes = []
         for number, model in enumerate(self.points[index].drops):
-            size = model.weighed_size(contact_only=self.contact_only)
+            size = model.weighed_size(self.scope)
             sizes.append(0 if (index, number) in self.left_out else size)
         return sizes
 

@@ -9,13 +9,14 @@ offered whether or not one of the two helps alone.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.model import WHOLE, Scope
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import CATALOGUE
@@ -41,7 +42,7 @@ _BEAM = 3
 _MOST_EFFECTS = 4
 _QUICK = 5
 # So many starts are followed to the end.
-_REFINED = 2
+_REFINED = 3
 # What is so much worse after a few steps will not catch up.
 _HOPELESS = 60.0
 _SHORTLIST = 6
@@ -55,24 +56,34 @@ _COMPANIES = (
     frozenset(
         {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound", "geophone_response"}
     ),
+    frozenset({"spring_rig", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
 )
-# Where companies begin: soft and stiff sensors, much and little bending.
-_COMPANY_STARTS = (
-    {
+
+
+def _company_starts(radius: float) -> tuple[dict[tuple[str, str], float], ...]:
+    """Where companies begin: soft and stiff sensors, much and little bending; by effect and
+    parameter, for a plate of a radius in m.
+    """
+    stiff = {
         ("geophone_response", "natural_frequency"): 11.0,
         ("geophone_response", "damping"): 0.15,
         ("stress_dependence", "exponent"): 0.4,
         ("hysteretic_unloading", "exponent"): 1.5,
         ("hysteretic_unloading", "unrecovered"): 0.2,
-    },
-    {
+        ("rebound", "lift_off"): -8e-4,
+        ("bedrock", "depth"): 6.0 * radius,
+    }
+    soft = {
         ("geophone_response", "natural_frequency"): 14.0,
         ("geophone_response", "damping"): 0.3,
         ("stress_dependence", "exponent"): 0.5,
         ("hysteretic_unloading", "exponent"): 1.5,
         ("hysteretic_unloading", "unrecovered"): 0.4,
-    },
-)
+        ("rebound", "lift_off"): -1.5e-3,
+        ("bedrock", "depth"): 4.0 * radius,
+    }
+    return stiff, soft
+
 
 # Effects that replace the ground or stand in for a third one explain anything together.
 _EXCLUSIVE = (
@@ -125,7 +136,7 @@ class Search:
     points : sequence of Point
     catalogue : sequence of Effect, to choose from
     fixed : values of device effects that are given, by name
-    contact_only : bool
+    scope : Scope, what counts
     """
 
     def __init__(
@@ -134,11 +145,11 @@ class Search:
         catalogue: Sequence[Effect] = CATALOGUE,
         fixed: dict[str, dict[str, float]] | None = None,
         *,
-        contact_only: bool = False,
+        scope: Scope = WHOLE,
     ) -> None:
         self.points = tuple(points)
         self.fixed = fixed or {}
-        self.contact_only = contact_only
+        self.scope = scope
         contexts = [tuple(model.context for model in point.drops) for point in points]
         self.catalogue = tuple(
             effect
@@ -150,9 +161,7 @@ class Search:
         self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
         self._known: dict[frozenset[str], Candidate] = {}
         self._contact: dict[Key, float] | None = None
-        self.independent = Problem(
-            self.points, (), self.fixed, contact_only=contact_only
-        ).independent
+        self.independent = Problem(self.points, (), self.fixed, scope=scope).independent
 
     def base(self) -> Candidate:
         """The base model."""
@@ -170,7 +179,7 @@ class Search:
     def _fit(self, ordered: tuple[Effect, ...], iterations: int) -> Candidate:
         names = frozenset(effect.name for effect in ordered)
         active = [e for e in CATALOGUE if e in ordered or e in self._given]
-        problem = Problem(self.points, active, self.fixed, contact_only=self.contact_only)
+        problem = Problem(self.points, active, self.fixed, scope=self.scope)
         starts = self._starts(problem, names)
         if len(starts) > _REFINED and iterations > _QUICK:
             tried = [fit(problem, device, own, _QUICK) for device, own in starts]
@@ -216,12 +225,21 @@ class Search:
         if len(names) == 1:
             # What comes after the pulse may have spoilt the ground of the base model.
             starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
+        if len(names) > 1 and any(company <= names | set(self.fixed) for company in _COMPANIES):
+            alone = self._known.get(frozenset({"spring_rig"} & names))
+            rig = _places_of(alone.fit) if alone is not None and alone.effects else {}
+            radius = self.points[0].drops[0].context.plate_radius
+            starts = starts[:1]
+            for values in _company_starts(radius):
+                starts.append(_start(problem, rig | _of(problem, values), 0))
         return starts
 
     def _ground_of_contact(self) -> dict[Key, float]:
         """The base model's ground when the contact phase alone counts."""
         if self._contact is None:
-            problem = Problem(self.points, self._given, self.fixed, contact_only=True)
+            problem = Problem(
+                self.points, self._given, self.fixed, scope=replace(self.scope, contact_only=True)
+            )
             found = [fit(problem, *_start(problem, {}, choice)) for choice in range(3)]
             self._contact = _places_of(min(found, key=lambda one: one.cost))
         return self._contact
@@ -247,30 +265,15 @@ class Search:
         return self._shrink(best)
 
     def _companies(self) -> list[Candidate]:
-        """Sets that only help together, each from starts where they do."""
+        """Sets that only help together."""
         found = []
         offered = {effect.name for effect in self.catalogue} | set(self.fixed)
         for names in _COMPANIES:
             if not names <= offered:
                 continue
-            chosen = [e for e in self.catalogue if e.name in names]
-            if len(self.points[0].drops) > 1 and "seating" in offered:
-                chosen.append(next(e for e in self.catalogue if e.name == "seating"))
-            ordered = tuple(e for e in CATALOGUE if e in chosen)
-            active = [e for e in CATALOGUE if e in ordered or e in self._given]
-            problem = Problem(self.points, active, self.fixed, contact_only=self.contact_only)
-            fits = []
-            for values in _COMPANY_STARTS:
-                known = {
-                    _key(one, index): one.place(values[key])
-                    for index, own in enumerate([problem.device, *problem.own])
-                    for one in own
-                    if one.effect and (key := (one.effect.name, one.parameter.name)) in values
-                }
-                known = {(max(k[0] - 1, 0), *k[1:]): v for k, v in known.items()}
-                fits.append(fit(problem, *_start(problem, known, 0), 60))
-            best = min(fits, key=lambda one: one.cost)
-            found.append(self._keep(Candidate(ordered, best, self._score(best))))
+            several = len(self.points[0].drops) > 1
+            wanted = names | ({"seating"} if several else set())
+            found.append(self._fit(tuple(e for e in self.catalogue if e.name in wanted), 60))
         return found
 
     def _keep(self, candidate: Candidate) -> Candidate:
@@ -370,6 +373,17 @@ Key = tuple[int, str, str, int | None]
 
 def _key(one: Unknown, point: int) -> Key:
     return point, one.effect.name if one.effect else "", one.parameter.name, one.drop
+
+
+def _of(problem: Problem, values: Mapping[tuple[str, str], float]) -> dict[Key, float]:
+    """Places of values by effect and parameter, alike for all points and drops."""
+    known = {}
+    for index, unknowns in ((0, problem.device), *enumerate(problem.own)):
+        for one in unknowns:
+            name = (one.effect.name if one.effect else "", one.parameter.name)
+            if name in values:
+                known[_key(one, index)] = one.place(values[name])
+    return known
 
 
 def _places_of(found: Fit) -> dict[Key, float]:

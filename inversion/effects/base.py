@@ -123,6 +123,8 @@ class Effect:
     parameters: ClassVar[tuple[EffectParameter, ...]]
     advice: ClassVar[str] = ""
     """What to do in the field."""
+    replaces_ground: ClassVar[bool] = False
+    """Whether there is no ground where it is: then none is fitted."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Whether records like these could show it."""

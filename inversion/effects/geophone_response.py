@@ -11,7 +11,7 @@ class GeophoneResponse(Effect):
     scope = "device"
     parameters = (
         EffectParameter("natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True),
-        EffectParameter("damping", "-", 0.05, 1.5, (0.6, 0.2), logarithmic=True),
+        EffectParameter("damping", "-", 0.02, 1.5, (0.6, 0.2), logarithmic=True),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
 

@@ -96,10 +96,13 @@ def effective_force(
     """
     toeplitz = _lower_toeplitz(plate)
     linear = toeplitz @ load
-    for guess in (start, linear) if start is not None else (linear,):
-        w, settled = _solve(toeplitz, guess, linear, load, bending, stiffness, reference)
-        if settled:
-            break
+    settled = False
+    if start is not None:
+        w, settled = _solve(toeplitz, start, linear, load, bending, stiffness, reference)
+    if not settled:
+        w, settled = _solve(toeplitz, linear, linear, load, bending, stiffness, reference)
+    if not settled:
+        w = _march(plate, load, bending, stiffness, reference)
     force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)
     return load - force + stiffness * w, w
 
@@ -132,6 +135,69 @@ def _solve(
         if size < _CONVERGED * scale:
             return w, True
     return w, False
+
+
+def _march(
+    plate: FloatArray, load: FloatArray, bending: Bending, stiffness: float, reference: float
+) -> FloatArray:
+    """Displacement of the plate, (n,), m, sample after sample.
+
+    Each sample is the one root of a rising function: slower than Newton's method on all samples,
+    but it always comes to an end.
+    """
+    power = 1.0 / (1.0 - bending.stress_exponent)
+    back = power * bending.unloading_exponent
+    unrecovered, free = bending.unrecovered, 1.0 - bending.unrecovered
+    path_bends = bending.unloading_exponent != 1.0 or unrecovered != 0.0
+    w, acting = np.zeros(load.size), np.zeros(load.size)
+    reversed_plate = plate[::-1]
+    loaded = np.flatnonzero(load > _LOADED * load.max())
+    peak, own = 0.0, float(plate[0])
+    # Farther than this a sample cannot be from the one before.
+    far = 10.0 * float(np.abs(plate).sum() * np.abs(load).max())
+
+    def resistance(value: float, turned: bool) -> tuple[float, float]:
+        if not (turned and path_bends):
+            force, slope = _power_of(value / reference, power)
+            return stiffness * reference * force, stiffness * slope
+        top = stiffness * reference * _power_of(peak / reference, power)[0]
+        force, slope = _power_of((value / peak - unrecovered) / free, back)
+        return top * force, top * slope / (peak * free)
+
+    for n in range(load.size):
+        past = float(acting[:n] @ reversed_plate[load.size - n - 1 : load.size - 1]) if n else 0.0
+        inside = n <= loaded[-1]
+        value = w[n - 1] if n else 0.0
+        low, high = value - far, value + far
+        for _ in range(60):
+            turned = peak > 0.0 and (value < peak or not inside)
+            force, slope = resistance(value, turned)
+            left = value - past - own * (load[n] - force + stiffness * value)
+            if left > 0.0:
+                high = value
+            else:
+                low = value
+            step = left / (1.0 + own * (slope - stiffness))
+            new = value - step
+            if not low < new < high:
+                new = 0.5 * (low + high)
+            if abs(new - value) <= 1e-9 * reference:
+                value = new
+                break
+            value = new
+        w[n] = value
+        if inside:
+            peak = max(peak, value)
+        force, _ = resistance(value, peak > 0.0 and (value < peak or not inside))
+        acting[n] = load[n] - force + stiffness * value
+    return w
+
+
+def _power_of(ratio: float, exponent: float) -> tuple[float, float]:
+    """`_power` of one number."""
+    size = abs(ratio)
+    steep = max(size, _STRAIGHT_BELOW) ** (exponent - 1.0)
+    return steep * ratio, (exponent if size >= _STRAIGHT_BELOW else 1.0) * steep
 
 
 def _lower_toeplitz(kernel: FloatArray) -> FloatArray:

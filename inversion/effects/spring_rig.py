@@ -16,6 +16,7 @@ class SpringRig(Effect):
         EffectParameter("moving_mass", "kg", 0.5, 300.0, (15.0,), logarithmic=True),
         EffectParameter("damping_ratio", "-", 0.001, 2.0, (0.1,), logarithmic=True),
     )
+    replaces_ground = True
     advice = "this is a rig on springs, no ground: there is no modulus to report"
 
     def compliance(

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from inversion.diagnosis.model import _flat_level
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
-from inversion.effects.parallel import Bending, effective_force, hat_response
+from inversion.effects.parallel import Bending, _march, effective_force, hat_response
 
 TIME = np.arange(600) * 1e-4
 PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
@@ -166,6 +166,17 @@ def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
     force, _ = effective_force(hats[0], load, bending, 2e7, 4e-4)
     got = np.convolve(hats[0], force)[:600]
     assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "bending", [Bending(0.4, 1.5, 0.2), Bending(-0.3), Bending(0.2, 3.0, 0.1), Bending()]
+)
+def test_all_samples_at_once_and_one_after_the_other_agree(bending: Bending) -> None:
+    hats = rod(1e-4, 300, 2e7, 4e4)
+    load = 8000.0 * PULSE[:300]
+    _, together = effective_force(hats[0], load, bending, 2e7, 4e-4)
+    marched = _march(hats[0], load, bending, 2e7, 4e-4)
+    np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
 
 
 def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
