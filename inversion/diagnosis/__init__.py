@@ -9,6 +9,7 @@ from inversion.diagnosis.diagnose import (
     State,
     diagnose_point,
     fit_device,
+    left_out_error,
 )
 from inversion.diagnosis.model import PointRecords
 
@@ -22,4 +23,5 @@ __all__ = [
     "State",
     "diagnose_point",
     "fit_device",
+    "left_out_error",
 ]

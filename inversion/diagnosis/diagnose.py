@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.diagnosis.search import EXPLAINED, Candidate, Search
-from inversion.effects.base import Effect
+from inversion.effects.base import Effect, Ground
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.kernel import FloatArray
 from inversion.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
 Verdict = Literal["clean", "explained", "unexplained"]
+_STEPS_OF_HELD_OUT = 10
+# A range of moduli so wide is told.
+_WIDE = 1.1
+
 DeviceValues = dict[str, dict[str, float]]
 
 
@@ -71,6 +76,7 @@ class State:
     ----------
     model : "half-space" or "layer", or "rig" when there is no ground
     modulus, modulus_deviation : float, Pa; NaN for a rig
+    modulus_interval : (float, float), Pa: 95 %, and all that effects give which would do as well
     residual_rms : float, m
     residual_over_noise : float
     residual_rms_over_peak, contact_residual_rms_over_peak : float
@@ -79,6 +85,7 @@ class State:
     model: str
     modulus: float
     modulus_deviation: float
+    modulus_interval: tuple[float, float]
     residual_rms: float
     residual_over_noise: float
     residual_rms_over_peak: float
@@ -148,6 +155,7 @@ def diagnose_point(
     records: PointRecords,
     library: SurrogateLibrary | None = None,
     device: DeviceValues | None = None,
+    likely: Collection[str] = (),
 ) -> PointDiagnosis:
     """Which effects the residual of a point asks for, and what they change.
 
@@ -156,6 +164,7 @@ def diagnose_point(
     records : PointRecords
     library : SurrogateLibrary
     device : values of device effects that are known from elsewhere, by effect and parameter
+    likely : names of effects that were found before; tried first
 
     Raises
     ------
@@ -166,16 +175,23 @@ def diagnose_point(
         point = Point(records, library or SurrogateLibrary())
         base = Search([point]).base()
         search = Search([point], fixed=device)
-        best = search.run()
+        best = search.run(likely)
         return _report(point, search, base, best)
 
 
 def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
-    before, after = _state(point, base, search), _state(point, best, search)
-    effects = _effects(point, search, best)
-    helped = bool(effects) or bool(search.fixed)
     # Slow noise may look large at single samples: then what its correlation leaves counts.
     explained = best.over_noise <= EXPLAINED or best.fit.excess <= 1.0
+    # What explains nothing has no alternatives.
+    others = {
+        effect.name: search.alternatives(best, effect) if explained else {}
+        for effect in best.effects
+    }
+    before = _state(point, base)
+    moduli = [_modulus(point, one) for found in others.values() for one in found.values()]
+    after = _state(point, best, moduli)
+    effects = _effects(point, search, best, others)
+    helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
     if explained:
         verdict = "explained" if helped else "clean"
@@ -190,7 +206,7 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         effects=effects,
         held_out_before=held_before,
         held_out_after=held_after,
-        warnings=tuple(_warnings(best, effects, verdict)),
+        warnings=tuple(_warnings(best, effects, verdict, after)),
         curves=_curves(point, base, best),
     )
 
@@ -200,16 +216,27 @@ def _predict(candidate: Candidate) -> list[FloatArray]:
     return found.problem.predict(0, found.device, found.own[0])
 
 
-def _state(point: Point, candidate: Candidate, search: Search) -> State:
+def _modulus(point: Point, candidate: Candidate) -> float:
+    """Of the ground under the last drop, Pa."""
+    return _ground(point, candidate).modulus
+
+
+def _ground(point: Point, candidate: Candidate) -> Ground:
+    found, last = candidate.fit, len(point.drops) - 1
+    ground = point.ground(found.problem.own[0], found.own[0])
+    for effect, values in found.problem.values(0, found.device, found.own[0], last):
+        ground = effect.ground(ground, values, point.drops[-1].context)
+    return ground
+
+
+def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> State:
     predicted = _predict(candidate)
     pairs = list(zip(point.drops, predicted, strict=True))
     left = np.concatenate([(w - m.observed).ravel() for m, w in pairs])
     whole = [m.residual_over_peak(w, contact_only=False) for m, w in pairs]
     contact = [m.residual_over_peak(w, contact_only=True) for m, w in pairs]
     found = candidate.fit
-    ground = point.ground(found.problem.own[0], found.own[0])
-    for effect, values in found.problem.values(0, found.device, found.own[0], len(pairs) - 1):
-        ground = effect.ground(ground, values, point.drops[-1].context)
+    ground = _ground(point, candidate)
     rig = any(effect.replaces_ground for effect in candidate.effects)
     model = "half-space" if ground.inverse_depth == 0.0 else "layer"
     index = len(found.problem.device)
@@ -221,6 +248,7 @@ def _state(point: Point, candidate: Candidate, search: Search) -> State:
         model="rig" if rig else model,
         modulus=math.nan if rig else ground.modulus,
         modulus_deviation=math.nan if rig else ground.modulus * relative,
+        modulus_interval=_interval(math.nan if rig else ground.modulus, relative, moduli),
         residual_rms=float(np.sqrt(np.mean(left**2))),
         residual_over_noise=candidate.over_noise,
         residual_rms_over_peak=float(np.sqrt(np.mean(np.square(whole)))),
@@ -228,7 +256,15 @@ def _state(point: Point, candidate: Candidate, search: Search) -> State:
     )
 
 
-def _effects(point: Point, search: Search, best: Candidate) -> tuple[FoundEffect, ...]:
+def _interval(modulus: float, relative: float, others: Sequence[float]) -> tuple[float, float]:
+    """95 % of a modulus with a relative deviation, Pa, and whatever else it might be."""
+    wide = math.exp(1.96 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
+    return min(modulus / wide, *others, modulus), max(modulus * wide, *others, modulus)
+
+
+def _effects(
+    point: Point, search: Search, best: Candidate, others: Mapping[str, Mapping[str, Candidate]]
+) -> tuple[FoundEffect, ...]:
     deviations = best.fit.deviations()
     bounds = {id(one) for one in best.fit.at_bound()}
     found = []
@@ -254,7 +290,7 @@ def _effects(point: Point, search: Search, best: Candidate) -> tuple[FoundEffect
                 advice=effect.advice,
                 parameters=tuple(parameters),
                 evidence=search.without(best, effect).score - best.score,
-                alternatives=tuple(search.alternatives(best, effect)),
+                alternatives=tuple(others[effect.name]),
             )
         )
     return tuple(sorted(found, key=lambda one: -one.evidence))
@@ -284,31 +320,44 @@ def _held_out(point: Point, base: Candidate, best: Candidate) -> tuple[float | N
 
 
 def _predict_left_out(candidate: Candidate, left_out: int) -> float:
+    """Error of a drop on the ground that the others gave.
+
+    What belongs to a single drop (how it sat, what it left behind) cannot be known from others:
+    that alone is taken from the drop itself.
+    """
     problem = candidate.fit.problem
-    others = Problem(
+    drops = range(len(problem.points[0].drops))
+    others = _without(problem, {left_out})
+    found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
+    device, own = found.device, found.own[0].copy()
+    free = [i for i, one in enumerate(problem.own[0]) if one.drop == left_out]
+    if free:
+        alone = _without(problem, set(drops) - {left_out})
+
+        def residual(places: FloatArray) -> FloatArray:
+            own[free] = places
+            return np.nan_to_num(alone.residual(0, device, own), nan=1e6, posinf=1e6, neginf=-1e6)
+
+        start = np.clip(candidate.fit.own[0][free], 2e-3, 1.0 - 2e-3)
+        solved = least_squares(residual, start, bounds=(0.0, 1.0), max_nfev=_STEPS_OF_HELD_OUT)
+        own[free] = solved.x
+    predicted = problem.predict(0, device, own)[left_out]
+    return problem.points[0].drops[left_out].residual_over_peak(predicted, contact_only=False)
+
+
+def _without(problem: Problem, drops: Collection[int]) -> Problem:
+    return Problem(
         problem.points,
         problem.effects,
         problem.fixed,
         scope=problem.scope,
-        left_out={(0, left_out)},
+        left_out={(0, drop) for drop in drops},
     )
-    found = fit(others, candidate.fit.device, candidate.fit.own, 8)
-    own = found.own[0].copy()
-    # What belongs to single drops is not known of this one: the middle of the others.
-    unknowns = problem.own[0]
-    for index, one in enumerate(unknowns):
-        if one.drop == left_out:
-            alike = [
-                own[i]
-                for i, other in enumerate(unknowns)
-                if other.drop not in (None, left_out) and other.parameter is one.parameter
-            ]
-            own[index] = float(np.median(alike)) if alike else own[index]
-    predicted = problem.predict(0, found.device, own)[left_out]
-    return problem.points[0].drops[left_out].residual_over_peak(predicted, contact_only=False)
 
 
-def _warnings(best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict) -> list[str]:
+def _warnings(
+    best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict, after: State
+) -> list[str]:
     found = []
     for effect in effects:
         for parameter in effect.parameters:
@@ -317,6 +366,12 @@ def _warnings(best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict)
         if effect.alternatives:
             others = ", ".join(effect.alternatives)
             found.append(f"{effect.name} cannot be told from {others}")
+    low, high = after.modulus_interval
+    if high > _WIDE * low and verdict == "explained":
+        found.append(
+            f"the modulus is known no better than {low / 1e6:.3g} to {high / 1e6:.3g} MPa, with "
+            "the effects that cannot be told apart"
+        )
     for one in best.fit.at_bound():
         if one.effect is None:
             found.append(f"{one.parameter.name.replace('_', ' ')} of the ground sits on a bound")
@@ -344,6 +399,28 @@ def _curves(point: Point, base: Candidate, best: Candidate) -> tuple[DropCurves,
             point.records.numbers, point.drops, _predict(base), _predict(best), strict=True
         )
     )
+
+
+def left_out_error(
+    records: PointRecords,
+    found: PointDiagnosis,
+    device: DeviceValues,
+    library: SurrogateLibrary | None = None,
+) -> float:
+    """Residual over peak of a point whose ground is fitted, with device effects from elsewhere.
+
+    Parameters
+    ----------
+    records : PointRecords
+    found : PointDiagnosis, of the point; says which effects it has of its own
+    device : values of the device effects that other points gave
+    library : SurrogateLibrary
+    """
+    with single_threaded_blas():
+        point = Point(records, library or SurrogateLibrary())
+        search = Search([point], fixed=device)
+        names = [effect.name for effect in found.effects if effect.name not in device]
+        return _state(point, search.named(names)).residual_rms_over_peak
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from inversion.diagnosis.channel import Channel
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.effects.parallel import Bending, effective_force, hat_response
 from inversion.forward import Grounds, transfer_function
+from inversion.half_sine import fit_half_sine
 from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
 from inversion.misfit import model_floor
@@ -70,11 +71,15 @@ class PointRecords:
     name : str
     records : tuple of Record, measured drops in their order, all with the same declarations
     numbers : tuple of int, of the drops
+    elastic : bool, whether the base model has no dashpot
+    half_sine : bool, whether a half-sine stands in for the measured load
     """
 
     name: str
     records: tuple[Record, ...]
     numbers: tuple[int, ...]
+    elastic: bool = False
+    half_sine: bool = False
 
 
 class DropModel:
@@ -85,7 +90,8 @@ class DropModel:
     record : Record
     surrogate : Surrogate, for offset 0 and every sensor; for all depths, or the declared one
     largest_load : float, N, of the point's drops
-    index, count : int, of the drop within the point
+    index : int, of the drop within the point
+    point : PointRecords
     """
 
     def __init__(
@@ -94,7 +100,7 @@ class DropModel:
         surrogate: Surrogate,
         largest_load: float,
         index: int,
-        count: int,
+        point: PointRecords,
     ) -> None:
         drop = prepare(record)
         whole = drop.with_tail()
@@ -114,7 +120,11 @@ class DropModel:
             band = min(band, 2.0 * record.instrument.load_filter)
         transform = DampedTransform(float(time[-1]), band)
         self._s = transform.s
-        spectrum = transform.of_samples(drop.time, drop.load)
+        load, load_left = drop.load, None
+        if point.half_sine:
+            load = fit_half_sine(drop.time, drop.load).load(drop.time)
+            load_left = (drop.load - load)[self.rows]
+        spectrum = transform.of_samples(drop.time, load)
         spectrum = spectrum * self._instrument.response(self._s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
@@ -133,7 +143,7 @@ class DropModel:
         self.context = DropContext(
             time=time,
             offsets=drop.offsets,
-            load=drop.load[self.rows],
+            load=load[self.rows],
             peak_load=drop.peak_load,
             largest_load=largest_load,
             plate_radius=record.instrument.plate_radius,
@@ -141,7 +151,9 @@ class DropModel:
             quantities=tuple(sensor.quantity for sensor in record.sensors),
             contact_end=drop.contact_end,
             index=index,
-            count=count,
+            count=len(point.records),
+            elastic=point.elastic,
+            load_left=load_left,
             plate_mass=record.instrument.plate_mass,
             flat=tuple(
                 _flat_velocity(sensor, channel.model.rms, drop.step, drop.peak_load >= largest_load)

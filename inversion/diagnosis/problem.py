@@ -82,9 +82,8 @@ class Point:
         problem, ratio = surrogate_request(first, Settings(bedrock_depth=depth))
         surrogate = library.get(problem, ratio)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
-        count = len(records.records)
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, count)
+            DropModel(record, surrogate, largest, index, records)
             for index, record in enumerate(records.records)
         )
         peaks = [
@@ -107,7 +106,10 @@ class Point:
     def soil(self) -> list[Unknown]:
         """Unknowns of the base model."""
         known = self.records.records[0].density is not None
-        return [Unknown(p) for p in SOIL if not (known and p.name == "density")]
+        left_out = {"density"} if known else set()
+        if self.records.elastic:
+            left_out.add("relaxation")
+        return [Unknown(p) for p in SOIL if p.name not in left_out]
 
     def unknowns(self, effects: Sequence[Effect]) -> list[Unknown]:
         """Of the ground and of the effects that are not the device's."""
@@ -137,6 +139,8 @@ class Point:
             if one.effect is None
         }
         soil = {p.name: p.starts[0] for p in SOIL} | soil
+        if self.records.elastic:
+            soil["relaxation"] = 0.0
         modulus = self.peak_modulus * soil["modulus_ratio"]
         depth = self.declared_depth
         return Ground(

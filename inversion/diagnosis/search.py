@@ -9,7 +9,7 @@ offered whether or not one of the two helps alone.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -38,11 +38,14 @@ NOISE = 1.0
 # A weighed residual of so many times what noise leaves asks for no more effects.
 ENOUGH = 1.15
 _PAIRS_REFINED = 6
-_BEAM = 3
+_BEAM = 2
 _MOST_EFFECTS = 4
 _QUICK = 5
+# Forward solves of a drop after which no larger sets are begun: about two seconds.
+_MOST_SOLVES = 12_000
+_COMPANY_QUICK = 12
 # So many starts are followed to the end.
-_REFINED = 3
+_REFINED = 2
 # What is so much worse after a few steps will not catch up.
 _HOPELESS = 60.0
 _SHORTLIST = 6
@@ -160,6 +163,7 @@ class Search:
         )
         self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
         self._known: dict[frozenset[str], Candidate] = {}
+        self.solves = 0
         self._contact: dict[Key, float] | None = None
         self.independent = Problem(self.points, (), self.fixed, scope=scope).independent
 
@@ -176,6 +180,12 @@ class Search:
             return known
         return self._fit(ordered, iterations)
 
+    def named(self, names: Collection[str]) -> Candidate:
+        """The best fit of the effects of these names, whatever they are worth."""
+        self.base()
+        chosen = tuple(effect for effect in self.catalogue if effect.name in names)
+        return self._fit(chosen, 60) if chosen else self.base()
+
     def _fit(self, ordered: tuple[Effect, ...], iterations: int) -> Candidate:
         names = frozenset(effect.name for effect in ordered)
         active = [e for e in CATALOGUE if e in ordered or e in self._given]
@@ -187,6 +197,7 @@ class Search:
             starts = [(one.device, list(one.own)) for one in tried[:_REFINED]]
         fits = [fit(problem, device, own, iterations) for device, own in starts]
         best = min(fits, key=lambda one: one.cost)
+        self.solves += problem.solves
         return self._keep(Candidate(ordered, best, self._score(best)))
 
     def _score(self, found: Fit) -> float:
@@ -244,19 +255,29 @@ class Search:
             self._contact = _places_of(min(found, key=lambda one: one.cost))
         return self._contact
 
-    def run(self) -> Candidate:
-        """The best set of effects; the base model when nothing is worth its parameters."""
+    def run(self, likely: Collection[str] = ()) -> Candidate:
+        """The best set of effects; the base model when nothing is worth its parameters.
+
+        Parameters
+        ----------
+        likely : names of effects that are tried first, and taken when they explain all
+        """
         base = self.base()
         if base.over_noise <= NOISE:
             return base
+        expected = tuple(effect for effect in self.catalogue if effect.name in likely)
+        if expected:
+            first = self._better(base, [self._fit(expected, 40)])
+            if first is not base and (first.fit.excess <= ENOUGH or len(expected) > 2):
+                return self._shrink(first)
         singles = [self.candidate((effect,)) for effect in self.catalogue]
         best = self._better(base, singles)
         if best.fit.excess > ENOUGH:
             best = self._pairs(best)
         if best.fit.excess > ENOUGH:
-            best = self._better(best, self._companies())
+            best = self._better(best, self._companies(best))
         level = 2
-        while level < _MOST_EFFECTS and best.fit.excess > ENOUGH:
+        while level < _MOST_EFFECTS and best.fit.excess > ENOUGH and not self._spent:
             grown = self._better(best, self._grow(level))
             level += 1
             if grown is best and level > len(best.effects):
@@ -264,16 +285,25 @@ class Search:
             best = grown
         return self._shrink(best)
 
-    def _companies(self) -> list[Candidate]:
+    @property
+    def _spent(self) -> bool:
+        """Whether so much was computed that a user would have to wait."""
+        drops = sum(len(point.drops) for point in self.points)
+        return self.solves > _MOST_SOLVES * drops
+
+    def _companies(self, best: Candidate) -> list[Candidate]:
         """Sets that only help together."""
         found = []
         offered = {effect.name for effect in self.catalogue} | set(self.fixed)
         for names in _COMPANIES:
-            if not names <= offered:
+            if not names <= offered or self._spent:
                 continue
             several = len(self.points[0].drops) > 1
             wanted = names | ({"seating"} if several else set())
-            found.append(self._fit(tuple(e for e in self.catalogue if e.name in wanted), 60))
+            chosen = tuple(e for e in self.catalogue if e.name in wanted)
+            quick = self._fit(chosen, _COMPANY_QUICK)
+            if self._misfit(quick.fit) < self._misfit(best.fit) + _HOPELESS:
+                found.append(self._fit(chosen, 40))
         return found
 
     def _keep(self, candidate: Candidate) -> Candidate:
@@ -314,7 +344,7 @@ class Search:
                     continue
                 tried.add(names)
                 ordered = tuple(e for e in CATALOGUE if e in larger)
-                found.append(self._fit(ordered, 8))
+                found.append(self._fit(ordered, _QUICK))
         chosen = sorted(found, key=lambda c: c.score)[:_BEAM]
         return [self._fit(c.effects, 30) for c in chosen]
 
@@ -341,8 +371,8 @@ class Search:
         rest = tuple(e for e in one.effects if e is not effect)
         return self._fit(rest, 30) if rest else self.base()
 
-    def alternatives(self, best: Candidate, effect: Effect) -> list[str]:
-        """Effects that would do in the place of one."""
+    def alternatives(self, best: Candidate, effect: Effect) -> dict[str, Candidate]:
+        """Effects that would do in the place of one, the best first, each with its fit."""
         rest = tuple(e for e in best.effects if e is not effect)
         found = []
         for other in self.catalogue:
@@ -355,8 +385,8 @@ class Search:
             candidate = self._fit(ordered, 20)
             # Fewer parameters decide between them, but do not tell them apart.
             if self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE:
-                found.append((candidate.score, other.name))
-        return [name for _, name in sorted(found)]
+                found.append((other.name, candidate))
+        return dict(sorted(found, key=lambda one: one[1].score))
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:

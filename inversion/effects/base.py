@@ -72,6 +72,8 @@ class DropContext:
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
     plate_mass : float, kg, declared
+    elastic : bool, whether the base model's ground is
+    load_left : (n,) ndarray of float, N: what the load in use leaves of the measured one
     """
 
     time: FloatArray
@@ -89,6 +91,8 @@ class DropContext:
     flat_load: float | None = None
     rest: tuple[float, ...] = ()
     plate_mass: float = 0.0
+    elastic: bool = False
+    load_left: FloatArray | None = None
 
     @property
     def step(self) -> float:
@@ -196,6 +200,13 @@ def geophone(
     residues = top / np.array([first - second, second - first])
     kernel = (residues[0] * np.exp(first * time) + residues[1] * np.exp(second * time)).real
     return record - convolve(record, kernel, step)
+
+
+def respond(blow: FloatArray, force: FloatArray, step: float) -> FloatArray:
+    """Motion (k, n) under a force on the plate (n,), N, given that after a blow of 1 N s."""
+    if not force.any():
+        return np.zeros_like(blow)
+    return np.stack([step * np.convolve(row, force)[: force.size] for row in blow])
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from inversion.effects.bedrock import Bedrock
 from inversion.effects.geophone_response import GeophoneResponse
 from inversion.effects.hysteretic_unloading import HystereticUnloading
 from inversion.effects.layer import Layer
+from inversion.effects.load_shape import LoadShape
 from inversion.effects.mains_hum import MainsHum
 from inversion.effects.permanent_set import PermanentSet
 from inversion.effects.plate_inertia import PlateInertia
@@ -17,10 +18,12 @@ from inversion.effects.seating import Seating
 from inversion.effects.sensor_lag import SensorLag
 from inversion.effects.spring_rig import SpringRig
 from inversion.effects.stress_dependence import StressDependence
+from inversion.effects.viscosity import Viscosity
 
 CATALOGUE: tuple[Effect, ...] = (
     # the ground and what stands on it
     Bedrock(),
+    Viscosity(),
     PlateInertia(),
     Seating(),
     RoughContact(),
@@ -29,6 +32,7 @@ CATALOGUE: tuple[Effect, ...] = (
     # what they do in time
     StressDependence(),
     HystereticUnloading(),
+    LoadShape(),
     PermanentSet(),
     Rebound(),
     # what sensor and processing make of it

@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 
 from inversion.kernel import FloatArray
 
-_NEWTON_STEPS = 20
+_NEWTON_STEPS = 12
 _CONVERGED = 1e-6
 # The ground unloads from its largest displacement while the load is above this fraction.
 _LOADED = 0.2
@@ -96,11 +96,8 @@ def effective_force(
     """
     toeplitz = _lower_toeplitz(plate)
     linear = toeplitz @ load
-    settled = False
-    if start is not None:
-        w, settled = _solve(toeplitz, start, linear, load, bending, stiffness, reference)
-    if not settled:
-        w, settled = _solve(toeplitz, linear, linear, load, bending, stiffness, reference)
+    guess = linear if start is None else start
+    w, settled = _solve(toeplitz, guess, linear, load, bending, stiffness, reference)
     if not settled:
         w = _march(plate, load, bending, stiffness, reference)
     force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
 from inversion.kernel import FloatArray
 
 GRAVITY = 9.80665
@@ -46,7 +46,7 @@ class Rebound(Effect):
         # Parts of samples count, so that the times have a smooth influence.
         flown = np.clip(flight / step + 0.5, 0.0, 1.0)
         taken = -flown * (drop.load + weight)
-        result = motion + _after(blow, taken, step)
+        result = motion + respond(blow, taken, step)
         way = _way(flown * drop.load / values["mass"], step)
         last, speed, part = time.size, 0.0, 0.0
         for row, ground, below in zip(motion, result, near, strict=True):
@@ -71,15 +71,8 @@ class Rebound(Effect):
             index = np.arange(time.size)
             given = np.clip(index - last + 1.5 - part, 0.0, 1.0) * (drop.load + weight)
             given[last - 1 : last + 1] += values["mass"] * speed / step * np.array([1 - part, part])
-            result += _after(blow, given, step)
+            result += respond(blow, given, step)
         return result
-
-
-def _after(blow: FloatArray, force: FloatArray, step: float) -> FloatArray:
-    """Motion (k, n) under a force (n,), N, given that after a blow."""
-    if not force.any():
-        return np.zeros_like(blow)
-    return np.stack([step * np.convolve(row, force)[: force.size] for row in blow])
 
 
 def _way(acceleration: FloatArray, step: float) -> FloatArray:

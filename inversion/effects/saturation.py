@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
 from inversion.kernel import FloatArray
 
 # A load within this part of its level is cut off.
@@ -53,9 +53,7 @@ class Saturation(Effect):
         """With what the cap of the load adds."""
         if "cap" not in values:
             return motion
-        cap = values["cap"] * _cap(drop)
-        blow = struck()
-        return motion + np.stack([drop.step * np.convolve(row, cap)[: cap.size] for row in blow])
+        return motion + respond(struck(), values["cap"] * _cap(drop), drop.step)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """Velocities cut at the level."""

@@ -11,7 +11,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
@@ -25,6 +24,7 @@ from inversion.diagnosis import (
     State,
     diagnose_point,
     fit_device,
+    left_out_error,
 )
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import OptionError, SurveyError, refusal
@@ -130,20 +130,36 @@ def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> _Entry:
     records = tuple(record_of(drop, point.setup, options, dead) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
     # Only what was declared is held; the search for effects needs the rest free.
-    return _Entry(file, name, PointRecords(file, records, numbers), rejected, warnings)
+    made = PointRecords(
+        file,
+        records,
+        numbers,
+        elastic=options.elastic,
+        half_sine=options.load == "half-sine",
+    )
+    return _Entry(file, name, made, rejected, warnings)
 
 
 def _diagnose_all(
-    work: Sequence[_Entry], device: DeviceValues | None, jobs: int
+    work: Sequence[_Entry],
+    device: DeviceValues | Sequence[DeviceValues] | None,
+    jobs: int,
+    likely: Sequence[Sequence[str]] = (),
 ) -> list[PointDiagnosis | str]:
+    """Diagnoses in order; device values are alike for all, or one set a point."""
     records = [one.records for one in work if one.records is not None]
+    devices = device if isinstance(device, Sequence) else [device] * len(records)
+    first = likely or [()] * len(records)
     if jobs <= 1 or len(records) < 2:
         library = SurrogateLibrary()
-        return [_diagnose(one, device, library) for one in records]
+        return [
+            _diagnose(one, values, names, library)
+            for one, values, names in zip(records, devices, first, strict=True)
+        ]
     with ProcessPoolExecutor(
         min(jobs, len(records)), get_context("spawn"), initializer=_leave_interrupts
     ) as pool:
-        return list(pool.map(partial(_diagnose, device=device), records))
+        return list(pool.map(_diagnose, records, devices, first))
 
 
 def _leave_interrupts() -> None:
@@ -153,10 +169,11 @@ def _leave_interrupts() -> None:
 def _diagnose(
     records: PointRecords,
     device: DeviceValues | None = None,
+    likely: Sequence[str] = (),
     library: SurrogateLibrary | None = None,
 ) -> PointDiagnosis | str:
     try:
-        return diagnose_point(records, library, device)
+        return diagnose_point(records, library, device, likely)
     except InversionError as err:
         return str(err)
 
@@ -180,12 +197,74 @@ def _shared_device(
         findings = _device_findings(sound, found)
         if findings is None:
             continue
-        anew = _diagnose_all(points, findings.values, jobs)
-        for one, diagnosis in zip(points, anew, strict=True):
+        first = [found[id(one)] for one in points]
+        likely = [
+            [e.name for e in d.effects if e.name not in findings.values]
+            if isinstance(d, PointDiagnosis)
+            else []
+            for d in first
+        ]
+        anew = _diagnose_all(points, findings.values, jobs, likely)
+        errors = _left_out_errors(points, first, anew, findings, jobs)
+        for one, diagnosis, error in zip(points, anew, errors, strict=True):
             if isinstance(diagnosis, PointDiagnosis):
                 diagnosis = with_device(diagnosis, findings)
+                if error is not None:
+                    before = diagnosis.before.residual_rms_over_peak
+                    diagnosis = replace(diagnosis, held_out_before=before, held_out_after=error)
             again[id(one)] = diagnosis
     return again
+
+
+def _left_out_errors(
+    points: Sequence[_Entry],
+    first: Sequence[PointDiagnosis | str],
+    anew: Sequence[PointDiagnosis | str],
+    findings: DeviceFindings,
+    jobs: int,
+) -> list[float | None]:
+    """What each point leaves when its device is what the other points show in the middle."""
+    shown = [
+        _device_values(one, findings) if isinstance(one, PointDiagnosis) else None for one in first
+    ]
+    work: list[tuple[int, PointRecords, PointDiagnosis, DeviceValues]] = []
+    for index, (entry, diagnosis) in enumerate(zip(points, anew, strict=True)):
+        others = [v for i, v in enumerate(shown) if i != index and v is not None]
+        if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and others:
+            values = {
+                name: {key: _median([one[name][key] for one in others]) for key in parameters}
+                for name, parameters in findings.values.items()
+            }
+            work.append((index, entry.records, diagnosis, values))
+    errors: list[float | None] = [None] * len(points)
+    indices, *columns = zip(*work, strict=True) if work else ((), (), (), ())
+    if jobs <= 1 or len(work) < 2:
+        found = list(map(left_out_error, *columns))
+    else:
+        with ProcessPoolExecutor(
+            min(jobs, len(work)), get_context("spawn"), initializer=_leave_interrupts
+        ) as pool:
+            found = list(pool.map(left_out_error, *columns))
+    for index, error in zip(indices, found, strict=True):
+        errors[index] = error
+    return errors
+
+
+def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> DeviceValues | None:
+    """What one point alone says of the survey's device effects; None: not of all of them."""
+    own = {effect.name: effect for effect in diagnosis.effects}
+    if not set(findings.values) <= set(own):
+        return None
+    return {
+        name: {p.name: p.value for p in own[name].parameters if p.name in parameters}
+        for name, parameters in findings.values.items()
+    }
+
+
+def _median(values: Sequence[float]) -> float:
+    ordered = sorted(values)
+    middle = len(ordered) // 2
+    return ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
 
 
 def _device_findings(
@@ -287,6 +366,7 @@ def _state_record(state: State) -> dict[str, Any]:
         "model": state.model,
         "modulus_pa": state.modulus,
         "modulus_sd_pa": state.modulus_deviation,
+        "modulus_interval_pa": list(state.modulus_interval),
         "residual_rms_m": state.residual_rms,
         "residual_over_noise": state.residual_over_noise,
         "residual_rms_over_peak": state.residual_rms_over_peak,

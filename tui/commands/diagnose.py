@@ -21,6 +21,8 @@ def run(args: argparse.Namespace) -> int:
         poisson_ratio=args.poisson_ratio,
         density=args.density,
         plate_mass=args.plate_mass,
+        elastic=args.elastic,
+        load=args.load,
     )
     from pfwd_survey.inverting.diagnosis import (
         device_of,
