@@ -115,6 +115,37 @@ def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, byte
     return record, number, survey
 
 
+def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> None:
+    """Write a drop into an HDF5 file or one of its groups; parameters as for `drop_file_bytes`."""
+    _write(group, record, number, survey)
+
+
+def read_drop(group: Any, where: str) -> tuple[DropRecord, int]:
+    """Drop and survey-wide number of what `write_drop` wrote, compared with its digest.
+
+    Parameters
+    ----------
+    group : an open HDF5 file or one of its groups
+    where : str
+        For messages.
+
+    Raises
+    ------
+    RecordingError
+        If it is none, or its content is not what was written.
+    """
+    try:
+        record, number = _read(group)
+        digest = str(group.attrs["content_sha256"])
+    except RecordingError:
+        raise
+    except Exception as err:  # what h5py raises on damage is not documented: OSError to SystemError
+        raise RecordingError(f"{where}: expected a drop, came damage: {err}") from err
+    if drop_digest(record, number) != digest:
+        raise RecordingError(f"{where}: expected the content that was written, came another")
+    return record, number
+
+
 def _write(file: Any, record: DropRecord, number: int, survey: bytes) -> None:
     drop = record.drop
     root = file.attrs

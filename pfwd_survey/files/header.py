@@ -10,11 +10,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from pfwd_device.text import clean
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.toml import toml_line
 
 FORMAT_KEY = "pfwd-traces"
 FORMAT_VERSION = 1
+
+IMPORTED = "imported"
+"""Key with what the file of another program said besides the keys of this format; its ``remarks``
+are shown as warnings."""
+
+LONGEST_REMARK = 300
+"""Characters of such a remark."""
 
 LARGEST_PLATE_RADIUS = 1.0
 """m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
@@ -70,6 +78,16 @@ class Setup:
     """Degrees, east positive, when a number."""
     time_utc: FreeText | None = None
     """When; dates and times of TOML are kept as their ISO 8601 text."""
+    procedure: FreeText | None = None
+    """Name of the measuring procedure; with one, rejected drops do not count as seating."""
+    material: FreeText | None = None
+    """Soil or layer, as a procedure's targets name it."""
+    moisture: float | None = None
+    """Moisture of the ground, percent by mass, >= 0."""
+    temperature: float | None = None
+    """Temperature of air or ground, degrees Celsius."""
+    photos: FreeText | None = None
+    """Names of pictures of the point, separated by commas."""
     source: FreeText | None = None
     """Where the record comes from."""
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -180,8 +198,17 @@ KEYS: dict[str, Rule] = {
             "longitude",
             "time_utc",
             "source",
+            "procedure",
+            "material",
+            "photos",
         )
     },
+    "moisture_percent": Rule("moisture", "a number >= 0, in percent by mass", _not_negative),
+    "temperature_c": Rule(
+        "temperature",
+        "a number from -90 to 100, in degrees Celsius",
+        _number(lambda value: -90 <= value <= 100),
+    ),
 }
 
 
@@ -394,6 +421,12 @@ def setup_warnings(setup: Setup) -> tuple[str, ...]:
     if setup.plate_radius > LARGEST_PLATE_RADIUS:
         warnings.append(f"units suspect: plate_radius_m = {setup.plate_radius:g} (in metres?)")
     warnings += [
-        f"header key {quote(key)} is not known to the format: kept, not used" for key in setup.extra
+        f"header key {quote(key)} is not known to the format: kept, not used"
+        for key in setup.extra
+        if key != IMPORTED
     ]
+    noted = setup.extra.get(IMPORTED)
+    remarks = noted.get("remarks") if isinstance(noted, Mapping) else None
+    if isinstance(remarks, list):
+        warnings += [clean(text, limit=LONGEST_REMARK) for text in remarks if isinstance(text, str)]
     return tuple(warnings)

@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,31 +16,24 @@ from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.record import point_name
 from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import SurveyError, quote, refusal
+from pfwd_survey.files.foreign.common import Channels
 from pfwd_survey.files.header import Setup, declared_values
+from pfwd_survey.files.imported import Imported
+from pfwd_survey.files.importing_survey import import_survey
 from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.survey_file import is_survey_file
 from pfwd_survey.files.traces import TracePoint
 
 
-@dataclass(frozen=True, slots=True)
-class Imported:
-    """One drop that is in the survey now, or a file that was refused."""
-
-    file: str
-    point: str = ""
-    number: int = 0
-    """Of the drop within the point."""
-    record: int = 0
-    """Of the drop within the survey."""
-    before: bool = False
-    """It was there before: nothing is imported twice."""
-    error: str | None = None
-    """Why the file was refused; None when it was not."""
-
-
 def import_files(
-    files: Sequence[str], survey: str | os.PathLike[str], header: str | None = None
+    files: Sequence[str],
+    survey: str | os.PathLike[str],
+    header: str | None = None,
+    *,
+    column_map: str | None = None,
+    channels: Channels | None = None,
 ) -> Iterator[Imported]:
-    """Import the drops of trace files; a refused file does not keep the others out.
+    """Import the drops of files; a refused file does not keep the others out.
 
     A point is named as its file declares it, else after the file. The same drop is never imported
     twice; another drop with a number that is taken gets the next free one.
@@ -52,6 +45,10 @@ def import_files(
     survey : path of a folder, new or begun
     header : path of a TOML file, optional
         Its keys win over those of the files.
+    column_map, channels : optional
+        As for `read_points`.
+
+    Without a header an exported survey is taken whole: counts, metadata, edits, results and all.
 
     Yields
     ------
@@ -66,7 +63,10 @@ def import_files(
         before = {one.number: one.drop for one in read_survey(writer.folder).drops}
         for file in files:
             try:
-                points = read_points(file, header)
+                if header is None and is_survey_file(file):
+                    yield from import_survey(writer, file, before)
+                    continue
+                points = read_points(file, header, column_map=column_map, channels=channels)
                 names = [_name_of(point, file) for point in points]
             except SurveyError as err:
                 yield Imported(file, error=str(err))

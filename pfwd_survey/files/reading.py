@@ -1,4 +1,5 @@
-"""Reads the test points of whatever a command is given: a survey, one of its drop files, traces."""
+"""Reads the test points of whatever a command is given: a survey, one of its drop files, traces,
+files of other programs."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -8,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_drop_file, read_survey
+from pfwd_device.recording import DropRecord, read_drop_file
 from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.files.foreign.common import Channels, Request
+from pfwd_survey.files.foreign.registry import TEXT, find_format, read_foreign
 from pfwd_survey.files.header import (
     Declaration,
     Declarations,
@@ -18,7 +21,9 @@ from pfwd_survey.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd_survey.files.traces import TracePoint, read_traces
+from pfwd_survey.files.survey_content import PointContent, SurveyContent, folder_content
+from pfwd_survey.files.survey_file import is_survey_file, survey_file_content
+from pfwd_survey.files.traces import TracePoint, is_trace_file, read_traces
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -27,19 +32,27 @@ def read_points(
     path: str | os.PathLike[str],
     header: str | os.PathLike[str] | None = None,
     overrides: Mapping[str, object] | None = None,
+    *,
+    column_map: str | os.PathLike[str] | None = None,
+    channels: Channels | None = None,
 ) -> list[TracePoint]:
-    """The test points of a survey folder, a drop file or a trace file.
+    """The test points of a survey, exported or not, a drop file, a trace file or a foreign one.
 
     Discarded drops and points are left out. Drops of a point that were declared differently (the
     plate was changed) come as two points.
 
     Parameters
     ----------
-    path : path of a survey folder, a drop file (.h5) or a trace file
+    path : path of a survey folder, an exported survey or a drop file (.h5), a trace file, or a file
+        of another program
     header : path of a TOML file, optional
         Its keys win over what is declared.
     overrides : mapping of header key to value, optional
         Win over both.
+    column_map : path of a TOML file, optional
+        Says what the columns of a text hold that is no trace file.
+    channels : "raw" or "stored", optional
+        Which channels are taken of a file that has both; not said: the raw ones.
 
     Returns
     -------
@@ -53,18 +66,50 @@ def read_points(
     file = os.fspath(path)
     try:
         if os.path.isdir(file):
-            return _survey_points(file, _said(header, overrides))
+            return _survey_points(folder_content(file), _said(header, overrides))
+        if _is_hdf5(file) and is_survey_file(file):
+            return _survey_points(survey_file_content(file), _said(header, overrides))
         if _is_hdf5(file):
             record = read_drop_file(file)
             return [_point(file, record.point, [record], _said(header, overrides))]
     except RecordingError as err:
         raise SurveyError(str(err)) from err
-    return [read_traces(path, header, overrides)]
+    form = find_format(file)
+    if form is None and column_map is not None and not is_trace_file(file):
+        form = TEXT
+    if form is None:
+        return [read_traces(path, header, overrides)]
+    wanted = Request(
+        _said(header, overrides), channels, None if column_map is None else os.fspath(column_map)
+    )
+    return read_foreign(form, file, wanted)
 
 
-def _survey_points(file: str, said: Declarations) -> list[TracePoint]:
-    survey = read_survey(file)
-    points = [one for point in survey.points for one in _points(survey, point, said)]
+def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
+    """What a survey holds, in its folder or exported.
+
+    Raises
+    ------
+    SurveyError
+        If it is no survey, or cannot be read.
+    """
+    file = os.fspath(path)
+    try:
+        if is_survey(file):
+            return folder_content(file)
+        if _is_hdf5(file) and is_survey_file(file):
+            return survey_file_content(file)
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+    came = "another folder" if os.path.isdir(file) else "another file"
+    came = came if os.path.exists(file) else "no such file or folder"
+    hint = "pfwd import makes a survey of other files"
+    raise SurveyError(refusal(file, "a survey, or one that was exported as h5", came, hint))
+
+
+def _survey_points(survey: SurveyContent, said: Declarations) -> list[TracePoint]:
+    file = survey.path
+    points = [one for point in survey.points for one in points_of(file, point, said)]
     if not points:
         what = "all are discarded" if survey.drops else "none"
         hint = f"; damage: {'; '.join(survey.damage)}" if survey.damage else ""
@@ -76,6 +121,8 @@ def _survey_points(file: str, said: Declarations) -> list[TracePoint]:
 
 
 def _is_hdf5(file: str) -> bool:
+    if not os.path.isfile(file):
+        return False  # a pipe may wait for ever
     try:
         with open(file, "rb") as stream:
             return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
@@ -90,17 +137,20 @@ def _said(
     return said | {key: Declaration(v, "command line") for key, v in (overrides or {}).items()}
 
 
-def _points(survey: Survey, point: SurveyPoint, said: Declarations) -> Iterator[TracePoint]:
+def points_of(
+    file: str, point: PointContent, said: Declarations | None = None
+) -> Iterator[TracePoint]:
+    """The drops of a point that are not discarded; declared differently, as points of their own."""
     if point.discarded:
         return
     edits = _edited(point)
     records = [drop.read() for drop in point.drops if not drop.discarded]
     for declared, group in groupby(records, key=lambda record: dict(record.declared)):
         same = [replace(record, declared=declared | edits) for record in group]
-        yield _point(os.fspath(survey.folder), point.title, same, said)
+        yield _point(file, point.title, same, said or {})
 
 
-def _edited(point: SurveyPoint) -> dict[str, Any]:
+def _edited(point: PointContent) -> dict[str, Any]:
     """What was said of a point later, as keys of a header; the last counts."""
     edits: dict[str, Any] = {}
     for edit in point.edits:

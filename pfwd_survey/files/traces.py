@@ -111,6 +111,16 @@ def read_traces(
     return TracePoint(file, setup, _split(table, file, top), setup_warnings(setup))
 
 
+def is_trace_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins with the line of a trace file."""
+    try:
+        _check_file(os.fspath(path))
+        with _open(os.fspath(path), errors="replace") as stream:
+            return _FORMAT_LINE.match(stream.readline(LONGEST_LINE)) is not None
+    except (OSError, TraceError):
+        return False
+
+
 def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
     """Write a test point as a trace file; nothing is lost, nothing is left half written.
 
@@ -201,7 +211,10 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
         if line == 1:
             native = _FORMAT_LINE.match(text) is not None
             if not native and not foreign:
-                hint = "for a file of another program give its keys with --header FILE.toml"
+                hint = (
+                    "for a file of another program give its keys with --header FILE.toml, or what "
+                    "its columns hold with pfwd import --map FILE.toml"
+                )
                 expected = f"# {FORMAT_KEY} = {FORMAT_VERSION}"
                 raise TraceError(refusal(where, expected, quote(text.rstrip()), hint))
         if text.startswith("#"):

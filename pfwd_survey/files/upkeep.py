@@ -5,6 +5,7 @@ from typing import Any
 
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
 from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.survey_file import check_survey_file, is_survey_file
 
 
 def recover_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
@@ -21,13 +22,16 @@ def recover_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list
 
 
 def check_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
-    """Look at every byte; the record of ``pfwd check`` and what is unfinished but no damage.
+    """Look at every byte of a survey, in its folder or exported; the record of ``pfwd check`` and
+    what is unfinished but no damage.
 
     Raises
     ------
     SurveyError, RecordingError
         If it is no survey.
     """
+    if os.path.isfile(folder) and is_survey_file(folder):
+        return check_survey_file(folder), []
     refuse_no_survey(folder)
     report = check(folder)
     return _record(folder, report), list(report.notes)

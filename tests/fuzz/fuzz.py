@@ -1,7 +1,7 @@
 """Runs targets under atheris: python tests/fuzz/fuzz.py GROUP [NAME ...] -max_total_time=600
 
-GROUP is wire, recording or text. Without names every target of the group runs, chosen by the first
-byte of the input. What begins with "-" is libFuzzer's, and so is a folder for the corpus.
+GROUP is wire, recording, text or foreign. Without names every target of the group runs, chosen by
+the first byte of the input. What begins with "-" is libFuzzer's, and so is a folder for the corpus.
 """
 
 import sys
@@ -12,7 +12,8 @@ import atheris
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 with atheris.instrument_imports(include=["pfwd_device", "pfwd_survey"]):
-    import tests.fuzz.outside_targets  # noqa: F401  (enters its targets)
+    import tests.fuzz.foreign_targets
+    import tests.fuzz.outside_targets  # noqa: F401  (these enter their targets)
     from tests.fuzz.targets import TARGETS
 
 

@@ -71,7 +71,7 @@ def survey_folder(data: bytes) -> None:
     """A folder with any journal and any ledger is read, checked and recovered, twice alike."""
     half = len(data) // 2
     journal = encode_frame(Kind.SURVEY, SURVEY_ID, 1, encode_payload({"format_version": 1}))
-    with tempfile.TemporaryDirectory(dir=_memory()) as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         folder = Path(name) / "survey"
         (folder / "journal").mkdir(parents=True)
         (folder / "journal" / "0001.pfwdj").write_bytes(journal + data[:half])
@@ -91,7 +91,7 @@ def survey_folder(data: bytes) -> None:
 @target("recording")
 def capture_file(data: bytes) -> None:
     """A capture is read as far as it is one."""
-    with tempfile.TemporaryDirectory(dir=_memory()) as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         path = Path(name) / "link.pfwdc"
         head = encode_frame(Kind.CAPTURE, SURVEY_ID, 1, encode_payload({"url": "x"}))
         path.write_bytes(head + data)
@@ -120,7 +120,7 @@ def setup_values(data: bytes) -> None:
 def trace_file(data: bytes) -> None:
     """A trace file is read or refused."""
     head = b"# pfwd-traces = 1\n# plate_radius_m = 0.15\ntime_s,load_N,velocity_m_s@0.0000\n"
-    with tempfile.TemporaryDirectory(dir=_memory()) as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
         path = Path(name) / "traces.csv"
         for content in (data, head + data):
             path.write_bytes(content)
@@ -128,6 +128,6 @@ def trace_file(data: bytes) -> None:
                 read_traces(path)
 
 
-def _memory() -> str | None:
+def memory_folder() -> str | None:
     """Where files cost nothing, if there is such a place."""
     return "/dev/shm" if os.path.isdir("/dev/shm") else None

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import tests.fuzz.outside_targets  # noqa: F401  (enters its targets)
+import tests.fuzz.foreign_targets
+import tests.fuzz.outside_targets  # noqa: F401  (these enter their targets)
 from tests.fuzz.targets import TARGETS, Target, peak_memory
 from tests.pfwd_device.wire import by_hand
 

@@ -1,7 +1,9 @@
 """``pfwd import``: trace files and other programs' files into a survey."""
 
 import argparse
+import os
 
+from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.importing import import_files
 from tui.output import clean, json_line, say
 
@@ -9,7 +11,13 @@ from tui.output import clean, json_line, say
 def run(args: argparse.Namespace) -> int:
     """Import what can be imported; 1 when a file was refused."""
     refused = False
-    for one in import_files(args.files, args.output, args.header):
+    for option, path in (("--header", args.header), ("--map", args.map)):
+        if path is not None and not os.path.isfile(path):
+            raise OptionError(refusal(f"{option} {path}", "a TOML file", "no such file"))
+    imported = import_files(
+        args.files, args.output, args.header, column_map=args.map, channels=args.channels
+    )
+    for one in imported:
         if one.error is not None:
             refused = True
             say(f"import: {one.error}")

@@ -488,6 +488,8 @@ VALUES = {
     "load_delay": st.floats(-1, 1),
     "seating_drops": st.integers(0, 10),
     "model_floor": st.floats(0, 1e-3),
+    "moisture": st.floats(0, 100),
+    "temperature": st.floats(-90, 100),
 }
 PAIR = {"geophone_natural_frequency", "geophone_damping"}
 

@@ -1,0 +1,1 @@
+"""Surveys as files for other programs; one module a format, listed in :mod:`.formats`."""

@@ -1,0 +1,185 @@
+"""``pddx``: peaks of load and deflection in AASHTO's Pavement Deflection Data Exchange, 2.0.
+
+The sections and keys written here are those of public files of version 1.0. Version 2.0 is appendix
+C of FHWA-HRT-07-040, of which only the introduction was at hand: sections with descriptive names,
+entries as in .INI files, few changes from 1.0. Which keys it requires, how it writes time histories
+(none are written), whether drops are numbered from 0 or 1 and how it marks comments could not be
+verified. Moduli are not part of the format.
+"""
+
+import datetime
+import os
+from collections.abc import Iterator
+from itertools import groupby
+
+from pfwd_device.recording.drop_file import software_version
+from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.exporting.order import Order
+from pfwd_survey.exporting.output import new_file
+from pfwd_survey.exporting.places import number
+from pfwd_survey.exporting.rows import Row
+
+VERSION = "2.0"
+DELIMITER = ","
+
+_MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+_REMARK = (
+    "Sections and keys as in public files of PDDX 1.0; not verified against the text of the "
+    "standard 2.0 (FHWA-HRT-07-040, appendix C).",
+    "Peaks of the recorded traces, offsets removed; deflections downward positive. Time histories "
+    "and moduli are not in this file.",
+)
+
+
+def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the peaks of all drops that are not discarded and have them.
+
+    Returns
+    -------
+    list of str
+        What was left out, and that the layout was not verified.
+
+    Raises
+    ------
+    SurveyError
+        If there is nothing to write, or plate or sensors change within the survey: a file has one
+        configuration.
+    """
+    rows = order.rows
+    used = [row for row in rows if row.used and row.peaks is not None]
+    if not used:
+        raise SurveyError(refusal(order.content.path, "drops with peaks to export", "none"))
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="\r\n") as stream,
+    ):
+        for line in _lines(order, os.path.basename(os.fspath(path)), used):
+            stream.write(line + "\n")
+    notes = ["the layout was not verified against the text of the PDDX 2.0 standard"]
+    if len(used) < len(rows):
+        notes.append(f"{len(rows) - len(used)} discarded or incomplete drops are left out")
+    return notes
+
+
+def _lines(order: Order, name: str, rows: list[Row]) -> Iterator[str]:
+    radius, offsets = _configuration(order.content.path, rows)
+    first = rows[0].values
+    yield from _section(
+        "Pavement Deflection Data Exchange File",
+        PDDXVersionNumber=VERSION,
+        DelimiterSymbol=DELIMITER,
+        DecimalSymbol=".",
+    )
+    yield from _section(
+        "Units",
+        LoadPlateRadiusUnits="millimeter",
+        LoadUnits="kilo-Newton",
+        DeflectionUnits="micron",
+        TemperatureUnits="Celsius",
+        SensorLocationUnits="millimeter",
+        GPSUnits="degree,degree,meter",
+        TestLocationUnits="kilometer,meter,meter",
+    )
+    moments = sorted(moment for row in rows if (moment := _moment(row)) is not None)
+    yield from _section(
+        "Operations Information",
+        FileName=_text(name),
+        StartDate=_date(moments[0]) if moments else None,
+        EndDate=_date(moments[-1]) if moments else None,
+        OperatorName=_text(first["operator"]),
+    )
+    yield from _section(
+        "Device Information",
+        DeviceDesignationName="PFWD",
+        DeviceSerialNumber=_text(first["device"]),
+        DeviceLoadType="Impulse",
+    )
+    yield from _section(
+        "Device Configuration",
+        LoadPlateRadius=f"{radius * 1e3:g}",
+        NumberOfDeflectionSensors=str(len(offsets)),
+        DeflectionSensorXAxisDistances=DELIMITER.join(f"{one * 1e3:g}" for one in offsets),
+        DeflectionSensorYAxisDistances=DELIMITER.join("0" for _ in offsets),
+    )
+    yield from _section("Location Identification", SiteName=_text(first["site"]))
+    points = groupby(rows, key=lambda row: row.point.name)
+    for index, (_, group) in enumerate(points, start=1):
+        yield from _location(index, list(group))
+    # At the end, where a reader that knows no comments has everything.
+    yield from (f"; {line}" for line in (f"pfwd {software_version()}", *_REMARK))
+
+
+def _location(index: int, rows: list[Row]) -> Iterator[str]:
+    place = next((row.place for row in rows if row.place is not None), None)
+    moment = next((one for row in rows if (one := _moment(row)) is not None), None)
+    where = None
+    if place is not None:
+        degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
+        where = f"{degrees}{DELIMITER}{place.altitude or 0:g}"
+    chainage = _chainage(rows[0])
+    drops = {}
+    for count, row in enumerate(rows, start=1):
+        assert row.peaks is not None
+        numbers = [row.peaks.load / 1e3, *(peak * 1e6 for _, peak in row.peaks.displacements)]
+        drops[f"DropData_{count}"] = DELIMITER.join(f"{one:.2f}" for one in numbers)
+    yield from _section(
+        f"Test Location {index}",
+        TestLocation=None if chainage is None else f"{chainage / 1e3:g},0,0",
+        GPSLocation=where,
+        TestTime=None if moment is None else f"{moment:%H:%M:%S}",
+        TestComment=_text(rows[0].point.title),
+        NumberOfDrops=str(len(rows)),
+        **drops,
+    )
+
+
+def _section(name: str, **entries: str | None) -> Iterator[str]:
+    yield f"[{name}]"
+    for key, value in entries.items():
+        if value is not None:
+            yield f"{key} = {value}"
+    yield ""
+
+
+def _configuration(where: str, rows: list[Row]) -> tuple[float, tuple[float, ...]]:
+    """Plate radius and distances of the sensors, m, which all drops have to share."""
+    found = set()
+    for row in rows:
+        assert row.peaks is not None
+        declared = {**(row.declared or {})}
+        for edit in row.point.edits:
+            if edit.get("what") == "declared" and isinstance(edit.get("value"), dict):
+                declared |= edit["value"]
+        radius = number(declared.get("plate_radius_m"))
+        if radius is None:
+            hint = "pfwd edit --set plate_radius_m=..."
+            raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
+        found.add((radius, tuple(offset for offset, _ in row.peaks.displacements)))
+    if len(found) > 1:
+        hint = "discard what was measured otherwise, or choose another format"
+        expected = "one plate radius and one set of sensors for a file of this format"
+        raise SurveyError(refusal(where, expected, f"{len(found)}", hint))
+    return found.pop()
+
+
+def _chainage(row: Row) -> float | None:
+    """m, as a file of another program said it."""
+    noted = (row.declared or {}).get("imported")
+    return number(noted.get("chainage_m")) if isinstance(noted, dict) else None
+
+
+def _moment(row: Row) -> datetime.datetime | None:
+    try:
+        return datetime.datetime.fromisoformat(str(row.values["time_utc"])).replace(tzinfo=None)
+    except ValueError:
+        return None
+
+
+def _date(moment: datetime.datetime) -> str:
+    # Written out: strftime uses the language of the system.
+    return f"{moment.day:02d}-{_MONTHS[moment.month - 1]}-{moment.year:04d}"
+
+
+def _text(value: object) -> str | None:
+    """A text that cannot be taken for another entry."""
+    return None if value is None else str(value).replace(DELIMITER, " ").strip() or None

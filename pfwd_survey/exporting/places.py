@@ -1,0 +1,67 @@
+"""Where and when a drop fell, as far as anybody said so."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_device.recording import DropRecord
+from pfwd_survey.files.survey_content import DropContent, PointContent
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A position on the earth, WGS 84."""
+
+    latitude: float
+    """Degrees, north positive."""
+    longitude: float
+    """Degrees, east positive."""
+    altitude: float | None = None
+    """m; None: not said."""
+
+
+def place_of(point: PointContent, drop: DropContent, record: DropRecord | None) -> Place | None:
+    """The position of a drop: what was said later wins over what was recorded.
+
+    Returns
+    -------
+    Place or None
+        None when nobody said, or what was said is not on the earth.
+    """
+    recorded = (record.metadata.get("position"), record.declared) if record else ()
+    for said in (drop.position, point.position, *recorded, point.declared):
+        place = _place(said)
+        if place is not None:
+            return place
+    return None
+
+
+def time_of(record: DropRecord | None) -> str | None:
+    """When a drop fell, ISO 8601; None when nobody said."""
+    if record is None:
+        return None
+    for said in (record.metadata.get("time_utc"), record.declared.get("time_utc")):
+        if isinstance(said, str) and said:
+            return said
+    return None
+
+
+def _place(said: Any) -> Place | None:
+    if not isinstance(said, Mapping):
+        return None
+    latitude, longitude = number(said.get("latitude")), number(said.get("longitude"))
+    if latitude is None or longitude is None or abs(latitude) > 90 or abs(longitude) > 180:
+        return None
+    return Place(latitude, longitude, number(said.get("altitude_m")))
+
+
+def number(value: object) -> float | None:
+    """A finite number; None when it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        found = float(value)
+    except OverflowError:
+        return None
+    return found if math.isfinite(found) else None

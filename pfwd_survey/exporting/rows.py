@@ -1,0 +1,217 @@
+"""One row per drop: where, when, what was measured, and the result with all that belongs to it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import DropRecord
+from pfwd_device.text import clean
+from pfwd_survey.exporting.columns import COLUMNS
+from pfwd_survey.exporting.peaks import Peaks, peaks_of
+from pfwd_survey.exporting.places import Place, number, place_of, time_of
+from pfwd_survey.files.survey_content import DropContent, PointContent, Result, SurveyContent
+
+NO_RESULT = "no result"
+NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
+LONGEST_CELL = 4096
+"""Characters; a note may be as long."""
+
+SAME = 1e-9
+"""Relative difference up to which two declared values are one."""
+
+Results = Mapping[tuple[str, int], Result]
+"""By title of the point and number of the drop within it."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """A drop, ready for an export."""
+
+    point: PointContent
+    drop: DropContent
+    declared: Mapping[str, Any] | None
+    """What was declared with the drop; None: the drop is damaged. The traces are not kept here: a
+    survey of many drops would fill the memory."""
+    place: Place | None
+    peaks: Peaks | None
+    result: Result | None
+    """None: there is none."""
+    values: Mapping[str, Any]
+    """By the names of ``COLUMNS``; None: not known."""
+
+    @property
+    def used(self) -> bool:
+        """Whether neither the drop nor its point is discarded, and it can be read."""
+        gone = self.point.discarded or self.drop.discarded
+        return not gone and self.declared is not None
+
+
+def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator[Row]:
+    """Rows of all drops, point by point.
+
+    Parameters
+    ----------
+    content : SurveyContent
+    inverted : mapping, optional
+        Results in place of the stored ones.
+    """
+    for point in content.points:
+        for drop in point.drops:
+            yield _row(content, point, drop, inverted)
+
+
+def _row(
+    content: SurveyContent, point: PointContent, drop: DropContent, inverted: Results | None
+) -> Row:
+    record, fault = None, None
+    result: Result | None = None
+    try:
+        record = drop.read()
+    except RecordingError as err:
+        fault = f"damaged: {err}"
+    try:
+        if inverted is not None:
+            result = inverted.get((point.title, drop.drop))
+        elif record is not None:
+            # Nothing is written over: what was found last counts.
+            result = next(iter(drop.read_results()[::-1]), None)
+    except RecordingError as err:
+        fault = f"damaged: {err}"
+    place = place_of(point, drop, record)
+    peaks = peaks_of(record.drop) if record is not None else None
+    values: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
+    values |= _facts(content, point, drop, record)
+    values |= {
+        "latitude": place and place.latitude,
+        "longitude": place and place.longitude,
+        "altitude_m": place and place.altitude,
+        "peak_load_n": peaks and peaks.load,
+        "peak_displacement_m": peaks and peaks.centre,
+    }
+    if result is None:
+        discarded = inverted is not None and (point.discarded or drop.discarded)
+        why = "discarded drops are not inverted" if discarded else NOT_INVERTED
+        values |= {"status": NO_RESULT, "reason": fault or why, "warnings": []}
+    else:
+        values |= _result(result, point, record)
+    declared = None if record is None else record.declared
+    return Row(point, drop, declared, place, peaks, result, values)
+
+
+def _facts(
+    content: SurveyContent, point: PointContent, drop: DropContent, record: DropRecord | None
+) -> dict[str, Any]:
+    declared = {**(record.declared if record else {}), **point.declared}
+    # Said of the point later, wins over what was recorded with the drop.
+    operators = [edit.get("value") for edit in point.edits if edit.get("what") == "operator"]
+    metadata = record.metadata if record else {}
+    identity = metadata.get("identity")
+    serial = identity.get("serial_number") if isinstance(identity, Mapping) else None
+    target = drop.target if drop.target is not None else point.target
+    return {
+        "survey_id": content.survey_id or None,
+        "point": point.title,
+        "drop": drop.drop,
+        "record": drop.number,
+        "discarded": point.discarded or drop.discarded,
+        "time_utc": _text(time_of(record)),
+        "site": _text(declared.get("site")),
+        "operator": _text([*operators, metadata.get("operator"), declared.get("operator")]),
+        "device": _text([declared.get("device"), serial]),
+        "target_pa": number(target),
+        "notes": [*drop.notes, *point.notes],
+    }
+
+
+def _result(result: Result, point: PointContent, record: DropRecord | None) -> dict[str, Any]:
+    """The result as columns; a modulus is left out when what belongs to it is missing."""
+    found: dict[str, Any] = {}
+    for column in COLUMNS:
+        if column.name not in result:
+            continue
+        value = result[column.name]
+        match column.kind:
+            case "number":
+                found[column.name] = number(value)
+            case "whole":
+                found[column.name] = value if type(value) is int else None
+            case "flag":
+                found[column.name] = value if isinstance(value, bool) else None
+            case "text":
+                found[column.name] = _text(value)
+            case "texts":
+                found[column.name] = _texts(value)
+    for name in ("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"):
+        found.pop(name, None)  # of the survey as it is now, not as it was then
+    for key, unit in (("modulus_interval", "pa"), ("bedrock_depth_interval", "m")):
+        low, high = _pair(result.get(f"{key}_{unit}"))
+        found[f"{key}_low_{unit}"], found[f"{key}_high_{unit}"] = low, high
+    half_sine = result.get("half_sine")
+    if isinstance(half_sine, Mapping):
+        for key in ("peak_pressure_pa", "duration_s", "rms_over_peak"):
+            found[f"half_sine_{key}"] = number(half_sine.get(key))
+    warnings = found.get("warnings") or []
+    warnings += _stale(result, point, record)
+    missing = missing_parts(result)
+    if found.get("modulus_pa") is not None and missing:
+        found["modulus_pa"] = found["peak_modulus_pa"] = None
+        warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
+    found["warnings"] = warnings
+    return found
+
+
+def missing_parts(result: Result) -> list[str]:
+    """What a modulus must not be shown without, and this result does not have."""
+    uncertain = (
+        number(result.get("modulus_sd_pa")) is not None
+        or _pair(result.get("modulus_interval_pa"))[0] is not None
+    )
+    parts = {
+        "an uncertainty": uncertain,
+        "its model": isinstance(result.get("model"), str),
+        "the plate radius": number(result.get("plate_radius_m")) is not None,
+        "Poisson's ratio": number(result.get("poisson_ratio")) is not None,
+        "its warnings": isinstance(result.get("warnings"), list),
+    }
+    return [name for name, there in parts.items() if not there]
+
+
+def _stale(result: Result, point: PointContent, record: DropRecord | None) -> list[str]:
+    """What has been declared otherwise since the result was made."""
+    now = {**(record.declared if record else {})}
+    for edit in point.edits:
+        value = edit.get("value")
+        if edit.get("what") == "declared" and isinstance(value, Mapping):
+            now |= value
+    found = []
+    for key in ("plate_radius_m", "poisson_ratio"):
+        then, declared = number(result.get(key)), number(now.get(key))
+        if then is None or declared is None:
+            continue
+        if abs(then - declared) > SAME * abs(declared):
+            found.append(f"{key} was {then:g} for this result, {declared:g} is declared by now")
+    return found
+
+
+def _pair(value: object) -> tuple[float | None, float | None]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        return None, None
+    return number(value[0]), number(value[1])
+
+
+def _text(value: object) -> str | None:
+    """A text on one line, or the first of several that is one."""
+    if isinstance(value, list):
+        return next((text for one in value if (text := _text(one)) is not None), None)
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        return None
+    return clean(str(value), limit=LONGEST_CELL) or None
+
+
+def _texts(value: object) -> list[str]:
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, list | tuple):
+        return []
+    return [clean(str(one), limit=LONGEST_CELL) for one in value]

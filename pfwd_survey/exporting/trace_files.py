@@ -1,0 +1,103 @@
+"""``csv``: a folder with one trace file a test point, which ``pfwd import`` takes back."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import count, groupby
+from typing import Any
+
+from pfwd_device import Drop
+from pfwd_device.errors import RecordingError
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.exporting.order import Order
+from pfwd_survey.exporting.output import new_folder
+from pfwd_survey.files.header import Setup
+from pfwd_survey.files.reading import points_of
+from pfwd_survey.files.traces import TracePoint, write_traces
+from pfwd_survey.inverting.missing import whole_part
+
+LONGEST_NAME = 60
+"""Characters of a point's name in that of its file."""
+
+SUFFIX = ".csv"
+
+
+def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the traces of all drops that are not discarded.
+
+    Returns
+    -------
+    list of str
+        What was left out, a sentence each.
+    """
+    notes: list[str] = []
+    numbers = count(1)
+    with new_folder(path, SUFFIX, force=order.force) as folder:
+        for content in order.content.points:
+            try:
+                points = list(points_of(order.content.path, content))
+            except RecordingError as err:
+                raise SurveyError(f"{err}; pfwd edit --discard leaves it out") from err
+            for point in points:
+                whole = [drop for drop in point.drops if _is_whole(drop, point, notes)]
+                parts = [whole_part(drop)[0] for drop in whole]
+                # A file has one set of sensors.
+                for _, group in groupby(parts, key=_sensors):
+                    name = f"{next(numbers):04d}-{safe_name(content.title)}{SUFFIX}"
+                    drops = tuple(group)
+                    setup = _plain(point.setup)
+                    write_traces(folder / name, TracePoint(name, setup, drops))
+        _tell_discarded(order, notes)
+        if next(numbers) == 1:
+            raise SurveyError(f"{order.content.path}: expected drops to export, came none")
+    return notes
+
+
+def safe_name(text: str) -> str:
+    """A name as a part of a file's name that every system takes.
+
+    Examples
+    --------
+    >>> safe_name('km 12/3: "north"')
+    'km 12_3_ _north_'
+    """
+    name = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ufffd]', "_", text)[:LONGEST_NAME]
+    return name.rstrip(". ") or "point"
+
+
+def _is_whole(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
+    _, reason, warning = whole_part(drop)
+    name = f"{point.setup.point}/{drop.number}"
+    if reason is not None:
+        notes.append(f"drop {name} is left out: {reason}")
+    elif warning is not None:
+        notes.append(f"drop {name}: {warning}")
+    return reason is None
+
+
+def _sensors(drop: Drop) -> tuple[tuple[str, float], ...]:
+    return tuple((channel.quantity, channel.offset) for channel in drop.channels)
+
+
+def _plain(setup: Setup) -> Setup:
+    """The setup without what TOML cannot hold: JSON's null."""
+    extra = {key: value for key, value in setup.extra.items() if value is not None}
+    return replace(setup, extra=_without_null(extra))
+
+
+def _without_null(value: Any) -> Any:
+    match value:
+        case Mapping():
+            return {str(k): _without_null(v) for k, v in value.items() if v is not None}
+        case list() | tuple():
+            return [_without_null(one) for one in value if one is not None]
+    return value
+
+
+def _tell_discarded(order: Order, notes: list[str]) -> None:
+    gone = sum(
+        point.discarded or drop.discarded for point in order.content.points for drop in point.drops
+    )
+    if gone:
+        notes.append(f"{gone} discarded drops are left out")

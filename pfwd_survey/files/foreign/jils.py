@@ -1,0 +1,241 @@
+"""JILS ``.THY``: the time histories of a trailer FWD as text.
+
+Lines of ``Name: value`` (``Date-Time``, ``Sensors``, ``Weight/spring``, ``Location``, ``Temp`` in
+degrees Fahrenheit, ``Operator``, ``Comments``), then for each drop its ``Station``, ``Lane`` and
+``Milepost``, ``Drop # 1 Desired peak force`` in lbf, the names of the columns, ``Impact`` with
+``Number_of_samples``, and so many rows: time in ms, force in kip, displacements in mil, negative
+downward. Layout as seen in public files. Neither the plate nor the distances of the sensors are
+among what is understood of it: they have to be declared.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pfwd_device import Drop
+from pfwd_survey.errors import TraceError, quote, refusal
+from pfwd_survey.files.foreign.common import (
+    Request,
+    distinct,
+    even_time,
+    finite,
+    make_drop,
+    one_side,
+    point_of,
+    short_text,
+    temperature_of,
+)
+from pfwd_survey.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME, celsius
+from pfwd_survey.files.header import LONGEST_REMARK
+from pfwd_survey.files.traces import TracePoint
+
+OFFSETS = "sensor_offsets_m"
+"""Key of ``--header``: distances of the sensors, m, in the order of the columns; nan leaves one
+out."""
+
+MOST_SAMPLES = 1_000_000
+LONGEST_LINE = 4096
+
+_STATION = re.compile(r"\s*Station:\s*(\S*)\s+Lane:\s*(\S*)\s+Milepost:\s*(\S*)")
+_DROP = re.compile(r"\s*Drop\s*#\s*(\d{1,6})\s+Desired peak force:\s*(\S+)")
+_IMPACT = re.compile(r"\s*Impact:\s*(\S+)\s+Number_of_samples:\s*(\d{1,9})\s*$")
+_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
+_HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
+
+
+@dataclass(slots=True)
+class _Block:
+    """One drop as it stands in the file."""
+
+    station: tuple[str, str, str]
+    """Station, lane, milepost."""
+    number: int
+    wanted: float | None
+    """lbf."""
+    line: int
+    """Line of the first row, from 1."""
+    rows: list[list[float]] = field(default_factory=list)
+    """ms, kip, mil."""
+
+
+def read(file: str, request: Request) -> list[TracePoint]:
+    """The test points of a file, one for each station, lane and milepost.
+
+    Parameters
+    ----------
+    file : str
+    request : Request
+        Its declarations give ``plate_radius_m`` and, for more than the first sensor,
+        ``sensor_offsets_m``.
+
+    Raises
+    ------
+    TraceError
+        If it is another file, cut off, or the plate is not declared.
+    """
+    with open(file, encoding="latin-1", newline=None) as stream:
+        headings, blocks = _parse(_Lines(stream, file))
+    if not blocks:
+        hint = "is it a JILS time history?"
+        raise TraceError(refusal(file, "drops with Impact: and rows of numbers", "none", hint))
+    said = dict(request.said)
+    declared = said.pop(OFFSETS, None)
+    request = Request(said, request.channels, request.column_map)
+    offsets, remarks = _offsets(file, declared and declared.value, blocks[0], headings)
+    stations: dict[tuple[str, str, str], list[_Block]] = {}
+    for block in blocks:
+        stations.setdefault(block.station, []).append(block)
+    names = distinct([_name(station) for station in stations])
+    found = []
+    for name, (station, of_station) in zip(names, stations.items(), strict=True):
+        drops = [_drop(file, number, block, offsets) for number, block in _numbered(of_station)]
+        known = {
+            "point": name,
+            "site": short_text(headings.get("Location")),
+            "operator": short_text(headings.get("Operator")),
+            "source": "JILS time history (.THY)",
+            "temperature_c": _temperature(headings.get("Temp", "")),
+        }
+        noted = _noted(headings) | {"milepost": short_text(station[2])}
+        wanted = [block.wanted * POUND_FORCE for block in of_station if block.wanted is not None]
+        noted["desired_peak_force_n"] = wanted or None
+        found.append(point_of(file, known, drops, request, noted=noted, remarks=remarks))
+    return found
+
+
+class _Lines:
+    """Lines with their numbers; one without end is refused."""
+
+    def __init__(self, stream: Iterator[str], file: str) -> None:
+        self._stream = stream
+        self._file = file
+        self.number = 0
+
+    @property
+    def here(self) -> str:
+        return f"{self._file}, line {self.number}"
+
+    def next(self) -> str | None:
+        """The next line; None at the end."""
+        text: str = self._stream.readline(LONGEST_LINE)  # type: ignore[attr-defined]
+        self.number += 1
+        if len(text) == LONGEST_LINE or "\0" in text:
+            raise TraceError(refusal(self.here, "a line of text", "binary data"))
+        return text or None
+
+
+def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
+    headings: dict[str, str] = {}
+    blocks: list[_Block] = []
+    station, number, wanted, columns = ("", "", ""), 0, None, 0
+    while (text := lines.next()) is not None:
+        if match := _STATION.match(text):
+            station = (match[1], match[2], match[3])
+        elif match := _DROP.match(text):
+            number, wanted = int(match[1]), finite(match[2])
+        elif match := _COLUMNS.match(text):
+            columns = len(match[1].split())
+        elif match := _IMPACT.match(text):
+            if not columns:
+                expected = "a line Time Force Disp1 ... before the first Impact"
+                raise TraceError(refusal(lines.here, expected, "none"))
+            block = _Block(station, number, wanted, lines.number + 1)
+            _rows(lines, block, int(match[2]), columns + 2)
+            blocks.append(block)
+        elif (match := _HEADING.match(text)) and not blocks:
+            headings.setdefault(match[1], match[2])
+        elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
+            expected = "as many rows as Number_of_samples says"
+            raise TraceError(refusal(lines.here, expected, quote(text.strip())))
+    return headings, blocks
+
+
+def _rows(lines: _Lines, block: _Block, samples: int, width: int) -> None:
+    if not 0 < samples <= MOST_SAMPLES:
+        raise TraceError(refusal(lines.here, "a number of samples", str(samples)))
+    for row in range(samples):
+        text = lines.next()
+        if text is None:
+            hint = "the file was cut off: copy it again"
+            came = f"the end of the file after {row}"
+            raise TraceError(refusal(lines.here, f"{samples} rows", came, hint))
+        cells = text.split()
+        numbers = [finite(cell) for cell in cells]
+        if len(cells) != width or None in numbers:
+            raise TraceError(refusal(lines.here, f"{width} numbers", quote(text.strip())))
+        block.rows.append([number for number in numbers if number is not None])
+
+
+def _offsets(
+    file: str, declared: object, block: _Block, headings: dict[str, str]
+) -> tuple[list[float], list[str]]:
+    """Distance of each sensor, m, NaN for those that are left out; and what to say of it."""
+    count = len(block.rows[0]) - 2
+    if declared is None:
+        said = short_text(headings.get("Sensors"))
+        remark = (
+            f"the first sensor was taken as the centre, the others were left out: {OFFSETS} in "
+        )
+        remark += f"--header says where they stand (the file says Sensors: {said or 'nothing'})"
+        return [0.0] + [np.nan] * (count - 1), [remark] if count > 1 else []
+    values = declared if isinstance(declared, list) else [None]
+    numbers = [
+        float(one) if isinstance(one, int | float) and not isinstance(one, bool) else None
+        for one in values
+    ]
+    if len(numbers) != count or any(n is None or np.isinf(n) for n in numbers):
+        expected = f"{OFFSETS}: {count} distances in m, one a column, nan to leave one out"
+        raise TraceError(refusal(file, expected, quote(declared)))
+    return [float("nan") if number is None else number for number in numbers], []
+
+
+def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
+    """The drops with the numbers they have, or counted on where a number comes again."""
+    taken: set[int] = set()
+    for block in blocks:
+        number = block.number
+        if number < 1 or number in taken:
+            number = max(taken, default=0) + 1
+        taken.add(number)
+        yield number, block
+
+
+def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Drop:
+    where = f"{file}, line {block.line}, drop {number}"
+    table = np.array(block.rows, np.float64)
+    if table.shape[1] != len(offsets) + 2:
+        expected = f"{len(offsets)} sensors as in the first drop"
+        raise TraceError(refusal(where, expected, str(table.shape[1] - 2)))
+    wanted = [index for index, offset in enumerate(offsets) if not np.isnan(offset)]
+    used, _ = one_side([offsets[index] for index in wanted])
+    sensors = []
+    for index in (wanted[i] for i in used):
+        # Negative is downward in the file; 0.0 - x, so that nothing becomes -0.
+        values = 0.0 - table[:, 2 + index] * DISPLACEMENT["mil"]
+        sensors.append((abs(offsets[index]), "displacement", values))
+    time = even_time(table[:, 0] * TIME["ms"], where)
+    load = table[:, 1] * FORCE["kip"]
+    return make_drop(number, time, load, sensors, where)  # type: ignore[arg-type]
+
+
+def _name(station: tuple[str, str, str]) -> str:
+    place = f"station {station[0] or '?'}"
+    return f"{place} lane {station[1]}" if station[1] else place
+
+
+def _temperature(text: str) -> float | None:
+    """Degrees Celsius; the first number of several (air, surface) is taken."""
+    found = re.match(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)", text)
+    return None if found is None else temperature_of(round(celsius(float(found[1])), 2))
+
+
+def _noted(headings: dict[str, str]) -> dict[str, object]:
+    return {
+        # The file says neither its time zone nor, for sure, the order of day and month.
+        "date_time": short_text(headings.get("Date-Time")),
+        "sensors": short_text(headings.get("Sensors"), LONGEST_REMARK),
+        "weight_spring": short_text(headings.get("Weight/spring"), LONGEST_REMARK),
+        "comment": short_text(headings.get("Comments"), LONGEST_REMARK),
+    }

@@ -1,0 +1,227 @@
+"""``database.json`` of Rincent's programs: of the acquisition, and of the viewer."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pfwd_survey.errors import TraceError, quote, refusal
+from pfwd_survey.files.foreign.common import (
+    finite,
+    moment_of,
+    position_of,
+    short_text,
+    temperature_of,
+    within,
+)
+from pfwd_survey.files.foreign.rincent_facts import (
+    PRE_TRIGGERS,
+    RATES,
+    Facts,
+    PointFacts,
+    named,
+    with_distinct_names,
+)
+from pfwd_survey.files.header import LONGEST_REMARK
+
+LARGEST_JSON = 100_000_000
+"""Bytes; the largest one seen has under 1 MB."""
+
+Table = Mapping[str, Any]
+
+
+def read_json(data: bytes, where: str) -> Facts:
+    """What a ``database.json`` says.
+
+    Parameters
+    ----------
+    data : bytes
+    where : str
+        File and member, for messages.
+
+    Raises
+    ------
+    TraceError
+        If it is no such database, or says neither sampling rate nor pre-trigger.
+    """
+    if len(data) > LARGEST_JSON:
+        raise TraceError(refusal(where, f"at most {LARGEST_JSON // 10**6} MB of JSON", "more"))
+    try:
+        # utf-8-sig: .NET writes a byte order mark.
+        database = json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as err:
+        raise TraceError(refusal(where, "JSON", quote(str(err)))) from err
+    if isinstance(database, dict) and "project" in database:
+        return _viewer(database, where)
+    if isinstance(database, dict) and "ParamsAcqu" in database:
+        return _acquisition(database, where)
+    came = ", ".join(map(str, database)) if isinstance(database, dict) else "no object"
+    raise TraceError(refusal(where, "a database with ParamsAcqu or project", quote(came)))
+
+
+def _acquisition(database: Table, where: str) -> Facts:
+    acquired = _table(database, "ParamsAcqu")
+    bearing, calibrated = _table(database, "ParamsBearing"), _table(database, "Calibrations")
+    hardware, project = _table(database, "Hardware"), _table(database, "Project")
+    machine = short_text(hardware.get("TypeMachineName")) or short_text(
+        _table(database, "Database").get("Software")
+    )
+    points = []
+    for entry in _tables(database.get("PVs")):
+        report = _table(entry, "PV") or entry
+        for one in _tables(entry.get("Points")):
+            points.append(_acquired_point(_table(one, "Point") or one, report))
+    diameter = finite(bearing.get("DPlate"))
+    return Facts(
+        rate=within(acquired.get("FreqAcqu"), "FreqAcqu (Hz)", *RATES, where),
+        pre_trigger=within(acquired.get("PreTrig"), "PreTrig (s)", *PRE_TRIGGERS, where),
+        known={
+            "plate_radius_m": _radius(diameter or finite(calibrated.get("Dplate"))),
+            "poisson_ratio": finite(bearing.get("CPoisson")),
+            "seating_drops": _count(_table(database, "ParamsPoint").get("NbTraining")),
+            "device": short_text(named(machine, short_text(hardware.get("Serial")))),
+            "site": short_text(project.get("Site")) or short_text(project.get("Name")),
+        },
+        points=with_distinct_names(points),
+        offsets=_offsets(calibrated.get("Channels"), "Type", "Position", "LoadCell"),
+    )
+
+
+def _acquired_point(point: Table, report: Table) -> PointFacts:
+    moment = moment_of(point.get("Date"))
+    name = short_text(report.get("Name")) or short_text(report.get("Nom"))
+    return PointFacts(
+        identity=str(point.get("ID", "")),
+        name=named(name, short_text(point.get("Number"))),
+        known={
+            "operator": short_text(report.get("Operator")),
+            "time_utc": moment.get("time_utc"),
+            "temperature_c": temperature_of(report.get("Temperature")),
+            **position_of(point.get("Latitude"), point.get("Longitude")),
+        },
+        noted={
+            "time_local": moment.get("time_local"),
+            "air_temperature_c": finite(point.get("Tair")),
+            "surface_temperature_c": finite(point.get("Tsurf")),
+            "manual_temperature_c": finite(point.get("Tman")),
+            "chainage_m": finite(point.get("Chainage")),
+            "position_dop": finite(point.get("DOP")),
+            "comment": short_text(point.get("Comments") or point.get("Comment"), LONGEST_REMARK),
+        },
+    )
+
+
+def _viewer(database: Table, where: str) -> Facts:
+    project = _table(database, "project")
+    base, distinct = _table(project, "base"), _table(project, "distinct")
+    acquired = _table(base, "acquisitionParameters")
+    bearing, calibrated = _table(distinct, "bearingParameters"), _table(distinct, "calibrations")
+    hardware, about = _labelled(base.get("hardware")), _labelled(base.get("information"))
+    machine = short_text(hardware.get("TypeMachineName")) or short_text(project.get("machine"))
+    reports = _tables(_table(base, "reports").get("list"))
+    points = []
+    for report in reports:
+        inner = _table(report, "base")
+        for zone in _tables(inner.get("zones")):
+            for one in _tables(_table(zone, "base").get("points")):
+                points.append(_viewed_point(_table(one, "base"), inner))
+    diameter = finite(bearing.get("dPlate"))
+    return Facts(
+        rate=within(acquired.get("frequency"), "frequency (Hz)", *RATES, where),
+        pre_trigger=within(acquired.get("preTrig"), "preTrig (s)", *PRE_TRIGGERS, where),
+        known={
+            "plate_radius_m": _radius(diameter or finite(calibrated.get("dPlate"))),
+            "poisson_ratio": finite(bearing.get("cPoisson")),
+            "seating_drops": _training(reports),
+            "device": short_text(named(machine, short_text(hardware.get("Serial number")))),
+            "site": short_text(about.get("Site")) or short_text(base.get("name")),
+        },
+        points=with_distinct_names(points),
+        offsets=_offsets(calibrated.get("channels"), "type", "position", "LoadCell"),
+    )
+
+
+def _viewed_point(point: Table, report: Table) -> PointFacts:
+    moment, place = moment_of(point.get("date")), _table(point, "coordinates")
+    data, about = _labelled(point.get("data")), _labelled(point.get("information"))
+    operator = _labelled(report.get("information")).get("Operator")
+    return PointFacts(
+        identity=str(point.get("id", "")),
+        name=named(short_text(report.get("name")), short_text(point.get("number"))),
+        known={
+            "operator": short_text(operator),
+            "time_utc": moment.get("time_utc"),
+            **position_of(place.get("lat"), place.get("lng")),
+        },
+        noted={
+            "time_local": moment.get("time_local"),
+            "air_temperature_c": finite(data.get("Tair")),
+            "surface_temperature_c": finite(data.get("Tsurf")),
+            "manual_temperature_c": finite(data.get("Tman")),
+            "chainage_m": finite(data.get("Chainage")),
+            "position_dop": finite(data.get("DOP")),
+            "comment": short_text(about.get("Comment"), LONGEST_REMARK),
+        },
+    )
+
+
+def _training(reports: list[Table]) -> int | None:
+    """How many of a point's drops the viewer calls training; None when it does not say."""
+    for indexes in _found("indexes", reports):
+        kinds = [_table(one, "distinct").get("type") for one in _tables(indexes.get("list"))]
+        if "Training" in kinds or "Averaging" in kinds:
+            return kinds.count("Training")
+    return None
+
+
+def _found(key: str, value: object, depth: int = 12) -> Iterator[Table]:
+    """Every object with this key, wherever it stands; where that is differs between versions."""
+    if depth == 0:
+        return
+    if isinstance(value, dict):
+        if isinstance(value.get(key), dict):
+            yield value[key]
+        value = [one for name, one in value.items() if name != "zones"]
+    if isinstance(value, list):
+        for one in value:
+            yield from _found(key, one, depth - 1)
+
+
+def _offsets(channels: object, kind: str, position: str, load: str) -> tuple[float, ...] | None:
+    """Positions of all channels that are no load cell, m; None when the database has none."""
+    found = []
+    for channel in _tables(channels):
+        if channel.get(kind) == load:
+            continue
+        place = finite(channel.get(position))
+        if place is None:
+            return None
+        found.append(round(place, 6))  # 0.3 in single precision is 0.30000001192092896
+    return tuple(found) or None
+
+
+def _radius(diameter: float | None) -> float | None:
+    return None if diameter is None else round(diameter / 2, 6)
+
+
+def _count(value: object) -> int | None:
+    number = finite(value)
+    return int(number) if number is not None and 0 <= number < 1000 else None
+
+
+def _table(parent: Table, key: str) -> Table:
+    value = parent.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _tables(value: object) -> list[Table]:
+    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+
+
+def _labelled(value: object) -> dict[str, Any]:
+    """A list of label and value as a table."""
+
+    def pairs() -> Iterator[tuple[str, Any]]:
+        for one in _tables(value):
+            yield str(one.get("label")), one.get("value")
+
+    return dict(pairs())

@@ -1,0 +1,19 @@
+"""What comes of an import."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """One drop that is in the survey now, or a file that was refused."""
+
+    file: str
+    point: str = ""
+    number: int = 0
+    """Of the drop within the point."""
+    record: int = 0
+    """Of the drop within the survey."""
+    before: bool = False
+    """It was there before: nothing is imported twice."""
+    error: str | None = None
+    """Why the file was refused; None when it was not."""

@@ -1,0 +1,127 @@
+"""Takes an exported survey into another one: counts, metadata, edits, results and all."""
+
+import json
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import SurveyWriter
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.imported import Imported
+from pfwd_survey.files.survey_content import (
+    DropContent,
+    PointContent,
+    SurveyContent,
+    folder_content,
+)
+from pfwd_survey.files.survey_file import survey_file_content
+
+Said = Mapping[str, Any]
+
+
+def import_survey(
+    writer: SurveyWriter, file: str, before: MutableMapping[int, int]
+) -> Iterator[Imported]:
+    """Import every drop with what was said of it; nothing is imported or said twice.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    file : str
+        An exported survey.
+    before : mapping of number within the survey to number within the point
+        Of the drops that the survey holds; those that are imported are added.
+
+    Yields
+    ------
+    Imported
+
+    Raises
+    ------
+    SurveyError
+        If the file cannot be read.
+    RecordingError
+        If the survey cannot be written.
+    """
+    try:
+        content = survey_file_content(file)
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+    there = folder_content(writer.folder)
+    points = {point.name: point for point in there.points}
+    drops = {drop.number: drop for drop in there.drops}
+    for point in content.points:
+        if point.name not in points:
+            writer.add_point(point.name, _declared_first(point))
+    for drop in content.drops:
+        yield _import_drop(writer, file, content, drop, before, drops)
+    for point in content.points:
+        known = points.get(point.name)
+        for edit in _new(point.edits, known.edits if known else ()):
+            writer.edit(edit["what"], edit.get("value"), point=point.name)
+    for check in _new(content.checks, there.checks):
+        writer.save_check(dict(check.get("details") or {}))
+    for event in _new(content.events, there.events):
+        if event.get("event") != "recovery":  # that was about files of the other folder
+            writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
+
+
+def _import_drop(
+    writer: SurveyWriter,
+    file: str,
+    content: SurveyContent,
+    drop: DropContent,
+    before: MutableMapping[int, int],
+    there: Mapping[int, DropContent],
+) -> Imported:
+    # A drop without a key of its own gets one, so that it is not imported twice.
+    key = drop.key or f"export/{content.survey_id}/{drop.number}"
+    known = writer.find_key(key)
+    if known is not None:
+        edits = there[known].edits if known in there else ()
+        for edit in _new(drop.edits, edits):
+            writer.edit(edit["what"], edit.get("value"), number=known)
+        number = before.get(known, drop.drop)
+        return Imported(file, drop.point, number, known, before=True)
+    try:
+        record, results = drop.read(), drop.read_results()
+    except RecordingError as err:
+        return Imported(file, drop.point, drop.drop, error=str(err))
+    number = max(record.drop.number, writer.next_number(record.point))
+    saved = writer.save_drop(
+        replace(
+            record,
+            drop=replace(record.drop, number=number),
+            metadata={**record.metadata, "key": key},
+        )
+    )
+    writer.publish(saved)
+    for result in results:
+        writer.save_result(saved, result)
+    for edit in drop.edits:
+        writer.edit(edit["what"], edit.get("value"), number=saved)
+    before[saved] = number
+    return Imported(file, record.point, number, saved)
+
+
+def _declared_first(point: PointContent) -> dict[str, Any]:
+    """What was declared before the edits, as far as it is still known."""
+    edited = {
+        key
+        for edit in point.edits
+        if edit["what"] == "declared" and isinstance(edit.get("value"), Mapping)
+        for key in edit["value"]
+    }
+    return {key: value for key, value in point.declared.items() if key not in edited}
+
+
+def _new(said: Sequence[Said], known: Sequence[Said]) -> list[Said]:
+    """What has not been said yet; when it was said does not count."""
+    there = {_meaning(one) for one in known}
+    return [one for one in said if _meaning(one) not in there]
+
+
+def _meaning(said: Said) -> str:
+    kept = {key: value for key, value in said.items() if key not in ("time_utc", "number")}
+    return json.dumps(kept, sort_keys=True, default=str)

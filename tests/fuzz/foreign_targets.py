@@ -1,0 +1,153 @@
+"""Targets that read other programs' files, and exported surveys."""
+
+import io
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.reading import read_points
+from tests.fuzz.outside_targets import memory_folder
+from tests.fuzz.targets import cuts, target
+
+HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3]\n"
+MAP = b"""plate_radius_m = 0.15
+[time]
+column = 1
+unit = "ms"
+[load]
+column = 2
+unit = "kN"
+[[sensor]]
+column = 3
+quantity = "displacement"
+unit = "um"
+offset_m = 0.0
+[text]
+names = false
+"""
+DATABASE = b"""{"ParamsAcqu": {"FreqAcqu": 10000, "PreTrig": 0.001},
+"ParamsBearing": {"DPlate": 0.3},
+"PVs": [{"PV": {"Name": "a"}, "Points": [{"Point": {"ID": "1", "Number": 1}}]}]}"""
+STORED = bytes.fromhex("01000000 0f") + b"ISAANSIMPLEFILE" + bytes.fromhex("5573938d 01000000")
+XML = b'<MDDataSet xmlns="http://tempuri.org/MDDataSet.xsd">'
+JILS = b"""Weight/spring: 3
+Station: 1  Lane: 1  Milepost: 0.000
+Drop # 1  Desired peak force: 9000.000
+Time Force Disp1 Disp2
+Impact: 0    Number_of_samples: 16
+"""
+
+
+def _read(
+    data: bytes, name: str, *, header: bytes | None = None, map_: bytes | None = None
+) -> None:
+    """What is read is whole; what is refused is refused on one line that names the file."""
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
+        path, keys, columns = Path(folder) / name, Path(folder) / "h.toml", Path(folder) / "m.toml"
+        path.write_bytes(data)
+        if header is not None:
+            keys.write_bytes(header)
+        if map_ is not None:
+            columns.write_bytes(map_)
+        try:
+            points = read_points(
+                path,
+                None if header is None else keys,
+                column_map=None if map_ is None else columns,
+            )
+        except SurveyError as err:
+            text = str(err)
+            assert folder in text
+            assert len(text.splitlines()) == 1
+            assert len(text) < 2000
+            return
+        for point in points:
+            assert point.setup.plate_radius > 0
+            for drop in point.drops:
+                assert np.isfinite(drop.load).all()
+                assert (np.diff(drop.time) > 0).all()
+                assert len({(c.quantity, c.offset) for c in drop.channels}) == len(drop.channels)
+
+
+def _zip(**members: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name.replace("__", "/").replace("_dot_", "."), data)
+    return stream.getvalue()
+
+
+@target("foreign")
+def archive_bytes(data: bytes) -> None:
+    """Any bytes as a project, and behind the beginning of an archive."""
+    _read(data, "a.dynz")
+    _read(b"PK\x03\x04" + data, "a.bin")
+
+
+@target("foreign")
+def archive_holes(data: bytes) -> None:
+    """A right archive with bytes changed where the data say."""
+    whole = bytearray(_zip(database_dot_json=DATABASE, rawdata__1=STORED + data[:200]))
+    for place, value in zip(data[::2], data[1::2], strict=False):
+        whole[(place * 251 + value) % len(whole)] ^= value
+    _read(bytes(whole), "a.prjz")
+
+
+@target("foreign")
+def json_database(data: bytes) -> None:
+    """Any bytes as a database, and any values for its keys."""
+    _read(_zip(database_dot_json=data, rawdata__1=STORED), "a.prjz")
+    keys = [b"ParamsAcqu", b"PVs", b"ParamsBearing", b"Calibrations", b"project"]
+    text = (
+        b"{" + b",".join(b'"%s": %s' % pair for pair in zip(keys, cuts(data), strict=False)) + b"}"
+    )
+    _read(_zip(database_dot_json=text, rawdata__1=STORED), "a.prjz")
+
+
+@target("foreign")
+def stored_traces(data: bytes) -> None:
+    """Any bytes as stored traces, and behind a right header."""
+    for member in (data, STORED + data):
+        _read(_zip(database_dot_json=DATABASE, rawdata__1=member), "a.prjz")
+
+
+@target("foreign")
+def xml_database(data: bytes) -> None:
+    """Any bytes as a data set, and within one."""
+    for member in (data, XML + data, XML + data + b"</MDDataSet>"):
+        _read(_zip(database_dot_xml=member), "a.dynz")
+
+
+@target("foreign")
+def jils_file(data: bytes) -> None:
+    """Any bytes as a time history, and as the rows of one."""
+    _read(data, "a.thy", header=HEADER)
+    _read(JILS + data, "a.thy", header=HEADER)
+    rows = b"".join(b"%d.0 %d -%d 1\n" % (n, byte, byte) for n, byte in enumerate(data[:40]))
+    _read(JILS + rows, "a.thy", header=HEADER)
+
+
+@target("foreign")
+def column_map(data: bytes) -> None:
+    """Any bytes as a map, and as more keys of one."""
+    text = b"".join(b"%d,1,2\n" % n for n in range(20))
+    for columns in (data, MAP + data, data + b"\n" + MAP):
+        _read(text, "a.txt", map_=columns)
+
+
+@target("foreign")
+def delimited_text(data: bytes) -> None:
+    """Any bytes as a text, and as cells of one."""
+    _read(data, "a.txt", map_=MAP)
+    cells = [piece[:9].replace(b"\n", b" ") for piece in cuts(data)][:60]
+    rows = b"".join(b"%d,%s,2\n" % (n, piece) for n, piece in enumerate(cells))
+    _read(rows, "a.txt", map_=MAP)
+
+
+@target("foreign")
+def hdf5_bytes(data: bytes) -> None:
+    """Any bytes behind the signature of an HDF5 file."""
+    _read(b"\x89HDF\r\n\x1a\n" + data, "a.h5")

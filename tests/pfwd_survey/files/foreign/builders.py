@@ -1,0 +1,259 @@
+"""Files of other programs, built from numbers of our own in the layouts of docs/files.md."""
+
+import base64
+import io
+import json
+import struct
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Traces:
+    """One drop: load (n,), N, and sensors (channels, n)."""
+
+    load: Values
+    sensors: Values
+
+
+def pulse(
+    samples: int = 300,
+    rate: float = 15_000.0,
+    pre: float = 0.005,
+    peak: float = 8000.0,
+    channels: int = 1,
+    offset: float = 0.0,
+) -> Traces:
+    """A half-sine load and displacements (or whatever they are taken for) that follow it."""
+    time = np.arange(samples) / rate - pre
+    shape = np.where((time > 0) & (time < 0.01), np.sin(np.pi * time / 0.01), 0.0)
+    rows = [1e-4 * shape / (1 + index) * peak / 8000 for index in range(channels)]
+    return Traces(peak * shape + offset, np.array(rows) + offset * 1e-6)
+
+
+def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    """An archive; names are written as they stand, backslashes and all."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, data in members.items():
+            info = zipfile.ZipInfo(name)
+            info.filename = name  # the constructor would turn what this system separates by
+            info.compress_type = method
+            archive.writestr(info, data)
+    return stream.getvalue()
+
+
+def stored(
+    drops: Sequence[Traces],
+    identity: int = 1,
+    rate: float | None = None,
+    *,
+    by_sample: bool = False,
+) -> bytes:
+    """A member ``rawdata/<id>``."""
+    channels, samples = drops[0].sensors.shape
+    data = struct.pack("<i", 1) + bytes([15]) + b"ISAANSIMPLEFILE"
+    data += struct.pack("<Ii", 0x8D937355, 1)
+    data += struct.pack("<iqiii", 1, identity, samples, len(drops), channels)
+    if rate is not None:
+        data += struct.pack("<d", rate)
+    for drop in drops:
+        table = drop.sensors.T if by_sample else drop.sensors
+        data += struct.pack("<i", samples) + drop.load.astype("<f4").tobytes()
+        data += struct.pack("<ii", *table.shape)
+        data += np.ascontiguousarray(table, "<f4").tobytes()
+    return data
+
+
+def dataset(
+    points: Mapping[str, Sequence[Traces]],
+    *,
+    rate: float = 15_000.0,
+    pre: float = 0.005,
+    kind: int = 2,
+    more: str = "",
+    head: str = "",
+) -> bytes:
+    """A ``database.xml`` with the first sensor of every drop as raw channel."""
+
+    def row(name: str, **columns: object) -> str:
+        cells = "".join(f"<{key}>{value}</{key}>" for key, value in columns.items())
+        return f"  <{name}>{cells}</{name}>\n"
+
+    def channel(values: Values) -> str:
+        data = values.astype("<f8").tobytes()
+        text = base64.encodebytes(data).decode()
+        return f"<Length>{len(data)}</Length><Data>{text}</Data>"
+
+    text = row("ParamsAcqu", ID=3, NbSamples=300, FreqAcqu=rate, PreTrig=pre)
+    # A preset that is not used.
+    text += row("ParamsAcqu", ID=4, NbSamples=99, FreqAcqu=1, PreTrig=1)
+    text += row("ParamsPortance", ID=1, DPlaque=0.3, CPoisson=0.35, FForme=4)
+    text += row("ParamsPoint", ID=1, NbMiseEnPlace=1, NbMoyennage=2)
+    text += row("Machines", ID=1, Serial="T-1")
+    text += row("PVs", ID=7, Nom=escape("a & b"), Date="2024-05-06T10:00:00+02:00", Temperature=12)
+    for number, (identity, drops) in enumerate(points.items(), start=1):
+        when = "2024-05-06T10:00:00+02:00"
+        text += row("Points", ID=identity, Numero=number, IdPV=7, IdParamsAcqu=3, Date=when)
+        text += row("GPSPoints", Latitude=45.5, Longitude=6.25, HDOP=0.7, IdPoint=identity)
+        for count, drop in enumerate(drops):
+            text += row(
+                "Frappes",
+                ID=count,
+                Numero=count,
+                IdPoint=identity,
+                IdTypeCapteur=kind,
+                Capteur=channel(drop.sensors[0]),
+                Force=channel(drop.load),
+            )
+    body = f'<MDDataSet xmlns="http://tempuri.org/MDDataSet.xsd">\n{text}{more}</MDDataSet>\n'
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}{body}'.encode()
+
+
+def acquired(
+    points: Mapping[str, Sequence[Traces]],
+    *,
+    rate: float = 15_000.0,
+    pre: float = 0.005,
+    offsets: Sequence[float] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """A ``database.json`` of the acquisition."""
+    found: dict[str, Any] = {
+        "Database": {"Software": "Maxidyn"},
+        "Project": {"Name": "P", "Site": "yard"},
+        "ParamsBearing": {"DPlate": 0.6, "CPoisson": 0.25, "FForme": 4.0},
+        "ParamsPoint": {"NbTraining": 2, "NbAveraging": 1, "NbTotal": 3},
+        "ParamsAcqu": {"NbSamples": 300, "FreqAcqu": rate, "PreTrig": pre},
+        "Hardware": {"Serial": "T-2\0\0", "TypeMachineName": "Maxidyn"},
+    }
+    if offsets is not None:
+        del found["ParamsBearing"]
+        channels = [{"Type": "LoadCell", "Position": 0.0}]
+        channels += [{"Type": "Geophone", "Position": float(np.float32(one))} for one in offsets]
+        found["Calibrations"] = {"Dplate": float(np.float32(0.3)), "Channels": channels}
+    entries = []
+    for number, (identity, drops) in enumerate(points.items(), start=1):
+        point = {
+            "ID": identity,
+            "Number": number,
+            "Date": "2024-05-06T08:00:00.000Z",
+            "Latitude": 45.5,
+            "Longitude": 6.25,
+            "DOP": "NaN",
+            "Chainage": 10.0 * number,
+            "Comments": "wet",
+        }
+        peaks = [{"Number": n, "Fmax": float(d.load.max())} for n, d in enumerate(drops, start=1)]
+        entries.append({"Point": point, "Drops": peaks})
+    about = {"Name": "north", "Operator": "A. B.", "Temperature": "12"}
+    return {**found, "PVs": [{"PV": about, "Points": entries}], **more}
+
+
+def viewed(
+    points: Mapping[str, Sequence[Traces]], *, rate: float = 15_000.0, pre: float = 0.005
+) -> dict[str, Any]:
+    """A ``database.json`` of the viewer."""
+    entries = [
+        {
+            "base": {
+                "id": identity,
+                "number": number,
+                "date": "2024-05-06T08:00:00.000Z",
+                "coordinates": {"lat": 45.5, "lng": 6.25},
+                "data": [{"label": "Tsurf", "value": 13.0}],
+                "information": [{"label": "Comment", "value": "dry"}],
+            }
+        }
+        for number, identity in enumerate(points, start=1)
+    ]
+    kinds = ["Training", "Averaging", "Averaging"]
+    indexes = {"list": [{"distinct": {"type": kind}} for kind in kinds]}
+    report = {
+        "name": "east",
+        "zones": [{"base": {"points": entries}}],
+        "dataLabels": {"groups": {"list": [{"distinct": {"indexes": indexes}}]}},
+    }
+    return {
+        "version": 1,
+        "project": {
+            "machine": "Minidyn",
+            "base": {
+                "name": "V",
+                "acquisitionParameters": {"nbSamples": 300, "frequency": rate, "preTrig": pre},
+                "information": [{"label": "Site", "value": "field"}],
+                "hardware": [{"label": "Serial number", "value": "T-3"}],
+                "reports": {"list": [{"base": report}]},
+            },
+            "distinct": {"bearingParameters": {"dPlate": 0.3, "cPoisson": 0.35, "fForme": 4}},
+        },
+    }
+
+
+def prjz(
+    points: Mapping[str, Sequence[Traces]],
+    database: Mapping[str, Any],
+    *,
+    folder: str = "Rawdata\\",
+    rate: float | None = None,
+    by_sample: bool = False,
+) -> bytes:
+    """A project with stored traces."""
+    members = {"database.json": json.dumps(database).encode("utf-8-sig")}
+    for identity, drops in points.items():
+        number = int(identity, 16)
+        signed = number - (1 << 64) if number >= 1 << 63 else number
+        members[folder + identity] = stored(drops, signed, rate, by_sample=by_sample)
+    return zipped(members)
+
+
+def dynz(points: Mapping[str, Sequence[Traces]], **settings: Any) -> bytes:
+    """A project with raw channels and with stored traces, which are twice the raw ones."""
+    members = {"database.xml": dataset(points, **settings), "database.txt": b"text"}
+    members["database.json"] = json.dumps(acquired(points)).encode()
+    for identity, drops in points.items():
+        doubled = [Traces(2 * drop.load, 2 * drop.sensors) for drop in drops]
+        members[f"rawdata/{identity}"] = stored(doubled, int(identity, 16))
+    return zipped(members)
+
+
+def thy(
+    drops: Sequence[tuple[int, int, Traces]],
+    *,
+    step_ms: float = 0.1707,
+    digits: int = 4,
+    sensors: str = "9",
+) -> bytes:
+    """A JILS time history; a drop is station, number, and traces in N and m."""
+    lines = [
+        "Date-Time: 05-06-2024 08:00:00",
+        f"Sensors: {sensors}",
+        "Weight/spring: 3",
+        "Location: Test road",
+        "Temp: 68.0",
+        "Operator: A. B.",
+        "Comments: none",
+        "",
+    ]
+    for station, number, one in drops:
+        columns = " ".join(f"Disp{n}" for n in range(1, len(one.sensors) + 1))
+        lines += [
+            f"Station: {station}  Lane: 1  Milepost:   0.000",
+            f"Drop # {number}  Desired peak force: 9000.000",
+            f"Time Force {columns}",
+            f"Impact: 0    Number_of_samples: {one.load.size}",
+        ]
+        for row in range(one.load.size):
+            kip = one.load[row] / 4448.2216152605
+            mils = " ".join(f"{-value / 2.54e-5:.6f}" for value in one.sensors[:, row])
+            lines.append(f"{row * step_ms:.{digits}f} {kip:.6f} {mils}")
+        lines.append("")
+    return "\r\n".join(lines).encode("latin-1")

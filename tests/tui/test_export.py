@@ -1,0 +1,101 @@
+"""``pfwd import`` of other programs' files and ``pfwd export``, as a user calls them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.pfwd_survey.files.foreign.builders import dynz, prjz, pulse, thy, viewed
+from tests.tui.console import pfwd, records
+
+DROPS = {"1": [pulse(samples=750, peak=8000.0 + n) for n in range(3)]}
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("exports")
+    (folder / "a.mpvz").write_bytes(prjz(DROPS, viewed(DROPS), folder="rawdata/"))
+    done = pfwd("import", folder / "a.mpvz", "-o", folder / "survey", "--json")
+    assert done.returncode == 0, done.stderr
+    lines = records(done.stdout)
+    assert [(line["point"], line["drop"], line["saved"]) for line in lines] == [
+        ("east 1", 1, True),
+        ("east 1", 2, True),
+        ("east 1", 3, True),
+    ]
+    return folder / "survey"
+
+
+def test_a_refused_file_is_one_line_and_the_others_come(tmp_path: Path) -> None:
+    (tmp_path / "bad.dynz").write_bytes(dynz(DROPS)[:-100])
+    (tmp_path / "h.toml").write_text("plate_radius_m = 0.15")
+    (tmp_path / "good.thy").write_bytes(thy([(1, 1, pulse(samples=470))]))
+    done = pfwd(
+        "import",
+        *(tmp_path / "bad.dynz", tmp_path / "good.thy"),
+        *("-o", tmp_path / "s", "--header", tmp_path / "h.toml", "--json"),
+    )
+    assert done.returncode == 1
+    (line,) = records(done.stdout)
+    assert (line["point"], line["drop"]) == ("station 1 lane 1", 1)
+    refused = [text for text in done.stderr.splitlines() if "bad.dynz" in text]
+    assert len(refused) == 1
+    assert "expected" in refused[0]
+    assert "came" in refused[0]
+
+
+def test_a_missing_map_is_wrong_use(tmp_path: Path) -> None:
+    done = pfwd("import", "x.txt", "-o", tmp_path / "s", "--map", tmp_path / "none.toml")
+    assert done.returncode == 2
+    assert "--map" in done.stderr
+    assert not (tmp_path / "s").exists()
+
+
+def test_export_says_what_it_did_on_one_line(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.geojson"
+    done = pfwd("export", survey, "--format", "geojson", "-o", path, "--json")
+    assert done.returncode == 0
+    (line,) = records(done.stdout)
+    assert line == {
+        "survey": str(survey),
+        "format": "geojson",
+        "path": str(path),
+        "points": 1,
+        "drops": 3,
+        "results": 0,
+        "without_result": 3,
+        "notes": ["3 of 3 drops have no result"],
+    }
+    assert "3 of 3 drops have no result" in done.stderr
+    features = json.loads(path.read_text(encoding="utf-8"))["features"]
+    assert [one["geometry"]["coordinates"] for one in features] == [[6.25, 45.5]] * 3
+    again = pfwd("export", survey, "--format", "geojson", "-o", path)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+    assert pfwd("export", survey, "--format", "geojson", "-o", path, "--force").returncode == 0
+
+
+def test_an_exported_survey_works_like_the_survey(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    assert pfwd("export", survey, "--format", "h5", "-o", path).returncode == 0
+    checked = pfwd("check", path, "--json")
+    assert checked.returncode == 0
+    assert records(checked.stdout)[0]["drops_published"] == 3
+    lines = {}
+    for file in (survey, path):
+        done = pfwd("invert", file, "--method", "least-squares", "--json")
+        assert done.returncode == 0, done.stderr
+        lines[file] = records(done.stdout)
+        for line in lines[file]:
+            del line["file"], line["elapsed_s"]
+    assert lines[survey] == lines[path]
+    path.write_bytes(path.read_bytes()[:1000])
+    assert pfwd("check", path, "--json").returncode == 1
+
+
+def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
+    done = pfwd("export", tmp_path, "--format", "csv", "-o", tmp_path / "out", "--json")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert "expected a survey" in done.stderr
+    assert pfwd("export", tmp_path, "--format", "xls", "-o", tmp_path / "out").returncode == 2

@@ -1,0 +1,28 @@
+"""``pfwd export``: a survey as a file for other programs."""
+
+import argparse
+
+from pfwd_survey.exporting.export import export_survey
+from tui.output import clean, json_line, say
+
+
+def run(args: argparse.Namespace) -> int:
+    """Export and say what was written and what was left out."""
+    done = export_survey(
+        args.survey,
+        args.format,
+        args.output,
+        force=args.force,
+        invert=args.invert,
+        seed=args.seed,
+    )
+    for note in done.notes:
+        say(f"export: {note}")
+    if args.json:
+        print(json_line(done.as_dict()), flush=True)
+    else:
+        print(
+            clean(f"{done.path}: {done.format}, {done.points} points, {done.drops} drops"),
+            flush=True,
+        )
+    return 0
