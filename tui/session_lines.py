@@ -98,6 +98,8 @@ class SessionLines:
         self._say(
             f"plate radius {setup.plate_radius:g} m, plate mass {mass}, Poisson's ratio {ratio}"
         )
+        if setup.procedure is not None:
+            self._say(f"procedure {setup.procedure}: {setup.seating_drops} seating drops")
         for channel in identity.channels:
             when = f", calibrated {channel.calibrated}" if channel.calibrated else ""
             log.info("%s: %s at %g m%s", channel.name, channel.role, channel.offset, when)

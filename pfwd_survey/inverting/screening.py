@@ -184,10 +184,36 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
         for drop, one in zip(point.drops, found, strict=True)
     ]
     largest = max(peaks, default=0.0)
-    return tuple(
+    compared = [
         one if one.status == "rejected" else _compare(one, peak, largest)
         for one, peak in zip(found, peaks, strict=True)
-    )
+    ]
+    marked, rejected = [], 0
+    for drop, one in zip(point.drops, compared, strict=True):
+        marked.append(counted(one, drop.number, rejected, point.setup))
+        rejected += one.status == "rejected"
+    return tuple(marked)
+
+
+def counted(one: Screening, number: int, rejected: int, setup: Setup) -> Screening:
+    """A screening with its drop counted as the declared procedure counts.
+
+    A rejected drop does not load the ground as a drop does, and hence does not seat the plate.
+    Without a procedure the numbers of the drops alone count, as trace files have it.
+
+    Parameters
+    ----------
+    one : Screening
+    number : int
+        Of the drop within the point.
+    rejected : int
+        How many drops of the point before it were rejected.
+    setup : Setup
+    """
+    if setup.procedure is None or one.status == "rejected":
+        return one
+    seating = number - rejected <= setup.seating_drops
+    return dataclasses.replace(one, status="seating" if seating else "measured")
 
 
 def _peak_load(drop: Drop) -> float:

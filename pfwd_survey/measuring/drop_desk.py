@@ -9,10 +9,12 @@ from typing import Any
 from pfwd_device.drop import Drop
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.files.header import Setup
+from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening, screen_next
+from pfwd_survey.inverting.screening import Screening, counted, screen_next, screen_point
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
@@ -62,6 +64,7 @@ class DropDesk:
         """How many drops are safe (in a replay: were handed on)."""
         self._coming: dict[tuple[str, int], _Coming] = {}
         self._largest: dict[str, float] = {}
+        self._rejected: dict[str, int] = {}
         self._last: tuple[str, int] | None = None
         self._last_record: int | None = None
         self._rebounds_until = 0.0
@@ -150,12 +153,28 @@ class DropDesk:
     def _screen(self, drop: Drop, setup: Setup, point: str) -> Screening:
         try:
             screening, largest = screen_next(drop, setup, self._largest.get(point, 0.0))
+            before = self._rejected_before(drop.number, setup, point)
         except Exception as err:  # the drop is safe, and the next one has to be
             text = f"drop {point}/{drop.number} could not be judged: {type(err).__name__}: {err}"
             self._tell(Notice(text, serious=True, details=traceback.format_exc()))
             return Screening("rejected", f"could not be judged: {type(err).__name__}")
         self._largest[point] = largest
-        return screening
+        self._rejected[point] = before + (screening.status == "rejected")
+        return counted(screening, drop.number, before, setup)
+
+    def _rejected_before(self, number: int, setup: Setup, point: str) -> int:
+        """How many drops of the point were rejected, those of earlier sessions too."""
+        known = self._rejected.get(point)
+        if known is not None:
+            return known
+        if self.keeper is None or setup.procedure is None or number == 1:
+            return 0
+        survey = read_survey(self.keeper.writer.folder)
+        earlier = tuple(
+            one.read().drop for one in survey.drops if one.point == point and one.drop < number
+        )
+        found = screen_point(TracePoint("", setup, earlier))
+        return sum(one.status == "rejected" for one in found)
 
     def _keep_result(self, record: int, result: Mapping[str, Any]) -> None:
         if self.keeper is not None:

@@ -43,6 +43,7 @@ def metadata_of(
         # The same samples of the same run of the same instrument are the same drop.
         "key": f"{identity.serial_number}/{raw.stream}/{trigger}",
         "time_utc": time_utc.isoformat(),
+        "time_local": time_utc.astimezone().isoformat(),  # with the offset of the host's zone
         "software_version": software_version(),
         "identity": identity_as_dict(identity),
         "detection": {

@@ -145,6 +145,26 @@ class Rebounded:
 
 
 @dataclass(frozen=True, slots=True)
+class PointBegan:
+    """The drops to come belong to this test point; somebody asked for it."""
+
+    point: str
+
+
+@dataclass(frozen=True, slots=True)
+class Edited:
+    """Something was said of a point or of a drop, and is safe; nothing recorded has changed."""
+
+    what: str
+    """As in `pfwd_survey.files.editing.Edit`."""
+    value: Any
+    point: str | None
+    """Name of the point; None: it is about a drop."""
+    number: int | None
+    """Of the drop within the survey."""
+
+
+@dataclass(frozen=True, slots=True)
 class TableBuilding:
     """A response table of the model is being built, once for a plate and a Poisson's ratio."""
 
@@ -173,6 +193,8 @@ SessionEvent = (
     | DropNotSaved
     | DropAnalysed
     | Rebounded
+    | PointBegan
+    | Edited
     | TableBuilding
     | Notice
 )

@@ -22,6 +22,7 @@ from pfwd_survey.files.reading import is_survey
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.events import Notice
 from pfwd_survey.measuring.live import LiveFeed, random_stream
+from pfwd_survey.measuring.pace import Pace
 from pfwd_survey.measuring.replay import capture_feed, survey_feed
 from pfwd_survey.measuring.session import Ending, Listener, Session, SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup
@@ -96,6 +97,7 @@ def _open_capture(
         "url": url,
         "dialect": setup.device.dialect,
         "setup_text": setup.text,
+        "procedure_text": setup.procedure.text if setup.procedure is not None else "",
         "first_stream": first_stream,
     }
     return writer.open_capture("link", header)
@@ -105,7 +107,7 @@ def replay(
     recording: str | os.PathLike[str],
     listener: Listener,
     *,
-    speed: float = 0.0,
+    speed: float | Pace = 0.0,
     options: AnalysisOptions | None = None,
     setup: MeasuringSetup | None = None,
     output: str | os.PathLike[str] | None = None,
@@ -119,8 +121,8 @@ def replay(
     recording : path of a survey or of a capture
     listener : callable
         Told what happens.
-    speed : float
-        Times real time; 0: as fast as possible.
+    speed : float or Pace
+        Times real time; 0: as fast as possible. A `Pace` can be paused, stepped and changed.
     options : AnalysisOptions, optional
         None: nothing is inverted.
     setup : MeasuringSetup, optional

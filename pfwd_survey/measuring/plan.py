@@ -7,6 +7,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.position import PositionSource
 from pfwd_survey.measuring.setup_file import MeasuringSetup
 
 
@@ -41,6 +42,8 @@ class SessionPlan:
     """Of the analysis; None: no drop is inverted."""
     give_up: float | None = None
     """s after which a lost instrument ends the session; None: never."""
+    position: PositionSource | None = None
+    """Says where the instrument stands, asked at every drop; None: no receiver."""
 
     def __post_init__(self) -> None:
         if self.point is None:

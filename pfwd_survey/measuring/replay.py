@@ -13,7 +13,9 @@ from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.measuring.drop_metadata import feed_item_of
 from pfwd_survey.measuring.feeds import Ended, FeedItem, ImportedDrop, RecordedDrop
-from pfwd_survey.measuring.setup_file import MeasuringSetup, parse_setup
+from pfwd_survey.measuring.pace import Pace
+from pfwd_survey.measuring.setup_file import MeasuringSetup, parse_setup, with_procedure
+from pfwd_survey.procedures import parse_procedure
 
 CHUNKS_PER_SECOND = 50
 """Samples are handed on in such parts, as an instrument would."""
@@ -38,8 +40,8 @@ class RecordedFeed:
     Parameters
     ----------
     items : iterable of FeedItem or Pause
-    speed : float
-        Times real time; 0: as fast as possible.
+    speed : float or Pace
+        Times real time; 0: as fast as possible. A `Pace` can be changed on the way.
     sleep : callable
         Waits for so many seconds.
     """
@@ -50,28 +52,38 @@ class RecordedFeed:
     def __init__(
         self,
         items: Iterable[FeedItem | Pause],
-        speed: float = 0.0,
+        speed: float | Pace = 0.0,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._items = _generator(items)
-        self._speed = speed
+        self._pace = speed if isinstance(speed, Pace) else Pace(speed)
         self._sleep = sleep
-        self._left = 0.0
+        self._left = 0.0  # of a pause, s of the recording
+        self._held: FeedItem | None = None
 
     def next(self, timeout: float) -> FeedItem | None:
         """What comes next, None while a pause of a replay in real time goes on."""
         while True:
-            if self._left > 0:
-                nap = min(self._left, timeout)
+            if not self._pace.flows:
+                self._sleep(timeout)
+                return None
+            speed = self._pace.speed
+            if self._left > 0 and speed > 0:
+                nap = min(self._left / speed, timeout)
                 self._sleep(nap)
-                self._left -= nap
-                if self._left > 0:
+                self._left -= nap * speed
+                if self._left > 1e-9:
                     return None
-            item = next(self._items, Ended())
-            if not isinstance(item, Pause):
-                return item
-            if self._speed > 0:
-                self._left = item.seconds / self._speed
+            self._left = 0.0
+            item = self._held or next(self._items, Ended())
+            self._held = None
+            if isinstance(item, Pause):
+                self._left = item.seconds
+                continue
+            if isinstance(item, RecordedDrop | ImportedDrop) and not self._pace.may_begin():
+                self._held = item
+                continue
+            return item
 
     def shunt(self, on: bool) -> None:
         """There is nothing to switch."""
@@ -90,14 +102,14 @@ def _generator(items: Iterable[FeedItem | Pause]) -> Generator[FeedItem | Pause,
 
 
 def survey_feed(
-    survey: Survey, speed: float = 0.0, sleep: Callable[[float], None] = time.sleep
+    survey: Survey, speed: float | Pace = 0.0, sleep: Callable[[float], None] = time.sleep
 ) -> RecordedFeed:
     """The drops of a survey in the order in which they were measured, discarded ones too.
 
     Parameters
     ----------
     survey : Survey
-    speed : float
+    speed : float or Pace
         Times real time; 0: as fast as possible.
     sleep : callable
         Waits for so many seconds.
@@ -170,7 +182,7 @@ def _starts(missing: list[tuple[int, int]], position: int) -> list[int]:
 
 def capture_feed(
     path: str | os.PathLike[str],
-    speed: float = 0.0,
+    speed: float | Pace = 0.0,
     setup: MeasuringSetup | None = None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[RecordedFeed, MeasuringSetup, CaptureReader]:
@@ -179,7 +191,7 @@ def capture_feed(
     Parameters
     ----------
     path : of a capture
-    speed : float
+    speed : float or Pace
         Times real time; 0: as fast as possible.
     setup : MeasuringSetup, optional
         In place of the recorded one.
@@ -205,7 +217,11 @@ def capture_feed(
         raise SurveyError(refusal(os.fspath(path), "a capture", "another file", hint))
     if setup is None:
         text = str(reader.header.get("setup_text") or "")
-        setup = parse_setup(text, f"setup recorded in {os.fspath(path)}")
+        procedure = str(reader.header.get("procedure_text") or "")
+        where = f"setup recorded in {os.fspath(path)}"
+        setup = parse_setup(text, where, procedure)
+        if procedure and setup.procedure is None:  # it was chosen on the command line
+            setup = with_procedure(setup, parse_procedure(procedure, where), where)
     first_stream = reader.header.get("first_stream")
     dialect = setup.device.make_dialect(first_stream if type(first_stream) is int else 0)
     decoder = Decoder(dialect, clean(str(reader.header.get("url", "")), limit=200))

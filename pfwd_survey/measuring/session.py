@@ -7,26 +7,31 @@ is told events, in that thread.
 
 import contextlib
 import datetime
+import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
+from pfwd_device.errors import RecordingError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
+from pfwd_survey.files.editing import Edit
 from pfwd_survey.measuring.drop_desk import DropDesk, renumbered
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.events import (
+    Edited,
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
     LiveSamples,
     Notice,
+    PointBegan,
     Ready,
     SensorCheck,
     SessionEvent,
@@ -97,11 +102,16 @@ class Session:
         self._status: Status | None = None
         self._recorded: RecordedDrop | None = None
         self._found_again = True
+        self._requests: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
 
     @property
     def point(self) -> str:
         """Name of the test point that the next drop belongs to."""
         return self._point
+
+    def counters(self) -> dict[str, float | None]:
+        """Everything that was discarded so far, by name; from any thread."""
+        return self._feed.counters()
 
     def set_point(self, name: str) -> None:
         """The drops to come belong to this point.
@@ -114,6 +124,32 @@ class Session:
         self._point = point_name(name)
         if self._keeper is not None and self._declared:
             self._keeper.keep_point(self._point, self._declared)
+        self._tell(PointBegan(self._point))
+
+    def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
+        """Say something of a point or, by its number within the survey, of a drop.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, it is not known, or the disk does not take it.
+        """
+        if self._keeper is None:
+            raise RecordingError("edit: expected a survey that is written, came a replay")
+        self._keeper.writer.edit(edit.what, edit.value, point=point, number=number)
+        self._tell(Edited(edit.what, edit.value, point, number))
+
+    def keep_result(self, number: int, result: Mapping[str, Any]) -> None:
+        """Save another result of a drop, by its number within the survey; the others stay."""
+        if self._keeper is not None:
+            self._keeper.keep_result(number, result)
+
+    def ask(self, request: Callable[["Session"], None]) -> None:
+        """Have something done with this session in its own thread, soon; from any thread.
+
+        What cannot be done is told as a `Notice`.
+        """
+        self._requests.put(request)
 
     def stop(self) -> None:
         """End the session when the drop in hand is safe; may be called from any thread."""
@@ -141,6 +177,7 @@ class Session:
             self._save_the_rest(lambda: self._stop)
             if self._analyses is not None:
                 self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
+            self._answer_requests()
         finally:
             self._feed.close()
             if self._analyses is not None:
@@ -165,12 +202,20 @@ class Session:
                 self._analyses.take_answers()
             if self._keeper is not None:
                 self._keeper.try_again()
+            self._answer_requests()
             if self._operator:
                 self._operator = False
                 self._trigger()
             if self._gave_up():
                 return Ending.LOST
         return Ending.DONE
+
+    def _answer_requests(self) -> None:
+        while not self._requests.empty():
+            try:
+                self._requests.get()(self)
+            except RecordingError as err:
+                self._tell(Notice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
         """Whether the feed is wanted now: an instrument cannot wait, a recording can."""
@@ -242,6 +287,8 @@ class Session:
             self._keeper.keep_point(self._point, declared)
             details = {"url": item.url, "serial_number": identity.serial_number}
             self._keeper.keep_event("connected", details | {"again": item.again})
+            if setup.procedure is not None:
+                self._keeper.keep_event("procedure", setup.procedure.as_kept())
         self._tell(
             InstrumentReady(
                 item.url,
@@ -363,6 +410,8 @@ class Session:
             number = self._desk.number_for(self._point)
             settings = self._detector.settings
             state = state_of(self._last_check, self._status, self._feed.counters())
+            where = self._plan.position
+            state |= {"position": where.record()} if where is not None else {}
             metadata = metadata_of(raw, identity, settings, self._time_of(raw), state)
         else:
             if self._found_again:

@@ -2,14 +2,15 @@
 
 One TOML file. On its first level stand the keys of a trace file's header (plate_radius_m,
 poisson_ratio, seating_drops, ...), below them the tables of the instrument: [link], [instrument],
-[[channels]], [detection]. What the file says wins over what the instrument says.
+[[channels]], [detection], and [procedure] with the name or file of a measuring procedure. What the
+file says wins over what the instrument says.
 """
 
 import datetime
 import difflib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pfwd_device.errors import RecordingError, SetupError
@@ -23,7 +24,7 @@ from pfwd_device.setup import (
     Rule,
     read_device_setup,
 )
-from pfwd_survey.errors import TraceError, quote, refusal
+from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.header import (
     FORMAT_KEY,
     KEYS,
@@ -33,9 +34,13 @@ from pfwd_survey.files.header import (
     parse_header,
     setup_from,
 )
+from pfwd_survey.procedures import Procedure, find_procedure, parse_procedure, read_procedure
 
 LARGEST_FILE = 100_000
 """Characters; a setup takes a few thousand."""
+
+PROCEDURE_KEY = "procedure"
+_PROCEDURE_KEYS = ("name", "file", "enforce_unverified")
 
 RESPONSE_TOLERANCE = 0.05
 """Of natural frequency and damping; makers match geophones to this, and it moves a modulus by less
@@ -54,6 +59,9 @@ class MeasuringSetup:
     """Where it was read from."""
     text: str = ""
     """What stands in the file, for a recording that has to be read alike."""
+    procedure: Procedure | None = None
+    """How a point is measured; None: no one said. Its name and its number of seating drops are
+    among what is declared."""
 
     def identity_with(self, identity: Identity) -> Identity:
         """The identity with what the file says in place of what the instrument says.
@@ -212,7 +220,7 @@ def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
     return parse_setup(text, file)
 
 
-def parse_setup(text: str, file: str) -> MeasuringSetup:
+def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetup:
     """The setup that a TOML text declares; see `read_setup_file`.
 
     Parameters
@@ -220,8 +228,11 @@ def parse_setup(text: str, file: str) -> MeasuringSetup:
     text : str
     file : str
         Where it is from, for messages.
+    procedure_text : str
+        What stands in the file of its procedure, where that file is not at hand any more.
     """
     declarations = parse_header(text, file)
+    chosen = declarations.pop(PROCEDURE_KEY, None)
     tables = {key: one.value for key, one in declarations.items() if key in TABLES}
     declared = {}
     for key, (value, where) in declarations.items():
@@ -237,7 +248,73 @@ def parse_setup(text: str, file: str) -> MeasuringSetup:
         if key == "point":
             _check_point(str(value), where)
         declared[key] = value
-    return MeasuringSetup(read_device_setup(tables, file), declared, file, text)
+    setup = MeasuringSetup(read_device_setup(tables, file), declared, file, text)
+    if chosen is None:
+        return setup
+    try:
+        return with_procedure(setup, _procedure(chosen, file, procedure_text), chosen.where)
+    except OptionError as err:  # of a file here, not of the command line
+        raise TraceError(str(err)) from err
+
+
+def with_procedure(
+    setup: MeasuringSetup, procedure: Procedure, where: str = "--procedure"
+) -> MeasuringSetup:
+    """The setup with a procedure, which says how many drops are seating.
+
+    Parameters
+    ----------
+    setup : MeasuringSetup
+    procedure : Procedure
+    where : str
+        Where it was chosen, for messages.
+
+    Raises
+    ------
+    OptionError
+        If the setup declares another number of seating drops than the procedure asks for.
+    """
+    said, wanted = setup.declared.get("seating_drops"), procedure.seating_drops
+    if None not in (said, wanted) and said != wanted:
+        raise OptionError(
+            refusal(
+                f"{where}: seating_drops",
+                f"{wanted}, as the procedure {procedure.name} asks for",
+                f"{said}",
+                "leave seating_drops out of the setup, or write a profile of your own",
+            )
+        )
+    declared = {**setup.declared, PROCEDURE_KEY: procedure.name}
+    if wanted is not None:
+        declared["seating_drops"] = wanted
+    return replace(setup, declared=declared, procedure=procedure)
+
+
+def _procedure(chosen: Declaration, file: str, text: str) -> Procedure:
+    value, where = chosen
+    table = {"name": value} if isinstance(value, str) else value
+    if not isinstance(table, dict):
+        hint = '[procedure] with name = "mndot" or file = "ours.toml"'
+        raise TraceError(refusal(where, "a table [procedure]", quote(value), hint))
+    for key in table:
+        if key not in _PROCEDURE_KEYS:
+            known = f"known are {', '.join(_PROCEDURE_KEYS)}"
+            raise TraceError(refusal(where, "a key of [procedure]", quote(key), known))
+    unverified = table.get("enforce_unverified", False)
+    if not isinstance(unverified, bool):
+        expected = "enforce_unverified, true or false"
+        raise TraceError(refusal(where, expected, quote(unverified)))
+    given = [key for key in ("name", "file") if key in table]
+    if len(given) != 1 or not isinstance(table[given[0]], str) or not table[given[0]]:
+        came = " and ".join(given) or "none"
+        raise TraceError(refusal(where, "name or file in [procedure], a text", came))
+    if text:
+        return parse_procedure(text, where, enforce_unverified=unverified)
+    name = str(table[given[0]])
+    if given == ["file"]:  # beside the setup, wherever the program was started
+        name = os.path.join(os.path.dirname(file), name)
+        return read_procedure(name, enforce_unverified=unverified)
+    return find_procedure(name, enforce_unverified=unverified)
 
 
 def _check_point(name: str, where: str) -> None:

@@ -1,37 +1,64 @@
 """``pfwd log``: headless logging into a survey, with a modulus per drop."""
 
 import argparse
+import contextlib
 import sys
 
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
-from pfwd_survey.measuring.session import Ending, SessionPlan
-from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file
+from pfwd_survey.measuring.position import PositionReceiver
+from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
+from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
+from pfwd_survey.procedures import find_procedure
 from tui.log_file import close_log, open_log
+from tui.output import say
 from tui.session_lines import SessionLines
 
 STATUS_OF_ENDING = {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}
 
 
+def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listener:
+    """Says of every drop what is wrong with its position."""
+    if receiver is None:
+        return tell
+
+    def told(event: SessionEvent) -> None:
+        tell(event)
+        if isinstance(event, DropSaved) and (warning := receiver.warning()) is not None:
+            say(f"drop {event.one.point}/{event.one.number}: {warning}")
+
+    return told
+
+
 def run(args: argparse.Namespace) -> int:
     """Measure until enough drops are in, or a signal comes, or the instrument has no more."""
     setup = read_setup_file(args.setup) if args.setup else MeasuringSetup()
+    if args.procedure is not None:
+        setup = with_procedure(setup, find_procedure(args.procedure))
     options = None if args.no_invert else AnalysisOptions(seed=args.seed)
+    receiver = PositionReceiver(args.gps) if args.gps is not None else None
     plan = SessionPlan(
-        point=args.point, setup=setup, drops=args.drops, options=options, give_up=args.give_up
+        point=args.point,
+        setup=setup,
+        drops=args.drops,
+        options=options,
+        give_up=args.give_up,
+        position=receiver,
     )
     bell = not args.no_bell and sys.stderr.isatty()
     lines = SessionLines(as_json=args.json, analysed=options is not None, bell=bell)
     handler = open_log(args.output)
     try:
-        ending = measure(
-            args.url,
-            args.output,
-            lines.tell,
-            plan,
-            capture=args.capture,
-            control=stopped_by_signals,
-        )
+        with receiver or contextlib.nullcontext():
+            ending = measure(
+                args.url,
+                args.output,
+                _with_position(lines.tell, receiver),
+                plan,
+                capture=args.capture,
+                control=stopped_by_signals,
+            )
     finally:
         close_log(handler)
     return STATUS_OF_ENDING[ending]

@@ -1,0 +1,205 @@
+"""What a survey holds, for a display: its points and drops with their last results."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfwd_device.drop import Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.inverting.screening import screen_next
+from pfwd_survey.inverting.signals import displacement_of, remove_offset
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.setup_file import setup_of
+
+LARGEST_RESULT = 1_000_000
+"""Bytes; a result takes two thousand."""
+
+
+REFIT_KEY = "refit"
+"""In a result that somebody tried with other settings: which; the result before it counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropContents:
+    """A drop of a survey."""
+
+    drop: int
+    """Number within the point."""
+    record: int
+    """Number within the survey."""
+    discarded: bool
+    notes: tuple[str, ...]
+    result: Mapping[str, Any] | None
+    """The last one, with the keys of ``pfwd invert --json``; None: it has none."""
+    results: int
+    """How many there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointContents:
+    """A test point of a survey."""
+
+    name: str
+    title: str
+    discarded: bool
+    notes: tuple[str, ...]
+    position: tuple[float, float] | None
+    """Latitude and longitude, degrees."""
+    target: float | None
+    """Pa."""
+    declared: Mapping[str, Any]
+    """Keys of a trace file's header, edits included."""
+    drops: tuple[DropContents, ...]
+
+
+def survey_contents(folder: str | os.PathLike[str]) -> tuple[PointContents, ...]:
+    """The points of a survey in their order; another program may be writing it.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is no survey.
+    """
+    refuse_no_survey(folder)
+    return tuple(_point(one) for one in read_survey(folder).points)
+
+
+def _point(point: SurveyPoint) -> PointContents:
+    target = point.target
+    sound = isinstance(target, int | float) and not isinstance(target, bool) and target > 0
+    return PointContents(
+        point.name,
+        point.title,
+        point.discarded,
+        point.notes,
+        _position(point),
+        float(target) if sound else None,
+        point.declared,
+        tuple(_drop(one) for one in point.drops),
+    )
+
+
+def _position(point: SurveyPoint) -> tuple[float, float] | None:
+    said = point.position if isinstance(point.position, Mapping) else point.declared
+    try:
+        place = float(said["latitude"]), float(said["longitude"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
+
+
+def _drop(one: SurveyDrop) -> DropContents:
+    return DropContents(
+        one.drop, one.number, one.discarded, one.notes, _result_that_counts(one), len(one.results)
+    )
+
+
+def _result_that_counts(one: SurveyDrop) -> dict[str, Any] | None:
+    """The last one that is no trial with other settings."""
+    for path in reversed(one.results):
+        found = _read_result(path)
+        if found is not None and REFIT_KEY not in found:
+            return found
+    return None
+
+
+def _read_result(path: Path) -> dict[str, Any] | None:
+    """A result as it was saved; None where it is damaged: the drop can be inverted again."""
+    try:
+        with open(path, encoding="utf-8") as stream:
+            value = json.loads(stream.read(LARGEST_RESULT))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def stored_results(folder: str | os.PathLike[str], record: int) -> list[dict[str, Any]]:
+    """All results of a drop, by its number within the survey, in the order they were saved."""
+    one = _find(read_survey(folder), record)
+    return [found for path in one.results if (found := _read_result(path)) is not None]
+
+
+def add_result(folder: str | os.PathLike[str], record: int, result: Mapping[str, Any]) -> None:
+    """Keep another result of a drop of a survey that nobody writes now; the others stay.
+
+    Raises
+    ------
+    RecordingError
+        If another program writes it.
+    """
+    refuse_no_survey(folder)
+    with SurveyWriter.open(folder, publish=False) as writer:
+        writer.save_result(record, result)
+
+
+def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
+    """A drop of a survey with its setup and how it is judged among its point's drops.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is not there, or not whole.
+    """
+    survey = read_survey(folder)
+    wanted = _find(survey, record)
+    point = next(one for one in survey.points if one.name == wanted.point)
+    largest = 0.0
+    for one in point.drops:
+        if one.number > record:
+            break
+        kept = one.read()
+        setup = setup_of({**kept.declared, **_later(point)}, f"drop {kept.point}")
+        screening, largest = screen_next(kept.drop, setup, largest)
+    file = str(wanted.file or survey.folder)
+    return HandedOn(point.name, kept.drop.number, record, file, kept.drop, setup, screening)
+
+
+def _later(point: SurveyPoint) -> dict[str, Any]:
+    """What was declared of a point after it was measured."""
+    later: dict[str, Any] = {}
+    for edit in point.edits:
+        if edit["what"] == "declared" and isinstance(edit.get("value"), dict):
+            later |= edit["value"]
+    return later
+
+
+def _find(survey: Survey, record: int) -> SurveyDrop:
+    for one in survey.drops:
+        if one.number == record:
+            return one
+    raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")
+
+
+def peaks_of(drop: Drop) -> tuple[float, float]:
+    """Peak load, N, and peak displacement of the centre sensor, m; NaN where there is none."""
+    load = remove_offset(drop.time, drop.load)
+    peak_load = _largest(load)
+    if not drop.channels:
+        return peak_load, float("nan")
+    return peak_load, _largest(displacement_of(drop.channels[0], drop.time))
+
+
+def _largest(values: Any) -> float:
+    found = values[np.isfinite(values)]
+    return float(found.max()) if len(found) else float("nan")
+
+
+__all__ = [
+    "REFIT_KEY",
+    "DropContents",
+    "PointContents",
+    "RecordingError",
+    "add_result",
+    "peaks_of",
+    "recorded_drop",
+    "stored_results",
+    "survey_contents",
+]

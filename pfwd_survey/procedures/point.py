@@ -1,0 +1,160 @@
+"""What is known of the drops of a point, and what a procedure says of them. All are immutable."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from pfwd_survey.procedures.profile import Quantity
+
+
+class Kind(StrEnum):
+    """What a drop counts as."""
+
+    SEATING = "seating"
+    """Brings the plate into full contact; takes no part in the mean."""
+    MEASURED = "measured"
+    REJECTED = "rejected"
+    """By the screening: a rebound, a false trigger; it did not load the ground as a drop does."""
+    DISCARDED = "discarded"
+    """By a person: it loaded the ground, and takes no part in the mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointDrop:
+    """One drop, as a procedure sees it. None: not known (yet)."""
+
+    number: int
+    """Within the point."""
+    kind: Kind
+    peak_load: float | None = None
+    """N."""
+    peak_deflection: float | None = None
+    """m, of the centre, downward positive."""
+    pulse_duration: float | None = None
+    """s."""
+    peak_velocity: float | None = None
+    """m/s, of the centre, downward positive."""
+    modulus: float | None = None
+    """Pa, from the full time history."""
+    modulus_interval: tuple[float, float] | None = None
+    """95 %, the model's error included, Pa."""
+    offset_over_peak: float | None = None
+    """Deflection just before the drop over its peak, absolute."""
+    return_over_peak: float | None = None
+    """Deflection left at the end of the record over its peak, absolute."""
+    reason: str | None = None
+    """Why it was rejected or discarded."""
+
+
+class Verdict(StrEnum):
+    """How a point stands against its target."""
+
+    PASS = "pass"
+    """The whole interval is on the right side."""
+    FAIL = "fail"
+    """The whole interval is on the wrong side."""
+    UNDECIDED = "undecided"
+    """The target lies within the interval, or a requirement is not met (yet)."""
+    NONE = "none"
+    """There is no target."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointValue:
+    """The quantity of the procedure for a point, with all it rests on."""
+
+    quantity: Quantity
+    value: float
+    """Pa, or m for a deflection."""
+    interval: tuple[float, float] | None
+    """95 %: scatter of the drops (Student), the model's error for the modulus of the inversion.
+    Calibration and the plate factor are not in it. None: one drop has no scatter."""
+    drops: int
+    """How many were averaged."""
+    mean_deflection: float | None = None
+    """m."""
+    mean_load: float | None = None
+    """N."""
+    factor: float | None = None
+    """Plate factor; None: none in the formula."""
+    plate_radius: float | None = None
+    """m."""
+    poisson_ratio: float | None = None
+    """None: not in the formula."""
+    pressure: float | None = None
+    """Pa, in the formula: nominal for E_vd, measured for E_LWD."""
+
+
+@dataclass(frozen=True, slots=True)
+class StressDependence:
+    """E = E_0 (p / p_0)^n over drops from several heights."""
+
+    exponent: float
+    """n; positive: stiffens with stress."""
+    exponent_deviation: float | None
+    """Standard deviation; None: two drops have none."""
+    pressures: tuple[float, float]
+    """Smallest and largest, Pa."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointProgress:
+    """What a procedure says of a point, drop by drop."""
+
+    next_kind: Kind | None
+    """Of the next drop; None: the point is done."""
+    instruction: str
+    """One sentence: what is to be done next."""
+    seating_done: int
+    seating_wanted: int | None
+    """None: the procedure does not say, or it is not verified."""
+    measured_done: int
+    """Measured drops that can be used."""
+    measured_wanted: int | None
+    complete: bool
+    """Whether enough drops are in."""
+    used: tuple[int, ...]
+    """Numbers of the drops that are averaged."""
+    kinds: tuple[tuple[int, Kind], ...]
+    """Number of every drop and what it counts as by the procedure."""
+    excluded: tuple[tuple[int, str], ...]
+    """Number and reason of every drop that takes no part."""
+    faults: tuple[str, ...]
+    """What an enforced check found wrong with the point, one sentence each."""
+    notes: tuple[str, ...]
+    """What should be known: checks that are not verified and not enforced, assumptions."""
+    value: PointValue | None
+    deflection_spread: float | None
+    """Largest less smallest over mean of the used drops."""
+    load_spread: float | None
+    modulus_spread: float | None
+    s_over_v: float | None
+    """Mean deflection over mean peak velocity of the used drops, s."""
+    compaction: tuple[tuple[int, str, float], ...]
+    """Number, kind and deflection (m) of every drop that loaded the ground, in order."""
+    compaction_change: float | None
+    """Deflection of the last used drop over the first less 1; negative: it still stiffens."""
+    stress: StressDependence | None
+    target: float | None
+    """Pa, or m for a deflection."""
+    target_source: str
+    verdict: Verdict
+    verdict_reason: str
+
+    def as_dict(self) -> Mapping[str, Any]:
+        """As JSON knows it; SI units."""
+        return {key: _plain(value) for key, value in asdict(self).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, StrEnum):
+        return value.value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value

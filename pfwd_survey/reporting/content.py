@@ -1,0 +1,92 @@
+"""What a report shows, gathered and judged, before anything is drawn or written."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.procedures import PointDrop, PointProgress, Procedure, Quantity
+
+NO_PROCEDURE = Procedure(
+    name="none",
+    title="",
+    source="",
+    about="",
+    quantity=Quantity.MODULUS,
+    average="modulus",
+)
+"""Every measured drop is averaged, and the modulus of the inversion is judged."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ReportDrop:
+    """One drop of a point."""
+
+    number: int
+    """Within the point."""
+    record: int
+    """Within the survey."""
+    facts: PointDrop
+    """As the procedure sees it."""
+    result: Mapping[str, Any] | None
+    """With the keys of ``pfwd invert --json``; None for a rejected or discarded drop."""
+    stored: bool
+    """Whether the result was kept with the survey; otherwise it was found for this report."""
+    curves: Curves | None
+    """Measured and fitted."""
+    warnings: tuple[str, ...]
+    time_local: str
+    """ISO 8601 with the offset of the zone; empty: not recorded."""
+    marks: tuple[str, ...]
+    """What is odd about the record."""
+    notes: tuple[str, ...]
+    checksum: str
+    """SHA-256 of the drop's file; empty: it has none."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ReportPoint:
+    """One test point."""
+
+    name: str
+    """As it was named last."""
+    setup: Setup
+    drops: tuple[ReportDrop, ...]
+    progress: PointProgress
+    position: Mapping[str, Any] | None
+    """latitude, longitude in degrees, and how it is known; None: not known."""
+    notes: tuple[str, ...]
+    discarded: bool
+    diagnosis: Mapping[str, Any] | None
+    """With the keys of ``pfwd diagnose --json``; None: not asked for, or none."""
+    warnings: tuple[str, ...]
+    """Of the point as a whole."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Report:
+    """A survey as it is reported."""
+
+    title: str
+    survey: str
+    """Path."""
+    survey_id: str
+    made: str
+    """Local time, ISO 8601."""
+    software: Mapping[str, str]
+    """Versions by package."""
+    procedure: Procedure
+    chosen: bool
+    """Whether a procedure was chosen by anybody; otherwise the drops are averaged as they are."""
+    instruments: tuple[Mapping[str, Any], ...]
+    """Identities that drops were measured with."""
+    check: Mapping[str, Any] | None
+    """The last check of the sensors."""
+    points: tuple[ReportPoint, ...]
+    damage: tuple[str, ...]
+    """What is lost of the survey."""
+    settings: Mapping[str, Any]
+    """Of the inversion, for what was found for this report."""
+    command: str
+    """That makes this report again."""

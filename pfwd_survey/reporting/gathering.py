@@ -1,0 +1,398 @@
+"""Gathers what a report shows: reads the survey, inverts what is missing, judges the points."""
+
+import datetime
+import hashlib
+import importlib.metadata
+import json
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from inversion import SurrogateLibrary
+from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
+from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
+from pfwd_survey.files.header import Declaration, Setup, setup_from, setup_warnings
+from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
+from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import result_record
+from pfwd_survey.inverting.screening import Screening, screen_point
+from pfwd_survey.procedures import (
+    Procedure,
+    Quantity,
+    find_procedure,
+    judge,
+    parse_procedure,
+    shipped_names,
+)
+from pfwd_survey.reporting.content import NO_PROCEDURE, Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.fits import curves_of, is_sound, rests_on
+
+PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
+"""Whose versions a report names: they made its numbers and pictures."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions:
+    """What is asked of a report.
+
+    Raises
+    ------
+    OptionError
+        If the target is not positive.
+    """
+
+    language: str = "en"
+    """Code of a catalogue."""
+    title: str | None = None
+    """Heading; None: the site, or the name of the folder."""
+    procedure: str | None = None
+    """Name or file to judge by; None: what the drops were measured by."""
+    target: float | None = None
+    """Of points that have none, Pa."""
+    target_deflection: float | None = None
+    """The same for a procedure that judges deflections, m."""
+    refit: bool = False
+    """Invert anew, whatever is stored."""
+    diagnose: bool = False
+    """Ask what is behind the residuals."""
+    seed: int = 0
+    """Of the search, for what is inverted here."""
+
+    def __post_init__(self) -> None:
+        for name in ("target", "target_deflection"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < float("inf"):
+                option = "--" + name.replace("_", "-")
+                raise OptionError(refusal(option, "a number > 0", f"{value:g}"))
+
+
+def gather(
+    folder: str | Path, options: ReportOptions | None = None, progress: Progress | None = None
+) -> Report:
+    """Everything that a report of a survey shows.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    options : ReportOptions, optional
+    progress : callable, optional
+        Told what is done, one sentence each.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    SurveyError, RecordingError, OptionError
+        If it is no survey, holds no drop, or the procedure is refused.
+    """
+    options = options or ReportOptions()
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    if not survey.drops:
+        hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
+        raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
+    procedure = _procedure(survey, options)
+    found = _Gatherer(survey, options, procedure or NO_PROCEDURE, progress or _silent)
+    points = [one for point in survey.points for one in found.points(point)]
+    if options.diagnose:
+        points = _diagnosed(str(folder), points, found.tell)
+    return Report(
+        title=options.title or _title(survey, points),
+        survey=str(folder),
+        survey_id=survey.survey_id,
+        made=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        software={name: _version(name) for name in PACKAGES},
+        procedure=procedure or NO_PROCEDURE,
+        chosen=procedure is not None,
+        instruments=tuple(found.instruments.values()),
+        check=survey.checks[-1] if survey.checks else None,
+        points=tuple(points),
+        damage=survey.damage,
+        settings={
+            "method": "mpga",
+            "plate": "rigid-rough",
+            "load": "measured",
+            "sensors": "all",
+            "seed": options.seed,
+        },
+        command=_command(str(folder), options),
+    )
+
+
+def _silent(_text: str) -> None:
+    return
+
+
+def _procedure(survey: Survey, options: ReportOptions) -> Procedure | None:
+    """As asked for, or as the drops were measured by; the last that was kept counts."""
+    if options.procedure is not None:
+        return find_procedure(options.procedure)
+    for event in reversed(survey.events):
+        if event.get("event") != "procedure":
+            continue
+        kept = event.get("details", event)
+        text = kept.get("text")
+        if isinstance(text, str) and text:
+            where = f"procedure {quote(kept.get('name'))} kept in {survey.folder}"
+            unverified = kept.get("enforce_unverified") is True
+            try:
+                found = parse_procedure(text, where, enforce_unverified=unverified)
+            except OptionError as err:  # of the survey, not of the command line
+                raise SurveyError(f"{err}; choose another one with --procedure") from err
+            file = kept.get("file")
+            return replace(found, file=file if isinstance(file, str) else None)
+    named = {str(point.declared["procedure"]) for point in survey.points if _names_one(point)}
+    if len(named) == 1:
+        return find_procedure(named.pop())
+    return None
+
+
+def _names_one(point: SurveyPoint) -> bool:
+    """Whether a point names a procedure of the program: a name in a survey opens no file."""
+    return point.declared.get("procedure") in shipped_names()
+
+
+def _title(survey: Survey, points: Sequence[ReportPoint]) -> str:
+    sites = {str(point.setup.site) for point in points if point.setup.site is not None}
+    return ", ".join(sorted(sites)) or Path(survey.folder).resolve().name
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _command(folder: str, options: ReportOptions) -> str:
+    words = ["pfwd", "report", folder, "-o", "report.html"]
+    for name in ("language", "title", "procedure"):
+        value = getattr(options, name)
+        if value is not None and (name, value) != ("language", "en"):
+            words += [f"--{name}", str(value)]
+    if options.target is not None:
+        words += ["--target", f"{options.target / 1e6:g}"]
+    if options.target_deflection is not None:
+        words += ["--target-deflection", f"{options.target_deflection * 1e3:g}"]
+    words += ["--refit"] if options.refit else []
+    words += ["--diagnose"] if options.diagnose else []
+    return shlex.join([*words, "--seed", str(options.seed)])
+
+
+class _Gatherer:
+    """Works through the points of a survey."""
+
+    def __init__(
+        self, survey: Survey, options: ReportOptions, procedure: Procedure, tell: Progress
+    ) -> None:
+        self._survey = survey
+        self._options = options
+        self._procedure = procedure
+        self._analysis = AnalysisOptions(seed=options.seed)
+        self._library = SurrogateLibrary()
+        self.tell = tell
+        self.instruments: dict[str, Mapping[str, Any]] = {}
+
+    def points(self, point: SurveyPoint) -> list[ReportPoint]:
+        """A point; two of them when it was declared differently on the way."""
+        groups: list[tuple[dict[str, Any], list[tuple[SurveyDrop, DropRecord]]]] = []
+        for drop in point.drops:
+            record = drop.read()
+            declared = dict(record.declared) | _later(point)
+            if not groups or groups[-1][0] != declared:
+                groups.append((declared, []))
+            groups[-1][1].append((drop, record))
+            self._note_instrument(record)
+        return [self._point(point, declared, drops) for declared, drops in groups]
+
+    def _note_instrument(self, record: DropRecord) -> None:
+        identity = record.metadata.get("identity")
+        if isinstance(identity, Mapping):
+            self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
+
+    def _point(
+        self,
+        point: SurveyPoint,
+        declared: Mapping[str, Any],
+        drops: Sequence[tuple[SurveyDrop, DropRecord]],
+    ) -> ReportPoint:
+        where = f"{self._survey.folder}, point {point.title}"
+        known = {key: Declaration(value, where) for key, value in declared.items()}
+        setup = setup_from(known | {"point": Declaration(point.title, where)}, where)
+        records = tuple(record.drop for _, record in drops)
+        screenings = screen_point(TracePoint(where, setup, records))
+        self.tell(f"point {point.title}: {len(drops)} drops")
+        found = tuple(
+            self._drop(one, record, setup, screening)
+            for (one, record), screening in zip(drops, screenings, strict=True)
+        )
+        own, asked = point.target, self._options.target
+        if self._procedure.quantity is Quantity.DEFLECTION:
+            own, asked = None, self._options.target_deflection  # that of a point is a modulus
+        target = own if own is not None else asked
+        progress = judge(
+            self._procedure,
+            [one.facts for one in found],
+            plate_radius=setup.plate_radius,
+            poisson_ratio=setup.poisson_ratio,
+            target=None if target is None else float(target),
+            moisture=setup.moisture,
+            material=None if setup.material is None else str(setup.material),
+        )
+        if own is None and target is not None:
+            progress = replace(progress, target_source="given with the report")
+        warnings = list(setup_warnings(setup))
+        if setup.poisson_ratio is None:
+            warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
+        return ReportPoint(
+            name=point.title,
+            setup=setup,
+            drops=found,
+            progress=progress,
+            position=_position(point, drops, setup),
+            notes=point.notes,
+            discarded=point.discarded,
+            diagnosis=None,
+            warnings=tuple(warnings),
+        )
+
+    def _drop(
+        self, one: SurveyDrop, record: DropRecord, setup: Setup, screening: Screening
+    ) -> ReportDrop:
+        result, stored, warnings = None, False, list(screening.warnings)
+        if not one.discarded and screening.status != "rejected":
+            result = None if self._options.refit else _stored(one)
+            if result is not None and not rests_on(result, setup):
+                result = None
+                warnings.append("declared values were changed since: inverted anew")
+            stored = result is not None
+            if result is None:
+                self.tell(f"  drop {one.drop} is inverted")
+                analysis = analyse_drop(
+                    record.drop, setup, screening, self._analysis, self._library
+                )
+                result = result_record(str(one.file or self._survey.folder), analysis)
+            warnings += [text for text in result.get("warnings") or () if text not in warnings]
+        curves = None
+        if result is not None:
+            curves = curves_of(record.drop, setup, screening, result, self._library)
+        marks = record.metadata.get("marks") or ()
+        return ReportDrop(
+            number=one.drop,
+            record=one.number,
+            facts=point_drop(
+                record.drop, setup, screening, result, _reason(one) if one.discarded else None
+            ),
+            result=result,
+            stored=stored,
+            curves=curves,
+            warnings=tuple(warnings),
+            time_local=_local_time(record.metadata),
+            marks=tuple(map(str, marks)),
+            notes=one.notes,
+            checksum=_checksum(one.file),
+        )
+
+
+def _later(point: SurveyPoint) -> dict[str, Any]:
+    """What was said of a point after it was measured, as keys of a header; the last counts."""
+    said: dict[str, Any] = {}
+    for edit in point.edits:
+        what, value = edit["what"], edit.get("value")
+        if what == "declared" and isinstance(value, dict):
+            said |= value
+        elif what == "operator" and value is not None:
+            said["operator"] = value
+    return said
+
+
+def _reason(drop: SurveyDrop) -> str:
+    said = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    return str(said[-1]) if said and said[-1] else ""
+
+
+def _stored(drop: SurveyDrop) -> dict[str, Any] | None:
+    """The last result that was kept with a drop."""
+    for path in reversed(drop.results):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue  # an older one, or a new fit, does as well
+        if isinstance(result, dict) and is_sound(result):
+            return result
+    return None
+
+
+def _checksum(file: Path | None) -> str:
+    if file is None:
+        return ""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def _local_time(metadata: Mapping[str, Any]) -> str:
+    for key in ("time_local", "time_utc"):
+        text = metadata.get(key)
+        if isinstance(text, str) and text:
+            try:
+                found = datetime.datetime.fromisoformat(text)
+            except ValueError:
+                continue
+            return found.isoformat(sep=" ", timespec="seconds")
+    return ""
+
+
+def _position(
+    point: SurveyPoint, drops: Sequence[tuple[SurveyDrop, DropRecord]], setup: Setup
+) -> Mapping[str, Any] | None:
+    """What a person said wins over the receiver, the receiver over what was declared."""
+    for said in (point.position, *(drop.position for drop, _ in drops)):
+        if _is_place(said):
+            return {**said, "source": "edited"}
+    for _, record in drops:
+        said = record.metadata.get("position")
+        if _is_place(said):
+            return {**said}
+    declared = {"latitude": setup.latitude, "longitude": setup.longitude}
+    return {**declared, "source": "declared"} if _is_place(declared) else None
+
+
+def _is_place(said: Any) -> TypeGuard[Mapping[str, Any]]:
+    if not isinstance(said, Mapping):
+        return False
+    ends = (("latitude", 90.0), ("longitude", 180.0))
+    return all(
+        isinstance(said.get(key), int | float)
+        and not isinstance(said.get(key), bool)
+        and abs(said[key]) <= most
+        for key, most in ends
+    )
+
+
+def _diagnosed(folder: str, points: list[ReportPoint], tell: Progress) -> list[ReportPoint]:
+    """The points with their diagnoses; discarded points have none."""
+    from pfwd_survey.inverting.diagnosis import diagnose_files
+
+    tell("residuals are diagnosed")
+    kept = [point for point in points if not point.discarded]
+    records = []
+    for one in diagnose_files([folder]):
+        if one.error is not None:
+            tell(f"diagnosis: {one.error}")
+        records.append(one.record)
+    if len(records) != len(kept):
+        tell("diagnosis: its points are not those of the report; it is left out")
+        return points
+    by_point = dict(zip(map(id, kept), records, strict=True))
+    return [replace(point, diagnosis=by_point.get(id(point))) for point in points]

@@ -1,0 +1,151 @@
+"""Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.procedures import PointValue, Quantity
+from pfwd_survey.reporting.texts import Texts
+
+NOTHING = "–"
+
+
+def digits(value: float, count: int = 3) -> str:
+    """So many digits that count, or all before the point when there are more.
+
+    Examples
+    --------
+    >>> digits(0.012345), digits(45.678), digits(1234.5)
+    ('0.0123', '45.7', '1234')
+    """
+    return f"{value:.{_decimals(value, count)}f}"
+
+
+def _decimals(value: float, count: int) -> int:
+    if value == 0 or not math.isfinite(value):
+        return 0
+    return min(6, max(0, count - 1 - math.floor(math.log10(abs(value)))))
+
+
+def with_interval(
+    value: float, interval: Any, unit: str, texts: Texts, missing: str = "unknown_interval"
+) -> str:
+    """A value with its 95 % interval, or with the word that there is none.
+
+    Parameters
+    ----------
+    value : float
+        In the unit.
+    interval : pair of float, in the unit, or None
+    unit : str
+    texts : Texts
+    missing : str
+        Key of the words for a missing interval.
+    """
+    if not interval or not all(_is_finite(end) for end in interval):
+        return f"{f'{digits(value)} {unit}'.strip()} ({texts[missing]})"
+    low, high = interval
+    half = (high - low) / 2
+    decimals = _decimals(half, 2) if half > 0 else _decimals(value, 3)
+    # Never more digits than a modulus is worth, however small its scatter.
+    decimals = min(decimals, _decimals(value, 4))
+    # Broken between value and interval, if at all.
+    value_text = f"{value:.{decimals}f}" + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
+    gap = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}"
+    return f"{value_text} ({low:.{decimals}f}{gap}{high:.{decimals}f})"
+
+
+def with_deviation(value: Any, deviation: Any, scale: float, unit: str) -> str:
+    """A value with its standard deviation; a dash for none."""
+    if not _is_finite(value):
+        return NOTHING
+    shown = value * scale
+    if not _is_finite(deviation):
+        return f"{digits(shown)} {unit}".rstrip()
+    spread = deviation * scale
+    decimals = min(_decimals(spread, 2) if spread else 3, _decimals(shown, 4))
+    least = 10.0**-decimals
+    around = f"<{least:.{decimals}f}" if spread < least / 2 else f" {spread:.{decimals}f}"
+    return f"{shown:.{decimals}f} ±{around} {unit}".rstrip()
+
+
+def modulus_of(result: Mapping[str, Any] | None, texts: Texts, unit: str = "MPa") -> str:
+    """The modulus of a result with its interval, MPa; the unit may stand above it."""
+    if result is None or not _is_finite(result.get("modulus_pa")):
+        return NOTHING if result is None else texts["no_result"]
+    interval = result.get("modulus_interval_pa")
+    ends = [end / 1e6 for end in interval] if interval and all(map(_is_finite, interval)) else None
+    return with_interval(result["modulus_pa"] / 1e6, ends, unit, texts)
+
+
+def basis_of(result: Mapping[str, Any] | None) -> str:
+    """What a modulus rests on: model, plate and Poisson's ratio."""
+    if result is None or result.get("model") is None:
+        return NOTHING
+    depth, known = result.get("bedrock_depth_m"), result.get("bedrock_depth_sd_m")
+    model = str(result["model"])
+    if depth is not None:
+        model += f" {with_deviation(depth, known, 1.0, 'm')}"
+    return (
+        f"{model}, {result.get('plate')} {_plain(result.get('plate_radius_m'))} m, "
+        f"ν {_plain(result.get('poisson_ratio'))}"
+    )
+
+
+def value_of(value: PointValue | None, texts: Texts) -> str:
+    """The quantity of a procedure for a point, with its interval."""
+    if value is None:
+        return NOTHING
+    scale, unit = (1e3, "mm") if value.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
+    interval = None if value.interval is None else [end * scale for end in value.interval]
+    return with_interval(value.value * scale, interval, unit, texts, "one_drop")
+
+
+def value_basis(value: PointValue | None, texts: Texts) -> str:
+    """What the quantity of a procedure rests on."""
+    if value is None:
+        return NOTHING
+    parts = []
+    if value.factor is not None:
+        parts.append(f"k = {value.factor:g}")
+    if value.poisson_ratio is not None:
+        parts.append(f"ν = {value.poisson_ratio:g}")
+    if value.plate_radius is not None:
+        parts.append(f"r = {value.plate_radius:g} m")
+    if value.pressure is not None:
+        parts.append(f"σ = {value.pressure / 1e3:.0f} kPa")
+    parts.append(f"n = {value.drops}")
+    return ", ".join(parts)
+
+
+def name_of(quantity: Quantity, texts: Texts) -> str:
+    """Name of what is judged, in the language of the report."""
+    names = {Quantity.MODULUS: texts["modulus"], Quantity.DEFLECTION: texts["deflection"]}
+    return names.get(quantity, str(quantity))
+
+
+def target_of(target: float | None, quantity: Quantity) -> str:
+    """A target with its unit and its direction."""
+    if target is None:
+        return NOTHING
+    if quantity is Quantity.DEFLECTION:
+        return f"≤ {target * 1e3:g} mm"
+    return f"≥ {target / 1e6:g} MPa"
+
+
+def percent(value: Any, count: int = 2) -> str:
+    """A part as percent."""
+    return f"{digits(value * 100, count)} %" if _is_finite(value) else NOTHING
+
+
+def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
+    """A number in a unit of people; a dash for none."""
+    return f"{digits(value * scale, count)} {unit}".rstrip() if _is_finite(value) else NOTHING
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if _is_finite(value) else NOTHING
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

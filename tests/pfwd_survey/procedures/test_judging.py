@@ -1,0 +1,259 @@
+"""What a procedure says of the drops of a point, drop by drop."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from pfwd_survey.errors import OptionError
+from pfwd_survey.procedures import (
+    Kind,
+    Number,
+    PointDrop,
+    PointProgress,
+    Procedure,
+    Quantity,
+    Verdict,
+    find_procedure,
+    judge,
+    kind_of,
+)
+from pfwd_survey.procedures.moduli import e_lwd, e_vd, half_width_95, stress_dependence
+
+GERMAN = find_procedure("tp-bf-stb-b8.3")
+MM = 1e-3
+
+
+def drop(number: int, deflection: float, kind: Kind = Kind.MEASURED, **more: Any) -> PointDrop:
+    more = {"peak_load": 7070.0, **more}
+    return PointDrop(number, kind, peak_deflection=deflection * MM, **more)
+
+
+SIX = [drop(n, d) for n, d in enumerate((0.9, 0.6, 0.52, 0.50, 0.51, 0.49), 1)]
+
+
+def judged(drops: Sequence[PointDrop], procedure: Procedure = GERMAN, **more: Any) -> PointProgress:
+    return judge(procedure, drops, plate_radius=0.15, **more)
+
+
+def own(**changes: Any) -> Procedure:
+    """The German procedure with verified numbers in place of its own."""
+    return dataclasses.replace(GERMAN, **changes)
+
+
+def limits(**values: float) -> Procedure:
+    return own(checks={key: Number(value, "here", True) for key, value in values.items()})
+
+
+def test_three_are_seating_three_are_averaged() -> None:
+    kinds = []
+    for count in range(7):
+        found = judged(SIX[:count])
+        kinds.append(found.next_kind)
+        assert found.complete == (count == 6)
+    assert kinds == [Kind.SEATING] * 3 + [Kind.MEASURED] * 3 + [None]
+    assert found.used == (4, 5, 6)
+    assert dict(found.kinds)[3] is Kind.SEATING
+    assert found.excluded[0] == (1, "seating drop 1 of 3")
+    assert "walk to the next" in found.instruction
+
+
+def test_e_vd_is_that_of_the_mean_settlement() -> None:
+    # 22.5 / s[mm] in MPa: 0.5 mm gives 45.
+    value = judged(SIX).value
+    assert value is not None
+    assert value.quantity is Quantity.E_VD
+    assert value.value == pytest.approx(45e6)
+    assert (value.factor, value.pressure, value.poisson_ratio) == (1.5, 1e5, None)
+    assert e_vd(0.5 * MM, 0.15) == pytest.approx(22.5 / 0.5 * 1e6)
+
+
+def test_the_interval_is_student_s() -> None:
+    # Of 1, 2, 3: mean 2, s 1, t(2) 4.303, so 4.303/sqrt(3).
+    assert half_width_95([1.0, 2.0, 3.0]) == pytest.approx(4.303 / math.sqrt(3))
+    assert half_width_95([1.0]) is None
+    assert half_width_95([2.0] * 30) == 0.0
+
+
+def test_e_lwd_is_boussinesq_s() -> None:
+    # Uniform pressure p on radius a: w0 = 2 (1 - nu^2) p a / E (Timoshenko and Goodier).
+    pressure, modulus = 1e5, 40e6
+    settlement = 2 * (1 - 0.3**2) * pressure * 0.15 / modulus
+    load = pressure * math.pi * 0.15**2
+    assert e_lwd(load, settlement, 0.15, 0.3, 2.0) == pytest.approx(modulus)
+    british = find_procedure("mchw-885")
+    drops = [drop(n, settlement / MM, peak_load=load) for n in range(1, 7)]
+    found = judge(british, drops, plate_radius=0.15, poisson_ratio=0.3)
+    assert found.value is not None
+    assert found.value.value == pytest.approx(modulus)
+    assert found.value.poisson_ratio == 0.3
+    assumed = judge(british, drops, plate_radius=0.15).notes
+    assert "Poisson's ratio 0.35 is assumed" in assumed
+
+
+def test_a_rejected_drop_does_not_seat_the_plate() -> None:
+    drops = [SIX[0], PointDrop(2, Kind.REJECTED, reason="false trigger"), SIX[1]]
+    found = judged([dataclasses.replace(one, number=n) for n, one in enumerate(drops, 1)])
+    assert found.seating_done == 2
+    assert found.next_kind is Kind.SEATING
+    assert (2, "rejected: false trigger") in found.excluded
+    assert kind_of(GERMAN, [False, True, False]) is Kind.SEATING
+    assert kind_of(GERMAN, [False, True, False, False]) is Kind.MEASURED
+
+
+def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
+    drops = [*SIX[:4], drop(5, 0.8, Kind.DISCARDED, reason="plate slipped")]
+    found = judged(drops)
+    assert found.next_kind is Kind.MEASURED
+    assert "Drop 5 does not count (discarded: plate slipped)" in found.instruction
+    assert judged([*drops, drop(6, 0.5), drop(7, 0.5)]).used == (4, 6, 7)
+    seated = [drop(1, 0.9, Kind.DISCARDED), *SIX[1:3]]
+    assert judged(seated).next_kind is Kind.MEASURED, "it did load the ground"
+
+
+def test_drops_beyond_the_measured_ones_take_no_part() -> None:
+    found = judged([*SIX, drop(7, 0.2)])
+    assert found.used == (4, 5, 6)
+    assert found.excluded[-1] == (7, "beyond the 3 measured drops")
+
+
+@pytest.mark.parametrize(
+    ("check", "limit", "field", "value"),
+    [
+        ("least_peak_load_n", 7000.0, "peak_load", 6900.0),
+        ("most_peak_load_n", 7100.0, "peak_load", 7200.0),
+        ("false_trigger_load_n", 1500.0, "peak_load", 900.0),
+        ("shortest_pulse_s", 0.016, "pulse_duration", 0.015),
+        ("longest_pulse_s", 0.018, "pulse_duration", 0.019),
+        ("least_deflection_m", 1e-4, "peak_deflection", 5e-5),
+        ("most_deflection_m", 2e-3, "peak_deflection", 3e-3),
+        ("most_offset_over_peak", 0.02, "offset_over_peak", 0.03),
+        ("most_return_over_peak", 0.1, "return_over_peak", 0.2),
+    ],
+)
+def test_a_drop_outside_of_a_limit_is_repeated(
+    check: str, limit: float, field: str, value: float
+) -> None:
+    bad = dataclasses.replace(SIX[4], **{field: value})  # type: ignore[arg-type]
+    found = judged([*SIX[:4], bad], limits(**{check: limit}))
+    assert found.used == (4,)
+    assert found.excluded[-1][0] == 5
+    assert "than" in found.excluded[-1][1]
+    assert found.next_kind is Kind.MEASURED
+    unknown = dataclasses.replace(SIX[4], **{field: None})  # type: ignore[arg-type]
+    assert 5 in judged([*SIX[:4], unknown], limits(**{check: limit})).used
+
+
+def test_an_unverified_limit_is_noted_and_not_enforced() -> None:
+    short = [dataclasses.replace(one, pulse_duration=0.0133) for one in SIX]
+    found = judged(short)
+    assert found.complete
+    assert not found.faults
+    assert any("not verified, not enforced" in note for note in found.notes)
+    strict = judged(short, find_procedure("tp-bf-stb-b8.3", enforce_unverified=True))
+    assert not strict.used
+
+
+def test_drops_that_differ_too_much_leave_the_point_undecided() -> None:
+    wide = [*SIX[:3], drop(4, 0.4), drop(5, 0.5), drop(6, 0.6)]
+    found = judged(wide, limits(most_deflection_spread=0.1), target=20e6)
+    assert found.deflection_spread == pytest.approx(0.4)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "40.0%" in found.verdict_reason
+    assert found.next_kind is None
+    assert "measure the point anew" in found.instruction
+
+
+@pytest.mark.parametrize(
+    ("target", "verdict"),
+    [(40e6, Verdict.PASS), (50e6, Verdict.FAIL), (45.5e6, Verdict.UNDECIDED), (None, Verdict.NONE)],
+)
+def test_the_whole_interval_decides(target: float | None, verdict: Verdict) -> None:
+    found = judged(SIX, target=target)
+    assert found.value is not None
+    assert found.value.interval is not None
+    assert found.value.interval[0] < 45e6 < found.value.interval[1]
+    assert found.verdict is verdict
+
+
+def test_of_a_deflection_less_is_better() -> None:
+    american = find_procedure("mndot")
+    assert judged(SIX, american, target=0.6 * MM).verdict is Verdict.PASS
+    assert judged(SIX, american, target=0.4 * MM).verdict is Verdict.FAIL
+    assert judged(SIX, american, target=0.5 * MM).verdict is Verdict.UNDECIDED
+
+
+def test_a_modulus_is_no_target_for_a_deflection() -> None:
+    found = judged(SIX, find_procedure("mndot"), target=45e6)
+    assert found.target is None
+    assert found.verdict is Verdict.NONE
+    assert any("target is a modulus" in note for note in found.notes)
+
+
+def test_one_drop_decides_nothing() -> None:
+    single = own(measured=Number(1, "here", True))
+    found = judged(SIX[:4], single, target=20e6)
+    assert found.complete
+    assert found.verdict is Verdict.UNDECIDED
+    assert "no scatter" in found.verdict_reason
+
+
+def test_the_model_s_error_is_not_averaged_away() -> None:
+    drops = [drop(n, 0.5, modulus=50e6, modulus_interval=(45e6, 55e6)) for n in (1, 2, 3)]
+    value = judged(drops, find_procedure("paper")).value
+    assert value is not None
+    assert value.interval == pytest.approx((45e6, 55e6))
+    alone = judged(drops[:1], find_procedure("paper"))
+    assert any("one drop: the scatter" in note for note in alone.notes)
+
+
+def test_s_over_v_and_compaction() -> None:
+    drops = [dataclasses.replace(one, peak_velocity=0.1) for one in SIX]
+    found = judged(drops, limits(most_s_over_v_s=0.0035))
+    assert found.s_over_v == pytest.approx(0.005)
+    assert any("more compaction is possible" in note for note in found.notes)
+    assert [number for number, _, _ in found.compaction] == [1, 2, 3, 4, 5, 6]
+    assert found.compaction[0][1] == "seating"
+    assert found.compaction_change == pytest.approx(0.49 / 0.50 - 1)
+
+
+def test_stress_dependence_finds_the_exponent() -> None:
+    pressures = [5e4, 1e5, 2e5]
+    moduli = [30e6 * (p / 1e5) ** 0.4 for p in pressures]
+    found = stress_dependence(pressures, moduli)
+    assert found is not None
+    assert found.exponent == pytest.approx(0.4)
+    assert found.exponent_deviation == pytest.approx(0.0, abs=1e-9)
+    assert stress_dependence([1e5, 1.1e5], [1.0, 2.0]) is None, "from one height"
+
+
+def test_another_plate_and_another_load_are_noted() -> None:
+    notes = judge(
+        GERMAN, [drop(n, 0.5, peak_load=9700.0) for n in range(6)], plate_radius=0.1
+    ).notes
+    assert any("written for a plate of radius 0.15 m, this one has 0.1 m" in n for n in notes)
+    assert any("7.07 kN for granted, the mean is 9.70 kN" in n for n in notes)
+
+
+def test_a_plate_without_size_is_refused() -> None:
+    with pytest.raises(OptionError, match="plate radius: expected a number > 0"):
+        judge(GERMAN, SIX, plate_radius=0.0)
+
+
+def test_the_same_drops_give_the_same_answer_and_json_takes_it() -> None:
+    assert judged(SIX, target=40e6) == judged(SIX, target=40e6)
+    said = json.loads(json.dumps(judged(SIX).as_dict(), allow_nan=False))
+    assert said["value"]["quantity"] == "E_vd"
+    assert said["next_kind"] is None
+
+
+def test_without_a_number_the_marks_of_the_drops_count() -> None:
+    loose = find_procedure("paper")
+    drops = [drop(1, 0.9, Kind.SEATING, modulus=30e6), drop(2, 0.5, modulus=45e6)]
+    found = judged(drops, loose)
+    assert found.used == (2,)
+    assert found.seating_wanted is None
+    assert found.next_kind is Kind.MEASURED

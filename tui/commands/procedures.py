@@ -1,0 +1,90 @@
+"""``pfwd procedures``: the measuring procedures that come with the program, or one in full."""
+
+import argparse
+import textwrap
+
+from pfwd_survey.procedures import Procedure, find_procedure, shipped_procedures
+from pfwd_survey.procedures.profile import CHECKS, Number
+from tui.output import clean, json_line
+
+_SHOWN = {
+    "seating": ("seating drops", 1.0, ""),
+    "measured": ("measured drops", 1.0, ""),
+    "factor": ("plate factor", 1.0, ""),
+    "nominal_pressure_pa": ("nominal pressure", 1e-3, "kPa"),
+    "nominal_load_n": ("nominal load", 1e-3, "kN"),
+    "poisson_ratio": ("Poisson's ratio", 1.0, ""),
+    "plate_radius_m": ("plate radius", 1.0, "m"),
+    **{key: (check.words, check.scale, check.unit) for key, check in CHECKS.items()},
+}
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the procedures, or show one."""
+    one = find_procedure(args.name) if args.name is not None else None
+    for procedure in (one,) if one is not None else shipped_procedures():
+        if args.json:
+            print(json_line(_record(procedure)), flush=True)
+            continue
+        for line in _lines(procedure) if one is not None else [_summary(procedure)]:
+            print(clean(line), flush=True)
+    return 0
+
+
+def _summary(procedure: Procedure) -> str:
+    counts = [_count(number) for number in (procedure.seating, procedure.measured)]
+    drops = f"{counts[0]:>3} + {counts[1]:3}"
+    return f"{procedure.name:16} {drops} {procedure.quantity:11} {procedure.title}"
+
+
+def _count(number: Number | None) -> str:
+    if number is None:
+        return "-"
+    return f"{number.value:g}" if number.verified else f"({number.value:g})"
+
+
+def _lines(procedure: Procedure) -> list[str]:
+    lines = [procedure.name, f"  {procedure.title}", f"  source: {procedure.source}"]
+    lines += textwrap.wrap(
+        procedure.about, 96, initial_indent="  ", subsequent_indent="  ", break_long_words=False
+    )
+    lines.append(f"  judged: {procedure.quantity}, of the mean {procedure.average}")
+    for key, number in procedure.numbers().items():
+        name, scale, unit = _SHOWN.get(key, (key, 1.0, ""))
+        if key.startswith("target"):
+            metres = procedure.quantity == "deflection"
+            scale, unit = (1e3, "mm") if metres else (1e-6, "MPa")
+        state = "" if number.verified else "  NOT VERIFIED, not enforced"
+        lines.append(f"  {name}: {number.value * scale:g} {unit}".rstrip() + state)
+        lines.append(f"      {number.source}")
+    return lines
+
+
+def _record(procedure: Procedure) -> dict[str, object]:
+    return {
+        "name": procedure.name,
+        "title": procedure.title,
+        "source": procedure.source,
+        "about": procedure.about,
+        "quantity": procedure.quantity.value,
+        "average": procedure.average,
+        "file": procedure.file,
+        "numbers": {
+            key: {
+                "value": number.value,
+                "source": number.source,
+                "verified": number.verified,
+                "enforced": procedure.enforced(number) is not None,
+            }
+            for key, number in procedure.numbers().items()
+        },
+        "targets": [
+            {
+                "value": target.value.value,
+                "material": target.material,
+                "moisture_from_percent": target.moisture_from,
+                "moisture_to_percent": target.moisture_to,
+            }
+            for target in procedure.targets
+        ],
+    }
