@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import sys
 import unicodedata
 from collections.abc import Mapping
@@ -12,7 +13,8 @@ def clean(text: object) -> str:
     """Text from a file or an instrument, safe to print: control characters become U+FFFD.
 
     Escape sequences could otherwise move the cursor or rename the window, and overrides of the
-    writing direction could make a line read as another.
+    writing direction could make a line read as another, as could separators of lines and
+    paragraphs.
 
     Examples
     --------
@@ -20,9 +22,13 @@ def clean(text: object) -> str:
     'km 12 \N{REPLACEMENT CHARACTER}[31mred'
     """
     return "".join(
-        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(letter)[0] == "C" else letter
+        "\N{REPLACEMENT CHARACTER}" if _moves(unicodedata.category(letter)) else letter
         for letter in str(text)
     )
+
+
+def _moves(category: str) -> bool:
+    return category[0] == "C" or category in ("Zl", "Zp")
 
 
 def json_line(record: Mapping[str, Any]) -> str:
@@ -62,3 +68,13 @@ def _plain(value: Any) -> Any:
 def say(message: object) -> None:
     """Print a message to standard error, where it does not mix with results."""
     print(clean(f"pfwd: {message}"), file=sys.stderr, flush=True)
+
+
+def on_terminal() -> bool:
+    """Whether there is a terminal that a screen can fill: keys come from it, and all is shown.
+
+    A server that shows terminal programs in a browser is one; it names the driver to be used.
+    """
+    if os.environ.get("TEXTUAL_DRIVER"):
+        return True
+    return all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr))

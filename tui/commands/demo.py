@@ -14,8 +14,11 @@ from simulators.instrument import serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
 from tui.log_file import close_log, open_log
-from tui.output import say
+from tui.output import on_terminal, say
 from tui.session_lines import SessionLines
+
+DROPS, RATE = 6, 3.0
+"""Of the demonstration in lines: a whole point in ten seconds."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,15 +26,19 @@ def run(args: argparse.Namespace) -> int:
 
     What was simulated is told when all is measured, to standard error.
     """
+    if not (args.json or args.lines) and on_terminal():
+        return _on_screen(args)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     say(f"recording into {folder}")
+    drops = args.drops or DROPS
+    rate = RATE if args.rate is None else args.rate
     try:
-        instrument = serve(args.scenario, drops=args.drops, seed=args.seed, rate=args.rate)
+        instrument = serve(args.scenario, drops=drops, seed=args.seed, rate=rate)
     except SimulationError as err:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
-    plan = SessionPlan(drops=args.drops, options=AnalysisOptions(seed=args.seed))
+    plan = SessionPlan(drops=drops, options=AnalysisOptions(seed=args.seed))
     with instrument:
         say(f"simulated instrument at {instrument.url}")
         handler = open_log(folder)
@@ -50,6 +57,29 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         _plot(folder, args.plot)
     return STATUS_OF_ENDING[ending]
+
+
+def _on_screen(args: argparse.Namespace) -> int:
+    from tui.screen.session.procedure import SEATING
+    from tui.screen.session.sources import DemoSource, with_seating
+    from tui.screen.show import show
+
+    found: dict[int, float] = {}
+    source = DemoSource(
+        args.scenario,
+        Path(args.output) if args.output else None,
+        with_seating(SessionPlan(options=AnalysisOptions(seed=args.seed)), SEATING),
+        drops=args.drops,
+        seed=args.seed,
+        rate=1.0 if args.rate is None else args.rate,
+    )
+    status = show(source, "demo", moduli=found)
+    say(f"recorded into {source.survey}")
+    for line in truth_lines([one for one in source.truth if one["drop"] in found], found):
+        print(line, file=sys.stderr, flush=True)
+    if args.plot:
+        _plot(source.survey or Path(), args.plot)
+    return status
 
 
 def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) -> list[str]:

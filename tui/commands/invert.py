@@ -14,6 +14,10 @@ from tui.output import json_line, say
 def run(args: argparse.Namespace) -> int:
     """Analyse the files and print what was found; 1 when a file was refused, otherwise 0."""
     options = options_from(args)
+    if args.archive is not None or args.scheduler is not None or _any_folder(args.files):
+        from tui.archive import run_over_archive
+
+        return run_over_archive(args, options)
     from pfwd_survey.inverting.analysis import analyse_files
 
     refused = False
@@ -30,6 +34,15 @@ def run(args: argparse.Namespace) -> int:
 
         plot_outcomes(kept, args.plot)
     return 1 if refused else 0
+
+
+def _any_folder(files: list[str]) -> bool:
+    """Whether one stands for what is below it: a folder that is no survey."""
+    if not any(map(os.path.isdir, files)):
+        return False
+    from pfwd_survey.files.reading import is_survey
+
+    return any(os.path.isdir(file) and not is_survey(file) for file in files)
 
 
 def options_from(args: argparse.Namespace) -> AnalysisOptions:

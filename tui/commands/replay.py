@@ -1,6 +1,7 @@
 """``pfwd replay``: recorded drops, or the recorded bytes of a link, through the same pipeline."""
 
 import argparse
+from pathlib import Path
 
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.measure import replay, stopped_by_signals
@@ -11,12 +12,14 @@ from tui.session_lines import SessionLines
 
 def run(args: argparse.Namespace) -> int:
     """Detect, judge and invert what was recorded, again."""
+    if args.live and not args.json:
+        return _on_screen(args)
     options = None if args.no_invert else AnalysisOptions(seed=args.seed)
     lines = SessionLines(as_json=args.json, analysed=options is not None)
     ending = replay(
         args.survey,
         lines.tell,
-        speed=args.speed,
+        speed=args.speed or 0.0,
         options=options,
         setup=read_setup_file(args.setup) if args.setup else None,
         output=args.output,
@@ -24,3 +27,18 @@ def run(args: argparse.Namespace) -> int:
         control=stopped_by_signals,
     )
     return STATUS_OF_ENDING[ending]
+
+
+def _on_screen(args: argparse.Namespace) -> int:
+    from tui.screen.session.sources import ReplaySource
+    from tui.screen.show import show
+
+    source = ReplaySource(
+        Path(args.survey),
+        1.0 if args.speed is None else args.speed,
+        None if args.no_invert else AnalysisOptions(seed=args.seed),
+        setup=read_setup_file(args.setup) if args.setup else None,
+        output=Path(args.output) if args.output else None,
+        drops=args.drops,
+    )
+    return show(source, "replay")

@@ -1,0 +1,171 @@
+"""The pictures of the documentation, made by one command from a replay.
+
+A simulated instrument is measured at three points, the survey is replayed on the screen, and the
+screen is drawn as it stands. Nothing in a picture is made by hand.
+"""
+
+import argparse
+import asyncio
+import datetime
+import tempfile
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.output import Reporter
+from benchmarks.terminal_picture import runs_of_app, save_picture
+from pfwd_survey.files.editing import Edit, edit_survey
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.measure import measure
+from pfwd_survey.measuring.plan import SessionPlan
+from simulators.instrument import serve
+from tui.screen.app import PfwdApp
+from tui.screen.drawing.glyphs import BRAILLE
+from tui.screen.session.sources import ReplaySource, with_seating
+from tui.screen.settings import Settings
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
+POINTS = {"km 12+300": 58e6, "km 12+325": 39e6, "km 12+350": 47e6}
+"""Names and moduli of the simulated ground, Pa."""
+TARGET = 45e6
+DROPS = 6
+RATE = 8.0
+"""Times real time; the simulated drops do not depend on it."""
+LONGEST = 180.0
+"""s for one replay with all its searches."""
+CLOCK = datetime.datetime(2026, 5, 4, 14, 32, 7)
+
+
+def run(arguments: list[str]) -> int:
+    """``--output FOLDER`` (default docs/pictures), ``--format`` svg or png."""
+    parser = argparse.ArgumentParser(prog="pfwd bench pictures")
+    parser.add_argument("--output", type=Path, default=FOLDER)
+    parser.add_argument("--format", choices=["svg", "png"], default="svg")
+    parser.add_argument("--only", action="append", help="names of pictures")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args(arguments)
+    report = Reporter(arguments)
+    args.output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="pfwd-pictures-") as folder:
+        survey = Path(folder) / "Ring road"
+        _measure(survey)
+        for name, (size, settings, script) in PICTURES.items():
+            if args.only and name not in args.only:
+                continue
+            path = args.output / f"screen-{name}.{args.format}"
+            _draw(survey, size, settings, script, path)
+            report.record(picture=str(path), kilobytes=path.stat().st_size / 1e3)
+    return 0
+
+
+def _measure(survey: Path) -> None:
+    """Three points, three seating and three measured drops each."""
+    for name, modulus in POINTS.items():
+        scenario = {"base": "default", "soil": {"modulus": modulus}}
+        plan = with_seating(SessionPlan(point=name, drops=DROPS, options=AnalysisOptions()), 3)
+        with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:
+            measure(instrument.url, survey, lambda _: None, plan)
+    for place, name in enumerate(POINTS):
+        where = {"latitude": 48.1374 + 0.0002 * place, "longitude": 11.5755}
+        edit_survey(survey, [Edit("position", where)], name)
+
+
+Script = Callable[[PfwdApp, Any], Awaitable[None]]
+
+
+async def _page(app: PfwdApp, pilot: Any, *keys: str) -> None:
+    await pilot.press(*keys)
+    await pilot.pause(0.3)
+    await _wait(pilot, lambda: not app.busy_text())
+    app.say("")
+    app.redraw()
+    await pilot.pause(0.3)
+
+
+async def _wait(pilot: Any, holds: Callable[[], bool]) -> None:
+    for _ in range(int(LONGEST / 0.1)):
+        if holds():
+            return
+        await pilot.pause(0.1)
+    raise RuntimeError("a picture was not ready in time")
+
+
+async def _measured(app: PfwdApp, pilot: Any) -> None:
+    app.say("")
+    app.redraw()
+    await pilot.pause()
+
+
+async def _points(app: PfwdApp, pilot: Any) -> None:
+    await _page(app, pilot, "2", "down")
+
+
+async def _drop(app: PfwdApp, pilot: Any) -> None:
+    await _page(app, pilot, "3", *["right"] * 8)
+
+
+async def _diagnosis(app: PfwdApp, pilot: Any) -> None:
+    await _page(app, pilot, "4", "enter")
+
+
+async def _setup(app: PfwdApp, pilot: Any) -> None:
+    await _page(app, pilot, "5")
+
+
+async def _help(app: PfwdApp, pilot: Any) -> None:
+    await _page(app, pilot, "question_mark")
+
+
+PICTURES: dict[str, tuple[tuple[int, int], Settings, Script]] = {
+    "measure": ((120, 40), Settings(), _measured),
+    "small": ((80, 24), Settings(theme="daylight"), _measured),
+    "large": ((120, 40), Settings(theme="daylight", large=True), _measured),
+    "points": ((120, 34), Settings(), _points),
+    "drop": ((120, 44), Settings(), _drop),
+    "diagnosis": ((120, 34), Settings(), _diagnosis),
+    "setup": ((80, 24), Settings(), _setup),
+}
+
+
+def _draw(
+    survey: Path, size: tuple[int, int], settings: Settings, script: Script, path: Path
+) -> None:
+    running = script is _measured
+    source = ReplaySource(survey, 0.0, AnalysisOptions(), paused=running)
+    pace = source.pace
+    assert pace is not None
+    whole = len(POINTS) * DROPS
+    source.title = survey.name
+    app = PfwdApp(source, settings, TARGET, BRAILLE, save=lambda _: True, local_time=lambda: CLOCK)
+
+    async def body() -> None:
+        async with app.run_test(size=size) as pilot:
+            if running:  # as it looks while it runs: the last but one drop has just come
+                for count in range(1, whole - 1):
+                    pace.step()
+                    await _wait(pilot, lambda count=count: _safe(app) >= count)  # type: ignore[misc]
+                pace.speed = 1.0
+                pace.step()
+                await _wait(pilot, lambda: _safe(app) >= whole - 1 and _final(app))
+                pace.go_on()
+            else:
+                await _wait(pilot, lambda: app.state.ended is not None)
+                app.read_contents()
+                await pilot.pause(0.5)
+            await script(app, pilot)
+            save_picture(runs_of_app(app), size[0], path)
+
+    asyncio.run(body())
+
+
+def _safe(app: PfwdApp) -> int:
+    return sum(1 for _ in app.state.drops_in_order())
+
+
+def _final(app: PfwdApp) -> bool:
+    last = app.state.last
+    return last is not None and last.final and last.curves is not None
+
+
+if __name__ == "__main__":
+    run([])

@@ -1,0 +1,203 @@
+"""A terminal screen as a picture, cell by cell, looking alike on every machine.
+
+Letters come from the font that matplotlib brings; dots, blocks and lines are drawn as shapes, since
+few fonts have the dots. Nothing of a browser or a terminal is needed.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.color import Color
+from rich.style import Style
+
+CELL_WIDTH, CELL_HEIGHT = 8.0, 17.0
+"""Pixels."""
+
+FONT_SIZE = CELL_WIDTH * 2048 / 1233
+"""Pixels; the letters of DejaVu Sans Mono are 1233 of 2048 units wide: as wide as a cell then."""
+
+DOTS = ((0x01, 0, 0), (0x02, 0, 1), (0x04, 0, 2), (0x40, 0, 3),
+        (0x08, 1, 0), (0x10, 1, 1), (0x20, 1, 2), (0x80, 1, 3))  # fmt: skip
+"""Bit, column and row of the dots of a braille letter."""
+
+EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+STROKES = {
+    "─": (1, 1, 0, 0),
+    "│": (0, 0, 1, 1),
+    "┤": (1, 0, 1, 1),
+    "┼": (1, 1, 1, 1),
+}
+"""Whether a line goes to the left, to the right, up, down."""
+
+FOREGROUND, BACKGROUND = "#e6e6e6", "#101418"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Letters of one style in a row."""
+
+    column: int
+    text: str
+    foreground: str
+    background: str
+    bold: bool
+    underline: bool
+
+
+def runs_of(segments: Iterable[tuple[str, Style | None]]) -> list[Run]:
+    """The runs of a line of styled text."""
+    runs, column = [], 0
+    for text, style in segments:
+        look = style or Style()
+        fore, back = _hex(look.color, FOREGROUND), _hex(look.bgcolor, BACKGROUND)
+        if look.reverse:
+            fore, back = back, fore
+        runs.append(Run(column, text, fore, back, bool(look.bold), bool(look.underline)))
+        column += len(text)
+    return runs
+
+
+def _hex(color: Color | None, default: str) -> str:
+    if color is None or color.is_default:
+        return default
+    red, green, blue = color.get_truecolor()
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> None:
+    """Write a picture, by the ending of its name: .svg or .png."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    mpl.rcParams["svg.hashsalt"] = "pfwd"  # the same screen gives the same file
+    width, height = columns * CELL_WIDTH, len(lines) * CELL_HEIGHT
+    figure = plt.figure(figsize=(width / 72, height / 72), dpi=144)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(0, width)
+    axes.set_ylim(height, 0)
+    axes.axis("off")
+    back = lines[0][0].background if lines and lines[0] else BACKGROUND
+    figure.patch.set_facecolor(_commonest(lines) or back)
+    shapes = _Shapes(axes)
+    for row, runs in enumerate(lines):
+        for run in runs:
+            _draw_run(shapes, axes, run, row, figure.get_facecolor())
+    shapes.finish()
+    metadata = {"Date": None} if path.suffix == ".svg" else {}
+    figure.savefig(path, metadata=metadata, facecolor=figure.get_facecolor())
+    plt.close(figure)
+
+
+def _commonest(lines: Sequence[Sequence[Run]]) -> str | None:
+    counts: dict[str, int] = {}
+    for runs in lines:
+        for run in runs:
+            counts[run.background] = counts.get(run.background, 0) + len(run.text)
+    return max(counts, key=lambda color: counts[color]) if counts else None
+
+
+class _Shapes:
+    """Rectangles by colour, drawn as one path each: a picture has thousands."""
+
+    def __init__(self, axes: Any) -> None:
+        self._axes = axes
+        self._below: dict[str, list[tuple[float, float, float, float]]] = {}
+        self._above: dict[str, list[tuple[float, float, float, float]]] = {}
+
+    def add(self, color: str, x: float, y: float, w: float, h: float, *, below: bool) -> None:
+        """One more."""
+        (self._below if below else self._above).setdefault(color, []).append((x, y, w, h))
+
+    def finish(self) -> None:
+        """Draw them."""
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path as Outline
+
+        for order, shapes in ((0, self._below), (2, self._above)):
+            for color, boxes in shapes.items():
+                points, codes = [], []
+                for x, y, w, h in boxes:
+                    points += [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
+                    codes += [1, 2, 2, 2, 79]
+                patch = PathPatch(Outline(points, codes), color=color, lw=0, zorder=order)
+                self._axes.add_patch(patch)
+
+
+def _draw_run(shapes: _Shapes, axes: Any, run: Run, row: int, ground: Any) -> None:
+    from matplotlib.colors import to_hex
+
+    x, y = run.column * CELL_WIDTH, row * CELL_HEIGHT
+    if run.background != to_hex(ground):
+        shapes.add(run.background, x, y, len(run.text) * CELL_WIDTH, CELL_HEIGHT, below=True)
+    for start, words in _words(shapes, run, x, y):
+        axes.text(
+            x + start * CELL_WIDTH,
+            y + 0.76 * CELL_HEIGHT,
+            words,
+            color=run.foreground,
+            family="DejaVu Sans Mono",
+            size=FONT_SIZE,
+            weight="bold" if run.bold else "normal",
+            ha="left",
+            va="baseline",
+            zorder=3,
+            parse_math=False,
+        )
+    if run.underline:
+        length = len(run.text) * CELL_WIDTH
+        shapes.add(run.foreground, x, y + 0.9 * CELL_HEIGHT, length, 1.0, below=False)
+
+
+def _words(shapes: _Shapes, run: Run, x: float, y: float) -> list[tuple[int, str]]:
+    """Column and letters of what is text in a run; the rest is drawn as shapes."""
+    found: list[tuple[int, str]] = []
+    for place, letter in enumerate(run.text):
+        drawn = _shape(shapes, letter, run.foreground, x + place * CELL_WIDTH, y)
+        if drawn or letter == " ":
+            continue
+        if found and found[-1][0] + len(found[-1][1]) == place:
+            found[-1] = found[-1][0], found[-1][1] + letter
+        else:
+            found.append((place, letter))
+    return found
+
+
+def _shape(shapes: _Shapes, letter: str, color: str, x: float, y: float) -> bool:
+    """Whether a letter is one of those that are drawn."""
+    w, h = CELL_WIDTH, CELL_HEIGHT
+    code = ord(letter)
+    if 0x2800 <= code < 0x2900:
+        size = 2.2
+        for bit, column, line in DOTS:
+            if code - 0x2800 & bit:
+                at = x + (column + 0.5) * w / 2, y + (line + 0.5) * h / 4
+                shapes.add(color, at[0] - size / 2, at[1] - size / 2, size, size, below=False)
+        return True
+    if letter in EIGHTHS and letter != " ":
+        part = EIGHTHS.index(letter) / 8
+        shapes.add(color, x, y + h * (1 - part), w, h * part, below=False)
+        return True
+    if letter in STROKES:
+        left, right, up, down = STROKES[letter]
+        middle = x + w / 2, y + h / 2
+        if left or right:
+            start, end = (x if left else middle[0]), (x + w if right else middle[0])
+            shapes.add(color, start, middle[1] - 0.5, end - start, 1.0, below=False)
+        if up or down:
+            start, end = (y if up else middle[1]), (y + h if down else middle[1])
+            shapes.add(color, middle[0] - 0.5, start, 1.0, end - start, below=False)
+        return True
+    return False
+
+
+def runs_of_app(app: Any) -> list[list[Run]]:
+    """What an application of Textual shows now."""
+    lines = []
+    for strip in app.screen._compositor.render_strips():
+        lines.append(runs_of((segment.text, segment.style) for segment in strip))
+    return lines

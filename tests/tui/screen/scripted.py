@@ -1,0 +1,299 @@
+"""Events whose contents are known here, and sources that say nothing by themselves."""
+
+import asyncio
+import datetime
+import math
+import threading
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfwd_device.acquisition.items import Samples
+from pfwd_device.drop import Channel, Drop
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.wire.messages import Status
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.measuring.events import (
+    DropAnalysed,
+    DropSaved,
+    HandedOn,
+    InstrumentReady,
+    InstrumentStatus,
+    LiveSamples,
+)
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from tui.screen.app import PfwdApp
+from tui.screen.drawing.glyphs import BRAILLE, Glyphs
+from tui.screen.settings import Settings
+
+NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
+SETUP = Setup(plate_radius=0.15, plate_mass=10.0, poisson_ratio=0.35, seating_drops=3)
+IDENTITY = Identity(
+    serial_number="T-1042",
+    model="Test",
+    firmware="1.0",
+    sampling_rate=10_000.0,
+    adc_bits=24,
+    adc_range=8.0,
+    channels=(
+        ChannelIdentity("load", Role.LOAD, sensitivity=8.0 / 2**23, due=datetime.date(2027, 3, 2)),
+        ChannelIdentity("g0", Role.GEOPHONE, natural_frequency=4.5, damping=0.6),
+    ),
+    plate_radius=0.15,
+    plate_mass=10.0,
+)
+
+
+def ready(identity: Identity = IDENTITY, *, again: bool = False, **more: Any) -> InstrumentReady:
+    known: dict[str, Any] = {"differences": (), "warnings": ()} | more
+    return InstrumentReady(
+        "/dev/ttyUSB0", identity, SETUP, known["differences"], known["warnings"], again
+    )
+
+
+def status(lost: float = 0, battery: float | None = 7.4) -> InstrumentStatus:
+    said = Status(1, battery, 21.0, 0, True)
+    return InstrumentStatus(said, {"samples_lost": lost, "instrument_overruns": 0, "drift": None})
+
+
+def samples(peak: float = 0.0, first: int = 0, *, shunt: bool = False) -> LiveSamples:
+    """0.1 s; the load of one sample in their middle has a peak of so many N."""
+    counts = np.zeros((1000, 2), np.int32)
+    counts[500, 0] = round(peak)  # a count is a newton
+    utc = NOON.replace(tzinfo=datetime.UTC)
+    return LiveSamples(Samples(7, first, counts, shunt, 0.0, utc), IDENTITY)
+
+
+def drop(number: int, peak: float = 9900.0) -> Drop:
+    time = np.arange(-200, 1000) / 10_000
+    pulse = np.where((time > 0) & (time < 0.0133), np.sin(np.pi * time / 0.0133), 0.0)
+    return Drop(number, time, peak * pulse, (Channel(0.0, "displacement", 6.4e-4 * pulse),))
+
+
+def handed_on(
+    number: int = 1,
+    point: str = "7",
+    *,
+    status: str = "measured",
+    reason: str | None = None,
+    record: int | None = None,
+) -> HandedOn:
+    return HandedOn(
+        point,
+        number,
+        number if record is None else record,
+        f"survey/drops/drop-{number:06d}.h5",
+        drop(number),
+        SETUP,
+        Screening(status, reason),  # type: ignore[arg-type]
+    )
+
+
+def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:
+    marks = more.pop("marks", ())
+    return DropSaved(handed_on(number, point, **more), marks)
+
+
+def result(modulus: float | None = 47.3e6, **more: Any) -> dict[str, Any]:
+    known: dict[str, Any] = {
+        "status": "measured",
+        "method": "least-squares",
+        "model": "layer",
+        "modulus_pa": modulus,
+        "modulus_sd_pa": 0.1e6,
+        "modulus_interval_pa": modulus and [modulus - 0.6e6, modulus + 0.6e6],
+        "viscosity_pa_s": 54e3,
+        "viscosity_sd_pa_s": 3e3,
+        "density_kg_m3": 1980.0,
+        "density_sd_kg_m3": 40.0,
+        "bedrock_depth_m": 1.02,
+        "bedrock_depth_sd_m": 0.03,
+        "modulus_depth_correlation": -0.3,
+        "poisson_ratio": 0.35,
+        "plate_radius_m": 0.15,
+        "plate": "rigid-rough",
+        "load": "measured",
+        "half_sine": {
+            "peak_pressure_pa": 9900 / (math.pi * 0.15**2),
+            "duration_s": 0.0133,
+            "rms_over_peak": 0.004,
+        },
+        "peak_modulus_pa": 49.1e6,
+        "peak_factor": 1.571,
+        "r_squared": 0.99991,
+        "noise_rms_m": 1e-6,
+        "residual_rms_over_peak": 0.004,
+        "contact_residual_rms_over_peak": 0.003,
+        "explained": True,
+        "converged": True,
+        "at_bound": [],
+        "forward_solves": 800,
+        "elapsed_s": 0.2,
+        "seed": 0,
+        "warnings": [],
+    }
+    return known | more
+
+
+def curves() -> Curves:
+    one = drop(1)
+    observed = one.channels[0].values
+    return Curves(
+        one.time,
+        one.load,
+        one.load,
+        observed[None, :],
+        0.99 * observed[None, :],
+        np.zeros(1),
+        0.04,
+        0.0133,
+    )
+
+
+def analysed(
+    number: int = 1,
+    point: str = "7",
+    *,
+    full: bool = True,
+    record: int | None = None,
+    kind: str = "measured",
+    **more: Any,
+) -> DropAnalysed:
+    one = handed_on(number, point, record=record, status=kind)
+    found = result(**more)
+    drawn = curves() if found["modulus_pa"] is not None else None
+    return DropAnalysed(one, 0.2, found, drawn, full, full)
+
+
+class Session:
+    """Stands for a session: notes what it is asked."""
+
+    def __init__(self, point: str = "7") -> None:
+        self.point = point
+        self.asked: list[tuple[Any, ...]] = []
+        self.stopped = threading.Event()
+
+    def ask(self, request: Callable[["Session"], None]) -> None:
+        request(self)
+
+    def set_point(self, name: str) -> None:
+        self.asked.append(("point", name))
+
+    def edit(self, edit: Any, *, point: str | None = None, number: int | None = None) -> None:
+        self.asked.append((edit.what, edit.value, point, number))
+
+    def keep_result(self, number: int, kept: Any) -> None:
+        self.asked.append(("result", number, kept))
+
+    def trigger(self) -> None:
+        self.asked.append(("trigger",))
+
+    def stop(self) -> None:
+        self.stopped.set()
+
+
+class QuietSource:
+    """A session that does nothing until it is stopped."""
+
+    pace = None
+    writes = True
+
+    def __init__(self, survey: Path | None = None, *, title: str = "Ring road km 12") -> None:
+        self.title, self.survey = title, survey
+        self.plan = SessionPlan()
+        self.url = "/dev/ttyUSB0"
+        self.session = Session()
+        self.starts = 0
+
+    def run(self, listener: Any, control: Any) -> Ending:
+        self.starts += 1
+        self.session.stopped.clear()
+        with control(self.session):
+            self.session.stopped.wait(60)
+        return Ending.DONE
+
+    def close(self) -> None:
+        pass
+
+
+class App(PfwdApp):
+    """The application with nothing that differs from run to run, and a bell that is heard."""
+
+    def __init__(
+        self,
+        source: Any = None,
+        settings: Settings | None = None,
+        glyphs: Glyphs = BRAILLE,
+        **more: Any,
+    ) -> None:
+        self.kept: list[Settings] = []
+
+        def save(kept: Settings) -> bool:
+            self.kept.append(kept)
+            return True
+
+        super().__init__(
+            source or QuietSource(),
+            settings,
+            glyphs=glyphs,
+            save=save,
+            local_time=lambda: NOON,
+            **more,
+        )
+        self.bells = 0
+
+    def bell(self) -> None:
+        self.bells += 1
+
+    @property
+    def text(self) -> str:
+        """What is on the terminal, whatever the page is made of."""
+        strips = self.screen._compositor.render_strips()
+        return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
+
+
+Script = Callable[[App, Any], Awaitable[None]]
+
+
+def play(app: App, script: Script, size: tuple[int, int] = (120, 40)) -> App:
+    """Run a script against the application, without a terminal."""
+
+    async def body() -> None:
+        async with app.run_test(size=size) as pilot:
+            await until(pilot, lambda: app.state.session is not None or app.state.ended is not None)
+            await script(app, pilot)
+
+    asyncio.run(body())
+    return app
+
+
+async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Wait for something; a test must say what it waits for."""
+    for _ in range(int(seconds / 0.05)):
+        if holds():
+            return
+        await pilot.pause(0.05)
+    raise AssertionError("it did not come")
+
+
+async def told(app: App, pilot: Any, *events: Any) -> None:
+    """Have events taken and drawn."""
+    for event in events:
+        app.runner.put(event)
+    await until(pilot, lambda: not app.runner.waiting)
+    await pilot.pause(0.15)
+    app.redraw()
+    await pilot.pause()
+
+
+def whole_point() -> list[Any]:
+    """Three seating and three measured drops."""
+    events: list[Any] = [ready(), status()]
+    for number in range(1, 7):
+        kind = "seating" if number <= 3 else "measured"
+        events += [saved(number, status=kind), analysed(number, modulus=47e6 + 1e5 * number)]
+    return events

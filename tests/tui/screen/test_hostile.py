@@ -1,0 +1,147 @@
+"""Text from device, files and operator reaches neither mark-up nor the terminal's controls."""
+
+import datetime
+import logging
+import re
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_survey.measuring.contents import PointContents
+from pfwd_survey.measuring.events import InstrumentLost, Notice
+from tests.tui.screen.scripted import (
+    NOON,
+    App,
+    QuietSource,
+    analysed,
+    play,
+    ready,
+    result,
+    saved,
+    status,
+    told,
+)
+from tui.log_file import close_log, open_log
+from tui.screen.session.event_log import log_event
+from tui.screen.session.state import ContentsRead, Diagnosed, Refitted, SessionEnded
+
+HOSTILE = [
+    "[/",
+    "[/bold]",
+    "[red]x[/blue]",
+    "[link=file:///x]a[/link]",
+    "[@click=app.quit]go[/]",
+    "[true, false]",
+    "\x1b]0;OWNED\x07",
+    "\x1b[2J",
+    "\x9b31m",
+    "\u202eelpmis",
+    "a\x00b\r\nc\td",
+    "\u2028next",
+    "$d {0} %s",
+    "\N{GRINNING FACE}" * 20,
+    "\N{CJK UNIFIED IDEOGRAPH-4E2D}" * 40,
+]
+
+
+def harmless(text: str) -> bool:
+    return all(unicodedata.category(letter) not in ("Cc", "Cf", "Zl", "Zp") for letter in text)
+
+
+def events(text: str) -> list[Any]:
+    identity = Identity(
+        serial_number=text[:32],
+        model=text[:32],
+        firmware=text[:32],
+        sampling_rate=1e4,
+        adc_bits=24,
+        adc_range=8.0,
+        channels=(ChannelIdentity(text[:32], Role.LOAD), ChannelIdentity("g", Role.GEOPHONE)),
+        plate_radius=0.15,
+    )
+    point = PointContents(text[:60], text, False, (text,), None, None, {}, ())
+    record = {
+        "file": text,
+        "device": text,
+        "drops": [1],
+        "rejected": [text],
+        "verdict": "unexplained",
+        "noise_rms_m": None,
+        "before": None,
+        "after": None,
+        "effects": [],
+        "held_out": None,
+        "warnings": [text],
+    }
+    return [
+        ready(identity, differences=(text,), warnings=(text,)),
+        status(),
+        saved(1, marks=(text,)),
+        analysed(1, warnings=[text], at_bound=[text], model=text, plate=text, method=text),
+        saved(2, status="rejected", reason=text),
+        ContentsRead((point,), drops=True),
+        Refitted("7", 1, text, result(refit=text), None),
+        Diagnosed("survey", (record,)),
+        Notice(text, serious=True),
+        InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
+        SessionEnded(None, text, 2.0, no_device=True),
+    ]
+
+
+@pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
+def test_no_page_is_moved_by_what_it_shows(text: str) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        *first, last = events(text)
+        await told(app, pilot, *first)
+        assert harmless(app.text.replace("\n", ""))
+        await told(app, pilot, last)
+        assert harmless(app.text.replace("\n", ""))
+        for keys in (["1"], ["2"], ["3"], ["4"], ["escape", "question_mark"]):
+            await pilot.press(*keys)
+            await pilot.pause(0.1)
+            app.redraw()
+            assert harmless(app.text.replace("\n", ""))
+        assert app._exception is None
+
+    source = QuietSource(title=text)
+    source.survey = Path("survey")
+    source.session.point = "7"
+    play(App(source), script)
+
+
+@pytest.mark.parametrize("text", HOSTILE[:8], ids=range(8))
+def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), saved(1))
+        app.state.current.title = text
+        await pilot.press("n")
+        await pilot.pause(0.1)
+        assert harmless(app.text.replace("\n", ""))
+        await pilot.press("escape", "5")
+        await pilot.pause(0.2)
+        page: Any = app.screen
+        page._found([(text, "/dev/ttyUSB9", True)])
+        app.say(text)
+        page.draw()
+        await pilot.pause(0.1)
+        assert harmless(app.text.replace("\n", ""))
+
+    play(App(), script)
+
+
+def test_the_log_has_one_line_an_event_whatever_it_says(tmp_path: Path) -> None:
+    handler = open_log(tmp_path)
+    try:
+        for text in HOSTILE:
+            for event in events(text):
+                log_event(event)
+    finally:
+        close_log(handler)
+        logging.getLogger().setLevel(logging.WARNING)
+    lines = (tmp_path / "log" / "pfwd.log").read_text(encoding="utf-8").split("\n")
+    assert len(lines) > 60
+    assert all(harmless(line) for line in lines)
+    assert all(re.match(r"\d{4}-\d\d-\d\dT|    ", line) for line in lines[:-1])

@@ -1,0 +1,97 @@
+"""Lines of text: harmless, fitted, never with a number cut."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tui.screen.drawing.blocks import Column, Row, table_lines, window
+from tui.screen.drawing.lines import (
+    cell,
+    fit,
+    flow,
+    piece,
+    shorten,
+    text_of,
+    width_of,
+    wrap,
+)
+
+
+def test_control_characters_are_replaced_where_text_enters() -> None:
+    shown = cell("a\x1b]0;owned\x07b").text
+    assert shown == "a?]0;owned?b".replace("?", "\N{REPLACEMENT CHARACTER}")
+
+
+def test_the_least_important_piece_goes_first_and_whole() -> None:
+    pieces = [piece(0, "lost 0"), piece(2, "battery 7.4 V"), piece(1, "10 kHz")]
+    assert text_of(fit(pieces, 80)) == "lost 0  battery 7.4 V  10 kHz"
+    assert text_of(fit(pieces, 20)) == "lost 0  10 kHz"
+    assert text_of(fit(pieces, 10)) == "lost 0"
+
+
+@given(st.integers(1, 120), st.integers(1, 4))
+def test_what_is_fitted_is_never_wider_and_every_piece_is_whole(width: int, rows: int) -> None:
+    texts = ["alpha 1.25", "beta 2", "gamma 333.1", "delta"]
+    lines = flow([piece(rank, text) for rank, text in enumerate(texts)], width, rows)
+    assert len(lines) <= rows
+    assert all(width_of(one) <= width for one in lines)
+    shown = [part for one in lines for part in text_of(one).split("  ") if part]
+    assert set(shown) <= set(texts)
+
+
+@given(st.text(max_size=200), st.integers(3, 60))
+def test_wrapped_text_fits_and_loses_no_word(text: str, width: int) -> None:
+    safe = cell(text).text
+    lines = wrap(safe, width)
+    assert all(width_of([cell(one)]) <= width for one in lines)
+    if all(len(word) <= width and word.isascii() for word in safe.split()):
+        assert " ".join(lines).split() == safe.split()
+
+
+def test_only_free_text_is_shortened_and_it_shows() -> None:
+    assert shorten("a very long name of a place", 12) == "a very lon.."
+    assert shorten("short", 12) == "short"
+    assert shorten("3 rebounds (4.6, 1.75, 0.59 kN)", 21) == "3 rebounds (4.6,.."
+
+
+COLUMNS = [
+    Column("drop", 0),
+    Column("E MPa", 1),
+    Column("defl µm", 3),
+    Column("remark", 2, free=True),
+]
+ROWS = [
+    Row(("1", "47.31", "641", "permanent set of the plate"), key=1),
+    Row(("12", "1234.5", "12.25", "safe"), chosen=True, key=12),
+]
+
+
+@pytest.mark.parametrize("width", range(10, 80))
+def test_no_number_of_a_table_is_cut_at_any_width(width: int) -> None:
+    lines = [text_of(one) for one in table_lines(COLUMNS, ROWS, width)]
+    for numbers in zip(*(row.texts[:3] for row in ROWS), strict=True):
+        shown = [any(number in line.split() for line in lines) for number in numbers]
+        digits = [number[:3] in " ".join(lines) for number in numbers]
+        assert all(shown) or not any(digits), numbers
+    assert all(len(line) <= max(width, 5) for line in lines)
+
+
+def test_columns_leave_by_their_rank() -> None:
+    wide = text_of(table_lines(COLUMNS, ROWS, 60)[0])
+    narrow = text_of(table_lines(COLUMNS, ROWS, 24)[0])
+    assert "defl" in wide
+    assert "defl" not in narrow
+    assert "E MPa" in narrow
+
+
+def test_the_chosen_row_is_marked_by_a_sign_not_by_colour_alone() -> None:
+    lines = [text_of(one) for one in table_lines(COLUMNS, ROWS, 60)]
+    assert lines[2].startswith("▶")
+    assert not lines[1].startswith("▶")
+
+
+def test_the_window_holds_the_chosen_row_and_else_the_newest() -> None:
+    assert list(window(10, None, 3)) == [7, 8, 9]
+    assert list(window(10, 2, 3)) == [0, 1, 2]
+    assert list(window(10, 5, 3)) == [3, 4, 5]
+    assert list(window(2, None, 3)) == [0, 1]

@@ -1,0 +1,144 @@
+"""The measure page as text, at every size: a few whole pictures, and what must always hold."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd_survey.measuring.live_trace import Envelope
+from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
+from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
+from tui.screen.drawing.lines import text_of, width_of
+from tui.screen.pages.measure import MeasurePage
+from tui.screen.pages.measure_view import MeasureView, measure_lines
+from tui.screen.session.state import SessionBegan, SessionState
+from tui.screen.session.words import word_of
+from tui.screen.units import SI, US, Units
+
+PICTURES = Path(__file__).with_name("pictures")
+SIZES = [(80, 24), (120, 40), (200, 60)]
+
+
+def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any) -> MeasureView:
+    state = SessionState(target=45e6, clock=lambda: 1.0)
+    state.take(SessionBegan(Session(), "7"))
+    for event in events:
+        state.take(event)
+    rest = np.zeros((500, 2))
+    envelope = Envelope(0.01, rest, rest, 50_000, "m/s")
+    word = word_of(state, 100.0)
+    return MeasureView(
+        state,
+        word,
+        units,
+        glyphs,
+        envelope,
+        "12:00:07",
+        "Ring road km 12",
+        MeasurePage.KEYS,
+        **more,
+    )
+
+
+def text(shown: MeasureView, size: tuple[int, int]) -> str:
+    return "\n".join(text_of(one).rstrip() for one in measure_lines(shown, *size)) + "\n"
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_page_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
+    """Run with PFWD_NEW_PICTURES=1 to take new ones, then look at the difference."""
+    shown = text(view(*whole_point()), size)
+    file = PICTURES / f"measure-{size[0]}x{size[1]}.txt"
+    if os.environ.get("PFWD_NEW_PICTURES"):
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(shown, encoding="utf-8")
+    assert shown == file.read_text(encoding="utf-8")
+
+
+CASES = {
+    "nothing": [],
+    "ready": [ready(), status()],
+    "rejected": [ready(), saved(1, status="rejected", reason="false trigger: 1.10 kN")],
+    "first answer": [ready(), saved(1), analysed(1, full=False)],
+    "whole": whole_point(),
+    "bound": [ready(), saved(1), analysed(1, at_bound=["modulus"], explained=False)],
+    "many": [event for n in range(1, 30) for event in (saved(n), analysed(n))],
+    "long": [ready(), saved(1, "a very long name of a point, as long as one can be, 64 letter")],
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("size", [*SIZES, (60, 20), (100, 30), (99, 29), (132, 43), (40, 12)])
+@pytest.mark.parametrize("large", [False, True])
+def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], large: bool) -> None:
+    lines = measure_lines(view(*CASES[case], large=large), *size)
+    assert len(lines) == size[1]
+    assert [width_of(one) for one in lines if width_of(one) > size[0]] == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("large", [False, True])
+def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: bool) -> None:
+    shown = text(view(*whole_point(), large=large), size)
+    for part in ("MPa", "layer", "rigid-rough plate", "radius 150 mm", "Poisson's ratio 0.35"):
+        assert part in shown
+    for part in ("± for 95 %", "POINT DONE", "(3/3)", "target 45.0 MPa", "mean of 3"):
+        assert part in shown
+    assert "47.6" in shown  # of the last drop, in the table
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_bounds_and_unexplained_residuals_are_told_in_words(size: tuple[int, int]) -> None:
+    shown = " ".join(text(view(*CASES["bound"]), size).replace("│", " ").split())
+    assert "UNEXPLAINED" in shown
+    assert "AT BOUND" in shown
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_rejected_drop_says_why_in_words(size: tuple[int, int]) -> None:
+    shown = text(view(*CASES["rejected"]), size)
+    assert "REPEAT" in shown
+    assert "false trigger: 1.10 kN" in shown
+
+
+def test_us_customary_units_are_everywhere() -> None:
+    shown = text(view(*whole_point(), units=US), (120, 40))
+    for part in ("ksi", "lbf", "mil", "in/s", "radius 5.91 in"):
+        assert part in shown
+    for part in ("MPa", "kN", "µm", "mm"):
+        assert part not in shown
+
+
+def test_in_ascii_there_is_nothing_else() -> None:
+    shown = text(view(*whole_point(), glyphs=ASCII), (120, 40))
+    assert ASCII.shown(shown.replace("\n", " ").replace("ν", "n")).isascii()
+    assert not any(0x2800 <= ord(letter) < 0x2900 for letter in shown)
+
+
+def test_the_curves_of_the_fit_are_told_apart_by_their_form() -> None:
+    shown = text(view(*whole_point()), (120, 40))
+    assert "─── measured" in shown
+    assert "- - fitted" in shown
+
+
+def test_a_message_is_shown_whole() -> None:
+    said = "the analysis ended by itself twice; the drop is safe, invert it again later"
+    for size in SIZES:
+        shown = " ".join(text(view(*whole_point(), message=said), size).split())
+        assert said in shown
+
+
+def test_a_chosen_drop_is_the_one_that_is_shown() -> None:
+    shown = text(view(*whole_point(), chosen=2), (120, 40))
+    assert "modulus, drop 2" in shown
+    assert "▶   2" in shown
+
+
+def test_next_action_and_keys_are_always_there() -> None:
+    for case in CASES.values():
+        for size in SIZES:
+            lines = text(view(*case), size).splitlines()
+            assert "n next point" in lines[-1]
+            assert any("▶" in one for one in lines[:4])

@@ -1,0 +1,490 @@
+"""Every page, driven by keys, with events of a session that is not there."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.widgets import Input, Label, Select
+
+from pfwd_survey.measuring.contents import DropContents, PointContents
+from pfwd_survey.measuring.events import DropNotSaved, Notice, PointBegan, Ready
+from pfwd_survey.measuring.pace import Pace
+from tests.tui.screen.scripted import (
+    App,
+    QuietSource,
+    analysed,
+    curves,
+    play,
+    ready,
+    result,
+    saved,
+    status,
+    told,
+    until,
+    whole_point,
+)
+from tui.screen.session.state import ContentsRead, Diagnosed, Refitted
+from tui.screen.settings import Settings
+
+SIZES = [(80, 24), (120, 40), (200, 60)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_measure_page_follows_the_session(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        assert "WAITING" in app.text
+        await told(app, pilot, ready(), status(), Ready())
+        assert "READY" in app.text
+        assert "T-1042" in app.text
+        await told(app, pilot, saved(1, status="seating"))
+        assert "COMPUTING" in app.text
+        await told(app, pilot, analysed(1, full=False, kind="seating"))
+        assert "SAFE" in app.text
+        assert "47.3" in app.text
+        await told(app, pilot, *whole_point())
+        await until(pilot, lambda: "POINT DONE" in app.text)  # after SAFE
+
+    play(App(), script, size)
+
+
+def test_a_safe_drop_rings_once_and_a_rejected_one_twice() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), saved(1))
+        assert app.bells == 1
+        await told(app, pilot, saved(2, status="rejected", reason="false trigger"))
+        await until(pilot, lambda: app.bells == 3)
+        await pilot.press("b")
+        await told(app, pilot, saved(3))
+        assert app.bells == 3
+
+    app = play(App(), script)
+    assert [kept.bell for kept in app.kept] == [False]
+
+
+def test_discarding_is_said_to_the_session_and_taken_back() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("up", "d")
+        assert app.source.session.asked == [("discard", "by the operator", None, 5)]  # type: ignore[attr-defined]
+        await pilot.press("u")
+        assert app.source.session.asked[1] == ("restore", None, None, 5)  # type: ignore[attr-defined]
+        await pilot.press("u")
+        assert len(app.source.session.asked) == 2  # type: ignore[attr-defined]
+        app.redraw()
+        await pilot.pause()
+        assert "nothing to take back" in app.text
+
+    play(App(), script)
+
+
+def test_the_next_point_is_named_by_counting_on() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("n")
+        assert app.screen.query_one("#text", Input).value == "8"
+        await pilot.press("enter")
+        assert app.source.session.asked == [("point", "8")]  # type: ignore[attr-defined]
+        await told(app, pilot, PointBegan("8"))
+        assert "no drops at this point yet" in app.text
+        await pilot.press("n", "backspace", "enter")
+        assert "1 to 64 characters" in app.text
+        await pilot.press("escape")
+        assert len(app.source.session.asked) == 1  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+def test_a_drop_can_be_recorded_by_hand() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("g")
+        assert app.source.session.asked == [("trigger",)]  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+def contents() -> ContentsRead:
+    first = tuple(DropContents(n, n, False, (), result(40e6 + n * 1e6), 2) for n in range(1, 4))
+    return ContentsRead(
+        (
+            PointContents("6", "km 12+300", False, (), (48.1, 11.5), 45e6, {}, first),
+            PointContents("7", "7", False, (), None, None, {}, ()),
+        ),
+        drops=True,
+    )
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, contents(), *whole_point())
+        await pilot.press("2")
+        await pilot.pause(0.1)
+        app.redraw()
+        await pilot.pause()
+        assert "km 12+300" in app.text
+        assert "modulus along the line" in app.text or size[1] < 30
+        await pilot.press("home", "enter")
+        await pilot.pause()
+        assert "point km 12+300" in app.text
+        await pilot.press("escape", "end", "enter", "up", "enter")
+        await pilot.pause(0.1)
+        assert "Drop 5 of point 7" in app.text
+
+    play(App(), script, size)
+
+
+def test_what_is_said_of_a_point_reaches_the_survey() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "m", *"50", "enter")
+        await pilot.press("o", *"48.1,11.5", "enter")
+        await pilot.press("e", *"wet", "enter")
+        await pilot.press("a", *"B1", "enter")
+        await pilot.press("d")
+        assert app.source.session.asked == [  # type: ignore[attr-defined]
+            ("target", 50e6, "7", None),
+            ("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
+            ("note", "wet", "7", None),
+            ("name", "B1", "7", None),
+            ("discard", None, "7", None),
+        ]
+
+    play(App(), script)
+
+
+def test_a_wrong_position_is_told_while_it_is_typed() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "o", *"99,11", "enter")
+        assert "degrees" in app.text
+        assert app.source.session.asked == []  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("enter")
+        await pilot.pause(0.1)
+        shown = " ".join(app.text.replace("│", " ").split())
+        for part in ("Drop 6 of point 7", "result that counts", "modulus 47.60 ± 0.60 MPa"):
+            assert part in shown
+        seen = shown
+        for _ in range(8):
+            await pilot.press("pagedown")
+            await pilot.pause()
+            seen += " " + " ".join(app.text.replace("│", " ").split())
+        for part in ("viscosity", "correlation", "seed 0", "results", "v asks for them"):
+            assert part in seen
+        await pilot.press("right", "right")
+        await pilot.pause()
+        assert "residual -" in app.text
+        before = app.text
+        await pilot.press("z")
+        await pilot.pause()
+        assert app.text != before
+        await pilot.press("tab", "tab", "tab", "tab")
+        await pilot.pause()
+        assert "spectrum" in app.text
+        await pilot.press("up")
+        await pilot.pause()
+        assert "Drop 5 of point 7" in app.text
+
+    play(App(), script, size)
+
+
+def test_a_refit_stands_beside_the_result_that_counts() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("3")
+        trial = result(39e6, refit="half-space")
+        await told(app, pilot, Refitted("7", 6, "half-space", trial, curves()))
+        drop = app.state.current.drops[6]
+        assert drop.modulus == 47.6e6
+        assert ("result", 6, trial) in app.source.session.asked  # type: ignore[attr-defined]
+        await pilot.press("m")
+        await pilot.pause()
+        assert "refit: half-space" in app.text
+        await pilot.press("m")
+        await pilot.pause()
+        assert "result that counts" in app.text
+
+    play(App(), script)
+
+
+def test_the_refit_dialog_refuses_what_contradicts_itself() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked: list[Any] = []
+        app.refit = lambda one, options, label: asked.append((one.number, label))  # type: ignore[method-assign]
+        await told(app, pilot, *whole_point())
+        await pilot.press("r")
+        await until(pilot, lambda: bool(app.screen.query("#model")))
+        app.screen.query_one("#model", Select).value = "half-space"
+        app.screen.query_one("#depth", Input).value = "1.2"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        remark = app.screen.query_one("#remark", Label)
+        assert "one of the two" in str(remark.content)
+        assert asked == []
+        app.screen.query_one("#depth", Input).value = "none"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await pilot.pause()
+        assert asked == [(6, "half-space, bedrock none")]
+
+    play(App(), script)
+
+
+RECORD = {
+    "file": "survey",
+    "device": "T-1042",
+    "drops": [4, 5, 6],
+    "rejected": [],
+    "verdict": "explained",
+    "corrected": True,
+    "noise_rms_m": 1e-6,
+    "before": {
+        "model": "half-space",
+        "modulus_pa": 55.2e6,
+        "modulus_sd_pa": 1e6,
+        "residual_over_noise": 12.0,
+        "residual_rms_over_peak": 0.04,
+        "contact_residual_rms_over_peak": 0.03,
+    },
+    "after": {
+        "model": "layer",
+        "modulus_pa": 47.3e6,
+        "modulus_sd_pa": 0.5e6,
+        "residual_over_noise": 0.9,
+        "residual_rms_over_peak": 0.004,
+        "contact_residual_rms_over_peak": 0.003,
+    },
+    "effects": [
+        {
+            "name": "geophone_response",
+            "scope": "device",
+            "value": 11.0,
+            "sd": 0.2,
+            "unit": "Hz",
+            "parameters": [{"name": "frequency", "value": 11.0, "sd": 0.2, "unit": "Hz"}],
+            "evidence": 120.0,
+            "alternatives": ["lag"],
+            "advice": "calibrate the geophone",
+        }
+    ],
+    "held_out": None,
+    "warnings": [],
+}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_diagnosis_page_shows_the_ladder_and_the_device(
+    size: tuple[int, int], tmp_path: Path
+) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("4")
+        await pilot.pause(0.1)
+        assert "Enter diagnoses" in app.text
+        await told(app, pilot, Diagnosed(str(tmp_path), (RECORD,)))
+        for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
+            assert part in app.text
+        await pilot.press("1")
+        app.redraw()
+        await pilot.pause(0.1)
+        shown = " ".join(app.text.replace("│", " ").split())
+        assert "EXPLAINED by geophone response" in shown
+
+    play(App(QuietSource(tmp_path)), script, size)
+
+
+def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("4")
+        await told(app, pilot, Diagnosed(str(tmp_path), (), "the diagnosis failed: no table"))
+        assert "the diagnosis failed: no table" in app.text
+
+    play(App(QuietSource(tmp_path)), script)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_setup_page_checks_what_is_typed(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready())
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#poisson_ratio")))
+        field = app.screen.query_one("#poisson_ratio", Input)
+        field.focus()
+        await pilot.press(*"0.7")
+        await pilot.pause()
+        assert field.has_class("wrong")
+        assert "expected 0 <= number < 0.5" in app.text
+        await pilot.press("ctrl+s")
+        assert app.source.starts == 1  # type: ignore[attr-defined]
+        field.value = "0.4"
+        await pilot.pause()
+        assert not field.has_class("wrong")
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+        assert app.source.plan.setup.declared["poisson_ratio"] == 0.4
+
+    play(App(), script, size)
+
+
+def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#plate_radius_m")))
+        app.screen.query_one("#plate_radius_m", Input).value = "6"
+        app.screen.query_one("#target", Input).value = "7"
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+        assert app.source.plan.setup.declared["plate_radius_m"] == pytest.approx(0.1524)
+        assert app.state.chosen_target == pytest.approx(7 * 6894757.293168)
+
+    play(App(settings=Settings(units="us")), script)
+
+
+def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#procedure")))
+        app.screen.query_one("#procedure", Select).value = "tp-bf-stb-b8.3"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+        await until(pilot, lambda: app.state.chosen_procedure is not None)
+        app.redraw()
+        await pilot.pause(0.1)
+        assert "tp-bf-stb-b8.3" in app.text
+        assert "E_vd" in app.text
+
+    play(App(), script)
+
+
+def test_leaving_a_changed_setup_asks_and_an_unchanged_one_does_not() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#operator")))
+        await pilot.press("escape")
+        assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#operator")))
+        app.screen.query_one("#operator", Input).value = "Ada"
+        await pilot.press("escape")
+        await pilot.pause()
+        assert "not taken" in app.text
+        await pilot.press("enter")
+        assert app.screen.NAME == "setup"  # type: ignore[attr-defined]
+        await pilot.press("escape", "y")
+        assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+@pytest.mark.parametrize("key", ["1", "2", "3", "4"])
+def test_every_page_has_its_help_with_its_keys(key: str) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point(), Notice("the instrument started anew"))
+        await pilot.press(key)
+        await pilot.pause(0.1)
+        own = [one.description for _, one, _, _ in app.screen.active_bindings.values()]
+        await pilot.press("question_mark")
+        await pilot.pause(0.1)
+        seen = ""
+        for _ in range(8):
+            seen += app.text
+            await pilot.press("pagedown")
+            await pilot.pause()
+        for text in own:
+            assert text in seen
+        assert "the instrument started anew" in seen
+        await pilot.press("escape")
+        assert app.screen.NAME != "help"  # type: ignore[attr-defined]
+
+    play(App(), script, (80, 24))
+
+
+def test_the_palette_runs_what_a_key_does() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("ctrl+p")
+        await pilot.pause(0.2)
+        await pilot.press(*"daylight")
+        await pilot.pause(0.5)
+        await pilot.press("enter")
+        await until(pilot, lambda: app.settings.theme == "daylight")
+
+    play(App(), script)
+
+
+def test_theme_type_units_change_at_once_and_are_kept() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("t", "l", "i")
+        await pilot.pause(0.1)
+        assert "ksi" in app.text
+        assert app.theme == "pfwd-daylight"
+
+    app = play(App(), script)
+    assert app.kept[-1] == Settings("daylight", "us", large=True)
+
+
+class Replayed(QuietSource):
+    """A quiet recording."""
+
+    writes = False
+
+    def __init__(self) -> None:
+        super().__init__(title="replay of survey")
+        self.pace = Pace(1.0)  # type: ignore[assignment]
+        self.url = ""
+
+
+def test_a_replay_is_paused_stepped_and_sped_up() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        pace = app.source.pace
+        assert pace is not None
+        await pilot.press("space")
+        await pilot.pause(0.1)
+        assert pace.paused
+        assert "PAUSED" in app.text
+        await pilot.press("full_stop")
+        assert pace.flows
+        assert pace.may_begin()
+        assert not pace.may_begin()
+        await pilot.press("plus")
+        assert pace.speed == 2.0
+        await pilot.press("minus", "minus")
+        assert pace.speed == 0.5
+        await pilot.press("space")
+        assert not pace.paused
+
+    play(App(Replayed()), script)
+
+
+def test_leaving_ends_the_session_and_asks_nothing_when_all_is_safe() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("q")
+        await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
+
+    app = play(App(), script)
+    assert app.return_value == 0
+
+
+def test_leaving_asks_when_a_drop_is_only_in_memory() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), DropNotSaved("7", 1, "no room"))
+        assert "NOT SAFE" in app.text
+        await pilot.press("q")
+        await pilot.pause()
+        assert "would be lost" in app.text
+        await pilot.press("enter")
+        assert not app.source.session.stopped.is_set()  # type: ignore[attr-defined]
+        await pilot.press("q", "y")
+        await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
+
+    play(App(), script)

@@ -1,0 +1,156 @@
+"""The session beside the screen: what it tells, how it fails, how it is tried again."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.measuring.contents import RecordingError
+from pfwd_survey.measuring.events import Notice, Ready
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from tests.tui.screen.scripted import QuietSource, Session, samples
+from tui.screen.session import runner as runner_module
+from tui.screen.session.runner import SessionRunner
+from tui.screen.session.state import SessionBegan, SessionEnded
+
+
+class Failing(QuietSource):
+    """Fails so often, then is a quiet session."""
+
+    def __init__(self, error: Exception, times: int = 1) -> None:
+        super().__init__()
+        self.error, self.times = error, times
+
+    def run(self, listener: Any, control: Any) -> Ending:
+        if self.starts < self.times:
+            self.starts += 1
+            raise self.error
+        return super().run(listener, control)
+
+
+def wait(holds: Callable[[], bool], seconds: float = 10.0) -> None:
+    until = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < until, "it did not come"
+        time.sleep(0.01)
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner_module, "RETRY", 0.05)
+
+
+def events_of(source: Any, count: int) -> list[Any]:
+    runner = SessionRunner(source)
+    runner.start()
+    wait(lambda: runner.waiting >= count)
+    runner.stop(5.0)
+    assert not runner.running
+    return runner.take()
+
+
+def test_a_port_that_is_not_there_is_tried_again_until_it_is() -> None:
+    error = DeviceError("/dev/ttyUSB0: expected a port, came none; is the cable in?")
+    found = events_of(Failing(error, times=2), 3)
+    first, second, third, *_ = found
+    assert isinstance(first, SessionEnded)
+    assert first.no_device
+    assert first.error == str(error)
+    assert isinstance(second, SessionEnded)
+    assert isinstance(third, SessionBegan)
+
+
+def test_a_survey_that_another_program_writes_is_tried_again() -> None:
+    first, second, *_ = events_of(Failing(RecordingError("another program writes it")), 2)
+    assert (first.retry is not None, first.no_device) == (True, False)
+    assert isinstance(second, SessionBegan)
+
+
+def test_data_that_are_refused_end_it_with_one_sentence() -> None:
+    (only,) = events_of(Failing(SurveyError("survey: expected a survey, came none")), 1)
+    assert (only.retry, only.error) == (None, "survey: expected a survey, came none")
+
+
+def test_an_error_nobody_foresaw_is_one_sentence_and_the_rest_in_the_log(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    (only,) = events_of(Failing(ZeroDivisionError("division by zero")), 1)
+    assert "nobody foresaw: ZeroDivisionError" in only.error
+    assert "\n" not in only.error
+    assert "Traceback" in caplog.text
+
+
+def test_a_stop_before_the_session_is_there_is_kept() -> None:
+    source = QuietSource()
+    runner = SessionRunner(source)
+    entered = threading.Event()
+    original = source.run
+
+    def slow(listener: Any, control: Any) -> Ending:
+        entered.set()
+        time.sleep(0.2)
+        return original(listener, control)
+
+    source.run = slow  # type: ignore[method-assign]
+    runner.start()
+    entered.wait(5)
+    source.session = StopsLate()
+    assert runner.stop(5.0)
+
+
+class StopsLate(Session):
+    """Is not stopped before it runs: the source clears what came earlier."""
+
+
+def test_samples_do_not_fill_the_mailbox_and_a_pulse_is_noticed() -> None:
+    runner = SessionRunner(QuietSource())
+    runner._listen(samples(0.0))
+    runner._listen(samples(0.0, first=1000))
+    assert runner.pulse_at is None
+    runner._listen(samples(9000.0, first=2000))
+    runner._listen(samples(0.0, first=3000))
+    assert runner.waiting == 0
+    assert runner.trace.samples == 4000
+    assert runner.trace.envelope().load.max() == pytest.approx(9000.0)
+
+
+def test_a_display_that_fails_does_not_end_the_measurement(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    runner = SessionRunner(QuietSource())
+
+    def broken(_event: Any) -> None:
+        raise ValueError("no")
+
+    monkeypatch.setattr(runner.trace, "feed", broken)
+    runner._listen(samples())
+    (told,) = runner.take()
+    assert isinstance(told, Notice)
+    assert "ValueError" in caplog.text
+    runner.also_tell(broken)
+    runner._listen(Ready())
+    assert runner.take() == [Ready()]
+
+
+def test_nothing_is_asked_of_a_session_that_is_not_there() -> None:
+    runner = SessionRunner(QuietSource())
+    assert not runner.ask(lambda session: session.set_point("8"))
+    assert not runner.trigger()
+
+
+def test_sources_know_what_they_are(tmp_path: Path) -> None:
+    from tui.screen.session.sources import DemoSource, LiveSource, ReplaySource, with_seating
+
+    plan = with_seating(SessionPlan(), 3)
+    assert plan.setup.declared["seating_drops"] == 3
+    assert with_seating(plan, 5).setup.declared["seating_drops"] == 3
+    assert LiveSource("/dev/ttyUSB0", tmp_path, plan).writes
+    assert DemoSource("default", tmp_path, plan).writes
+    looked_at = ReplaySource(tmp_path, 1.0, None)
+    assert not looked_at.writes
+    assert looked_at.survey == tmp_path
+    assert ReplaySource(tmp_path, 1.0, None, output=tmp_path / "new").writes

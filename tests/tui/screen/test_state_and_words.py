@@ -1,0 +1,281 @@
+"""What events add up to, and the word that stands for it."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_survey.measuring.contents import DropContents, PointContents
+from pfwd_survey.measuring.events import (
+    DropNotSaved,
+    Edited,
+    InstrumentLost,
+    Notice,
+    PointBegan,
+    Ready,
+    Rebounded,
+    SensorCheck,
+    TableBuilding,
+)
+from pfwd_survey.measuring.plan import Ending
+from pfwd_survey.procedures import Verdict, find_procedure
+from tests.tui.screen.scripted import (
+    NOON,
+    Session,
+    analysed,
+    ready,
+    samples,
+    saved,
+    status,
+    whole_point,
+)
+from tui.screen.session.state import (
+    ContentsRead,
+    SessionBegan,
+    SessionEnded,
+    SessionState,
+)
+from tui.screen.session.words import SAFE_SHOWN, word_of
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def state_after(*events: Any, target: float | None = None) -> SessionState:
+    state = SessionState(target=target, clock=Clock())
+    state.take(SessionBegan(Session(), "7"))
+    for event in events:
+        state.take(event)
+    return state
+
+
+def word(state: SessionState, later: float = 10.0, pulse_age: float | None = None) -> str:
+    return word_of(state, Clock.now + later, pulse_age).word
+
+
+def test_the_device_is_what_it_says() -> None:
+    device = state_after(ready(), status(lost=3, battery=7.1)).device
+    assert (device.serial_number, device.rate) == ("T-1042", 10_000.0)
+    assert (device.lost_samples, device.battery) == (3, 7.1)
+    assert str(device.due) == "2027-03-02"
+
+
+def test_a_drop_is_there_when_it_is_saved_and_has_a_modulus_when_it_is_analysed() -> None:
+    state = state_after(ready(), saved(1))
+    drop = state.current.drops[1]
+    assert drop.waits
+    assert drop.peak_load == pytest.approx(9900, rel=1e-3)
+    assert drop.peak_deflection == pytest.approx(6.4e-4, rel=0.06)  # from where the load begins
+    state.take(analysed(1, full=False))
+    assert drop.modulus == 47.3e6
+    assert not drop.final
+    state.take(analysed(1, modulus=47.4e6))
+    assert (drop.modulus, drop.final) == (47.4e6, True)
+    assert len(drop.results) == 2
+
+
+def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
+    state = state_after(ready(), saved(1), analysed(1, full=False))
+    state.take(analysed(1, modulus=None, reason="the analysis ended by itself twice"))
+    drop = state.current.drops[1]
+    assert drop.modulus == 47.3e6
+    assert drop.final
+    assert drop.status == "measured"
+
+
+def test_a_drop_without_any_modulus_is_rejected_with_its_reason() -> None:
+    state = state_after(ready(), saved(1), analysed(1, modulus=None, reason="no table"))
+    drop = state.current.drops[1]
+    assert (drop.status, drop.reason) == ("rejected", "no table")
+    assert word(state) == "REPEAT"
+
+
+def test_mean_and_spread_are_of_the_measured_drops_that_count() -> None:
+    state = state_after(*whole_point())
+    mean = state.mean_of(state.current)
+    assert mean.count == 3
+    assert mean.modulus == pytest.approx(47.5e6)
+    assert mean.spread == pytest.approx(0.1e6)
+    state.take(Edited("discard", None, None, 6))
+    mean = state.mean_of(state.current)
+    assert (mean.count, mean.modulus) == (2, pytest.approx(47.45e6))
+    state.take(Edited("restore", None, None, 6))
+    assert state.mean_of(state.current).count == 3
+
+
+def test_the_target_is_met_only_when_the_whole_interval_meets_it() -> None:
+    assert state_after(*whole_point(), target=40e6).progress.verdict is Verdict.PASS
+    assert state_after(*whole_point(), target=60e6).progress.verdict is Verdict.FAIL
+    assert state_after(*whole_point(), target=47.5e6).progress.verdict is Verdict.UNDECIDED
+
+
+def test_the_target_of_the_point_wins() -> None:
+    state = state_after(*whole_point(), Edited("target", 60e6, "7", None), target=40e6)
+    assert state.progress.target == 60e6
+
+
+def test_a_chosen_procedure_judges() -> None:
+    state = SessionState(find_procedure("tp-bf-stb-b8.3"), clock=Clock())
+    state.take(SessionBegan(Session(), "7"))
+    for event in whole_point():
+        state.take(event)
+    value = state.progress.value
+    assert value is not None
+    assert value.quantity.value == "E_vd"
+
+
+def test_rebounds_notes_marks_and_names_are_kept() -> None:
+    state = state_after(
+        ready(),
+        saved(1, marks=("3 samples missing",)),
+        Rebounded("7", 1, 0.4, 3300.0),
+        Edited("note", "wet", None, 1),
+        Edited("name", "km 3", "7", None),
+        Edited("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
+        Edited("discard", None, "7", None),
+    )
+    drop = state.current.drops[1]
+    assert drop.rebounds == [3300.0]
+    assert drop.marks == ("3 samples missing",)
+    assert drop.notes == ("wet",)
+    point = state.current
+    assert (point.shown_name, point.position, point.discarded) == ("km 3", (48.1, 11.5), True)
+
+
+def test_another_point_begins_empty_and_the_first_one_stays() -> None:
+    state = state_after(*whole_point(), PointBegan("8"))
+    assert state.point == "8"
+    assert state.last is None
+    assert len(state.points["7"].drops) == 6
+
+
+def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
+    kept = DropContents(1, 11, False, ("old",), {"modulus_pa": 30e6, "status": "measured"}, 1)
+    other = DropContents(2, 12, True, (), None, 0)
+    contents = PointContents("7", "km 3", False, (), (1.0, 2.0), 45e6, {}, (kept, other))
+    state = state_after(saved(2), ContentsRead((contents,), drops=True))
+    drops = state.current.drops
+    assert drops[1].modulus == 30e6
+    assert drops[2].one is not None
+    assert drops[2].discarded
+    assert state.progress.target == 45e6
+
+
+def test_in_a_replay_drops_come_one_by_one() -> None:
+    kept = DropContents(1, 11, True, (), {"modulus_pa": 30e6}, 1)
+    contents = PointContents("7", "7", False, (), None, None, {}, (kept,))
+    state = state_after(ContentsRead((contents,), drops=False))
+    assert state.current.drops == {}
+
+
+def test_old_traces_leave_memory_but_no_drop_does() -> None:
+    state = state_after(ready())
+    for number in range(1, 60):
+        state.take(saved(number))
+        state.take(analysed(number))
+    drops = state.current.drops
+    assert len(drops) == 59
+    assert drops[1].one is None
+    assert drops[1].curves is None
+    assert drops[1].modulus is not None
+    assert drops[59].one is not None
+
+
+def test_every_state_has_its_word() -> None:
+    assert word(SessionState(clock=Clock())) == "STARTING"
+    state = state_after()
+    assert word(state) == "WAITING"
+    state.take(ready())
+    assert word(state) == "SETTLING"
+    state.take(Ready())
+    assert word(state) == "READY"
+    assert word(state, pulse_age=0.1) == "DROP"
+    state.take(saved(1, status="seating"))
+    assert word(state, later=0.1) == "COMPUTING"
+    state.take(analysed(1, full=False, kind="seating"))
+    assert word(state, later=0.3) == "SAFE"
+    assert word(state, later=SAFE_SHOWN + 0.1) == "READY"
+    state.take(saved(2, status="rejected", reason="false trigger"))
+    assert word(state) == "REPEAT"
+    state.take(InstrumentLost("unplugged", NOON))
+    assert word(state) == "CABLE OUT"
+    state.take(ready(again=True))
+    state.take(DropNotSaved("7", 3, "no room"))
+    assert word(state) == "NOT SAFE"
+
+
+def test_a_bounce_is_no_new_drop() -> None:
+    state = state_after(ready(), Ready(), saved(1), analysed(1))
+    assert word(state, later=0.5, pulse_age=0.1) == "SAFE"
+    assert word(state, later=2.3, pulse_age=0.4) == "SETTLING"
+    assert word(state, later=6.0, pulse_age=0.1) == "DROP"
+
+
+def test_the_action_says_which_drop_is_next() -> None:
+    state = state_after(ready(), Ready())
+    assert "seating drop 1 of 3" in word_of(state, 110.0).action
+    for number in range(1, 5):
+        kind = "seating" if number <= 3 else "measured"
+        state.take(saved(number, status=kind))
+        state.take(analysed(number))
+    assert "measured drop 2 of 3" in word_of(state, 110.0).action
+
+
+def test_a_whole_point_is_done_and_a_discarded_drop_opens_it_again() -> None:
+    state = state_after(*whole_point(), Ready())
+    assert word(state) == "POINT DONE"
+    state.take(Edited("discard", None, None, 6))
+    assert word(state) == "READY"
+
+
+def test_a_full_disk_is_told_before_it_is_full() -> None:
+    text = "The disk is filling: room for about {} more drops in survey."
+    state = state_after(ready(), Ready(), Notice(text.format(500), serious=True))
+    assert word(state) == "READY"
+    state.take(Notice(text.format(40), serious=True))
+    assert word(state) == "DISK LOW"
+
+
+def test_a_load_cell_that_is_wrong_is_told() -> None:
+    state = state_after(ready(), Ready(), SensorCheck({}, ("zero of the load cell is off",)))
+    found = word_of(state, 110.0)
+    assert (found.word, found.role) == ("CHECK", "alarm")
+    assert "zero" in found.action
+
+
+def test_the_table_is_awaited() -> None:
+    state = state_after(ready(), Ready(), TableBuilding("plate 0.15 m", 0.4))
+    assert word_of(state, 110.0).action.endswith("40 %")
+    state.take(TableBuilding("plate 0.15 m", 1.0))
+    assert word(state) == "READY"
+
+
+@pytest.mark.parametrize(
+    ("ended", "expected"),
+    [
+        (SessionEnded(Ending.DONE), "END"),
+        (SessionEnded(Ending.LOST), "LOST"),
+        (SessionEnded(Ending.UNSAVED), "UNSAVED"),
+        (SessionEnded(None, "no port", 2.0, no_device=True), "NO DEVICE"),
+        (SessionEnded(None, "no room", 2.0), "NOT READY"),
+        (SessionEnded(None, "an error"), "STOPPED"),
+    ],
+)
+def test_every_end_has_its_word(ended: SessionEnded, expected: str) -> None:
+    assert word(state_after(ready(), ended)) == expected
+
+
+def test_samples_change_nothing_that_is_kept() -> None:
+    state = state_after(ready())
+    before = dataclasses.asdict(state.device)
+    state.take(samples(9000.0))
+    assert dataclasses.asdict(state.device) == before
+
+
+def test_a_survey_in_a_folder_that_is_none_is_no_state(tmp_path: Path) -> None:
+    assert state_after().drop_of_record(5) is None

@@ -1,0 +1,230 @@
+"""The commands in a real terminal of their own, with a simulated instrument, from start to end."""
+
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from simulators.instrument import serve
+from tests.tui.console import PLAIN, TOP, pfwd
+
+if os.name != "posix":
+    pytest.skip("needs a pseudo-terminal", allow_module_level=True)
+
+from benchmarks.screen import PFWD, Terminal
+
+PATIENCE = 90.0
+CONTROL = re.compile(rb"\x1b\[[0-9;?]*[ -/]*[@-~]|\x1b[=>()][0-9A-B]?")
+
+
+@pytest.fixture(autouse=True)
+def _from_the_checkout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    paths = [str(TOP), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    monkeypatch.chdir(tmp_path)
+
+
+@contextmanager
+def terminal(*arguments: object, size: tuple[int, int] = (120, 40)) -> Iterator[Terminal]:
+    shown = Terminal([*PFWD, *map(str, arguments)], size)
+    try:
+        yield shown
+    finally:
+        shown.close()
+
+
+def text(shown: Terminal) -> str:
+    return CONTROL.sub(b" ", shown.text).decode(errors="replace")
+
+
+def wait(shown: Terminal, holds: Callable[[], bool]) -> None:
+    until = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < until, text(shown)[-3000:]
+        assert shown.process.poll() is None or holds(), text(shown)[-3000:]
+        shown.read(0.1)
+
+
+def drops_of(survey: Path) -> int:
+    done = subprocess.run(
+        [*PFWD, "check", str(survey), "--json"], capture_output=True, text=True, check=False
+    )
+    return int(json.loads(done.stdout)["drops_acknowledged"]) if done.stdout else 0
+
+
+def ended(shown: Terminal) -> int:
+    until = time.monotonic() + PATIENCE
+    while shown.process.poll() is None and time.monotonic() < until:
+        shown.read(0.1)
+    assert shown.process.returncode is not None
+    return shown.process.returncode
+
+
+UNPLUGGED = {
+    **PLAIN,
+    "faults": [{"kind": "unplug", "at_s": 11.0, "seconds": 4.0}],
+    "drops": {"first": 2.0, "interval": 3.0},
+}
+
+
+def test_a_whole_point_with_the_cable_pulled_in_the_middle(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with serve(UNPLUGGED, rate=1.0) as instrument:
+        command = ("live", instrument.url, "-o", survey, "--point", "P 7", "--target", "30")
+        with terminal(*command) as shown:
+            wait(shown, lambda: "READY" in text(shown))
+            wait(shown, lambda: "CABLE OUT" in text(shown))
+            wait(shown, lambda: "POINT DONE" in text(shown))
+            assert "PASS" in text(shown)
+            shown.press("n\r")
+            wait(shown, lambda: "P 8" in text(shown))
+            shown.press("q")
+            assert ended(shown) == 0
+    assert drops_of(survey) >= 6
+    log = (survey / "log" / "pfwd.log").read_text(encoding="utf-8")
+    assert "instrument lost" in log
+    assert "drop P 7/6 saved" in log
+
+
+def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with serve(PLAIN, drops=2, rate=20.0) as instrument:
+        assert pfwd("log", instrument.url, "-o", survey, "--no-invert").returncode == 0
+    before = sorted(path.name for path in survey.rglob("*"))
+    with terminal("replay", survey, "--live", "--speed", "5") as shown:
+        wait(shown, lambda: "END" in text(shown) and "PFWD" in text(shown))
+        shown.press("q")
+        assert ended(shown) == 0
+    assert sorted(path.name for path in survey.rglob("*")) == before
+
+
+def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Path) -> None:
+    survey = tmp_path / "demo"
+    with terminal("demo", "-o", survey, "--rate", "4", size=(80, 24)) as shown:
+        wait(shown, lambda: "SAFE" in text(shown))
+        shown.process.terminate()
+        assert ended(shown) == 0
+    assert "what was simulated, hidden until now" in text(shown)
+    assert drops_of(survey) >= 1
+
+
+def test_a_hostile_instrument_moves_neither_cursor_nor_title(tmp_path: Path) -> None:
+    with serve("hostile", rate=1.0) as instrument:
+        with terminal("live", instrument.url, "-o", tmp_path / "survey") as shown:
+            wait(shown, lambda: "owned" in text(shown) and "READY" in text(shown))
+            shown.press("5")
+            wait(shown, lambda: "Setup" in text(shown))
+        assert b"\x1b]0;" not in shown.text
+        assert b"\x1b[2J\xe2\x80\xae" not in shown.text
+        assert "\u202e" not in shown.text.decode(errors="replace")
+        assert "Traceback" not in text(shown)
+
+
+def test_a_port_that_is_not_there_is_said_and_waited_for(tmp_path: Path) -> None:
+    with terminal("live", "/dev/nothing-here", "-o", tmp_path / "survey") as shown:
+        wait(shown, lambda: "NO DEVICE" in text(shown))
+        shown.press("q")
+        assert ended(shown) == 0
+
+
+@pytest.mark.parametrize("command", [["live", "/dev/x", "-o", "s"], ["replay", "s", "--live"]])
+def test_without_a_terminal_it_is_one_line(command: list[str]) -> None:
+    done = pfwd(*command)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "expected a terminal" in done.stderr
+
+
+@pytest.mark.slow
+def test_a_flood_neither_loses_samples_nor_slows_the_screen() -> None:
+    from benchmarks.screen import measure_case
+
+    found = measure_case("eight-channels", 8.0, (120, 40))
+    assert found["lost"] == 0
+    # Half of what is wanted: tests run beside others, the benchmark alone tells the figure.
+    assert found["updates_per_s"] >= 5.0
+    assert found["core"] <= 0.6
+    assert found["samples_per_s"] == pytest.approx(50_000, rel=0.05)
+
+
+SERVER = (
+    "import shlex, sys; from textual_serve.server import Server; "
+    "Server(shlex.join([sys.executable, '-c', *sys.argv[1:]]), host='127.0.0.1', port=8765).serve()"
+)
+"""Optional checks: they are skipped where textual-serve (and for the second one selenium and a
+Chromium with its driver) is absent."""
+
+
+@contextmanager
+def served(survey: Path) -> Iterator[str]:
+    pytest.importorskip("textual_serve")
+    with serve(PLAIN, drops=1, rate=20.0) as instrument:
+        assert pfwd("log", instrument.url, "-o", survey).returncode == 0
+    command = [sys.executable, "-c", SERVER, PFWD[-1], "replay", str(survey), "--live"]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        time.sleep(3)
+        yield "http://127.0.0.1:8765"
+    finally:
+        server.terminate()
+        server.wait(10)
+
+
+@pytest.mark.slow
+def test_a_server_sends_the_measure_page(tmp_path: Path) -> None:
+    aiohttp = pytest.importorskip("aiohttp")
+
+    async def received(url: str) -> bytes:
+        data = b""
+        async with (
+            aiohttp.ClientSession() as client,
+            client.ws_connect(f"{url}/ws?width=120&height=40") as link,
+        ):
+            until = time.monotonic() + 20
+            while b"rigid-rough" not in data and time.monotonic() < until:
+                message = await link.receive(timeout=10)
+                data += message.data if isinstance(message.data, bytes) else b""
+        return data
+
+    with served(tmp_path / "survey") as url:
+        shown = asyncio.run(received(url))
+    assert b"PFWD" in shown
+    assert b"rigid-rough" in shown
+
+
+@pytest.mark.slow
+def test_a_browser_shows_the_measure_page(tmp_path: Path) -> None:
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    for option in ("--headless=new", "--no-sandbox", "--disable-gpu"):
+        options.add_argument(option)
+    try:
+        browser = webdriver.Chrome(options=options)
+    except Exception as err:
+        pytest.skip(f"no Chromium with its driver: {type(err).__name__}")
+    try:
+        with served(tmp_path / "survey") as url:
+            browser.get(url)
+            time.sleep(8)
+            picture = browser.get_screenshot_as_png()
+    finally:
+        browser.quit()
+    assert len(picture) > 20_000  # an empty page has a tenth of it
+
+
+def test_the_first_paint_waits_for_nothing_heavy() -> None:
+    unwanted = ["scipy", "matplotlib", "h5py", "inversion", "rich.markdown", "skfem"]
+    code = f"import sys, tui.screen.app; print(*(set({unwanted}) & set(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.split() == []

@@ -1,0 +1,75 @@
+"""What runs beside the session: fits with other settings, the diagnosis."""
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.contents import REFIT_KEY
+from tests.tui.screen.scripted import handed_on
+from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.refits import Refits, label_of
+from tui.screen.session.state import Diagnosed, Refitted
+
+PATIENCE = 120.0
+
+
+class Told(list[Any]):
+    """Keeps what it is told, and says when."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.changed = threading.Event()
+
+    def __call__(self, event: Any) -> None:
+        self.append(event)
+        if isinstance(event, Refitted | Diagnosed):
+            self.changed.set()
+
+    def last(self) -> Any:
+        assert self.changed.wait(PATIENCE)
+        return self[-1]
+
+
+def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
+    told = Told()
+    refits = Refits(told)
+    try:
+        options = AnalysisOptions(model="half-space", method="least-squares")
+        refits.ask(handed_on(4), options, label_of(options))
+        found = told.last()
+    finally:
+        refits.close()
+    assert (found.point, found.number, found.fault) == ("7", 4, "")
+    assert found.label == "half-space, least-squares"
+    assert found.result[REFIT_KEY] == found.label
+    assert found.result["model"] == "half-space"
+    assert found.curves is not None
+    assert refits.busy == 0
+
+
+def test_labels_name_what_differs() -> None:
+    assert label_of(AnalysisOptions()) == "as declared"
+    assert label_of(AnalysisOptions(published=True)) == "published method"
+    options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
+    assert label_of(options) == "bedrock 1.2 m, elastic, rigid-smooth plate"
+
+
+def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:
+    told = Told()
+    diagnoser = Diagnoser(told)
+    assert diagnoser.start(str(tmp_path / "none"))
+    found = told.last()
+    assert found.records == ()
+    assert "none failed:" in found.error
+    assert "\n" not in found.error
+    assert diagnoser.file == ""
+
+
+def test_one_diagnosis_at_a_time_and_it_can_be_stopped(tmp_path: Path) -> None:
+    told = Told()
+    diagnoser = Diagnoser(told)
+    assert diagnoser.start(str(tmp_path / "one"))
+    assert not diagnoser.start(str(tmp_path / "two"))
+    diagnoser.stop()
+    assert told.last().file.endswith("one")

@@ -1,0 +1,638 @@
+"""The application: one session, its state, the pages that show it."""
+
+import asyncio
+import contextlib
+import dataclasses
+import datetime
+import logging
+import signal
+import time
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
+
+from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.files.editing import Edit, edit_survey
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.contents import (
+    add_result,
+    recorded_drop,
+    stored_results,
+    survey_contents,
+)
+from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Edited, HandedOn, Notice
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from tui.output import clean
+from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
+from tui.screen.looks import LOOKS, Look
+from tui.screen.pages.dialogs import Question, TextDialog
+from tui.screen.pages.help import HelpPage
+from tui.screen.pages.measure import MeasurePage
+from tui.screen.pages.page import Page
+from tui.screen.pages.verdicts import verdict_text
+from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.event_log import log_event
+from tui.screen.session.names import next_name, point_name_error
+from tui.screen.session.refits import Refits
+from tui.screen.session.runner import SessionRunner
+from tui.screen.session.sources import Source
+from tui.screen.session.state import (
+    ContentsRead,
+    Diagnosed,
+    DropRead,
+    DropState,
+    Refitted,
+    ScreenEvent,
+    SessionEnded,
+    SessionState,
+)
+from tui.screen.session.words import Word, word_of
+from tui.screen.settings import Settings, save_settings
+from tui.screen.units import BY_NAME, Units
+
+log = logging.getLogger("pfwd.screen")
+
+UPDATES = 12.0
+"""Per second; a timer that is late now and then still gives ten."""
+
+LAST_WAIT = 25.0
+"""s that leaving waits for the last analyses."""
+
+MESSAGE_SHOWN = 8.0
+"""s."""
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Of a replay, times real time."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Undo:
+    """How to take something back."""
+
+    what: str
+    edit: Edit
+    drop: DropState
+
+
+class PfwdApp(App[int]):
+    """The live screen.
+
+    Parameters
+    ----------
+    source : Source
+    settings : Settings, optional
+    target : float, optional
+        Of points that have none, Pa.
+    glyphs : Glyphs, optional
+        None: what the terminal is likely to have.
+    save : callable, optional
+        Keeps changed settings.
+    local_time : callable, optional
+        For pictures that look alike.
+    """
+
+    CSS_PATH = str(Path(__file__).with_name("screen.tcss"))  # of a subclass elsewhere too
+    TITLE = "PFWD"
+    ENABLE_COMMAND_PALETTE = True
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("1", "page('measure')", "Measure"),
+        Binding("2", "page('points')", "Points"),
+        Binding("3", "page('drop')", "Drop"),
+        Binding("4", "page('diagnosis')", "Diagnosis"),
+        Binding("5", "page('setup')", "Setup"),
+        Binding("question_mark,f1", "help", "Help"),
+        Binding("u", "undo", "Undo"),
+        Binding("t", "theme", "Dark or daylight"),
+        Binding("l", "large", "Large type"),
+        Binding("b", "ring", "Bell on or off"),
+        Binding("i", "units", "SI or US customary"),
+        Binding("space", "pause", "Pause or go on"),
+        Binding("full_stop", "step", "One drop of a replay"),
+        Binding("plus,equals_sign", "speed(1)", "Faster"),
+        Binding("minus", "speed(-1)", "Slower"),
+        Binding("q,ctrl+q", "leave", "Leave"),
+        Binding("ctrl+c", "leave", "Leave", priority=True),
+    ]
+
+    def __init__(
+        self,
+        source: Source,
+        settings: Settings | None = None,
+        target: float | None = None,
+        glyphs: Glyphs | None = None,
+        save: Callable[[Settings], bool] = save_settings,
+        local_time: Callable[[], datetime.datetime] = datetime.datetime.now,
+    ) -> None:
+        super().__init__()
+        self.source = source
+        self.settings = settings or Settings()
+        self.state = SessionState(source.plan.setup.procedure, target)
+        self.state.waits_for_first_modulus = source.plan.options is not None
+        self.state.recorded = source.pace is not None
+        self.runner = SessionRunner(source)
+        self.runner.also_tell(log_event)
+        self.refits = Refits(self.runner.put)
+        self.diagnoser = Diagnoser(self.runner.put)
+        self.glyphs = glyphs or glyphs_of_terminal()
+        self.verdicts: dict[str, str] = {}
+        """Of the diagnosis, by point."""
+        self.drawn = 0
+        """How often the page was drawn."""
+        self._save = save
+        self._local_time = local_time
+        self._undo: list[Undo] = []
+        self._reading: set[str] = set()
+        self._leaving = False
+        self._asking = False
+        self._message = ("", 0.0)
+        self._drawn_for: tuple[Any, ...] = ()
+        self.shown_drop: tuple[str, int] | None = None
+        """Point and number of the drop that the drop page shows."""
+        for look in LOOKS.values():
+            self.register_theme(look.theme)
+
+    # What the pages ask.
+
+    @property
+    def look(self) -> Look:
+        """The theme."""
+        return LOOKS[self.settings.theme]
+
+    @property
+    def units(self) -> Units:
+        """Of the screen."""
+        return BY_NAME[self.settings.units]
+
+    @property
+    def message(self) -> str:
+        """What was said last, as long as it is news."""
+        text, until = self._message
+        return text if time.monotonic() < until else ""
+
+    def clock(self) -> str:
+        """The time of day."""
+        return self._local_time().strftime("%H:%M:%S")
+
+    def word(self) -> Word:
+        """What is going on."""
+        now = time.monotonic()
+        at = self.runner.pulse_at
+        return word_of(self.state, now, None if at is None else now - at)
+
+    def pace_text(self) -> str:
+        """How fast a replay goes."""
+        pace = self.source.pace
+        if pace is None:
+            return ""
+        speed = "as fast as possible" if pace.speed == 0 else f"{pace.speed:g} x"
+        return f"PAUSED ({speed})" if pace.paused else f"speed {speed}"
+
+    def say(self, text: str) -> None:
+        """One line for the operator, for a while."""
+        self._message = clean(text), time.monotonic() + MESSAGE_SHOWN
+
+    # Life.
+
+    def on_mount(self) -> None:
+        """Show the first page, then start what is slow."""
+        self.theme = self.look.theme.name
+        self.push_screen(MeasurePage())
+        self.set_interval(1 / UPDATES, self._tick)
+        self.call_after_refresh(self._begin)
+        with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+            loop = asyncio.get_running_loop()
+            loop.add_signal_handler(signal.SIGTERM, self._end_by_signal)
+
+    def _begin(self) -> None:
+        self.read_contents()
+        self.runner.start()
+
+    def _end_by_signal(self) -> None:
+        self.run_worker(self._leave(), exclusive=True, group="leave")
+
+    def read_contents(self) -> None:
+        """Read the survey in a thread."""
+        folder = self.source.survey
+        if folder is None or not folder.is_dir():
+            return
+        self.run_worker(
+            lambda: self._read(folder), thread=True, group="contents", exit_on_error=False
+        )
+
+    def _read(self, folder: Path) -> None:
+        try:
+            points = survey_contents(folder)
+        except (SurveyError, DeviceError, OSError) as err:
+            if self.state.session is None and not self.source.writes:
+                self.runner.put(Notice(str(err), serious=True))
+            return
+        self.runner.put(ContentsRead(points, drops=self.source.writes))
+
+    def _tick(self) -> None:
+        events = self.runner.take()
+        for event in events:
+            self._take(event)
+        page = self.screen
+        if not isinstance(page, Page):
+            return
+        trace = self.runner.trace.samples if page.NAME == "measure" else 0
+        now = (page, self.state.version, trace, self.word(), self.message, self.clock())
+        if now != self._drawn_for or self.drawn == 0:
+            self._drawn_for = now
+            self.drawn += 1
+            page.draw()
+
+    def _take(self, event: ScreenEvent) -> None:
+        self.state.take(event)
+        match event:
+            case DropSaved(one):
+                self._ring(2 if one.screening.status == "rejected" else 1)
+            case DropNotSaved(_, number, reason):
+                self._ring(2)
+                self.say(f"drop {number} is NOT SAFE: {reason}")
+            case Notice(text):
+                self.say(text)
+            case Edited():
+                self.verdicts.pop(self.state.point, None)
+            case DropRead(one):
+                self._reading.discard(f"{one.point}/{one.number}")
+            case SessionEnded(_, error):
+                if error:
+                    self.say(error)
+            case Refitted(_, number, label, result):
+                self._tell_refit(number, label, result)
+            case Diagnosed():
+                self._on_diagnosed(event)
+
+    def _ring(self, times: int) -> None:
+        if not self.settings.bell:
+            return
+        self.bell()
+        for count in range(1, times):
+            self.set_timer(0.25 * count, self.bell)
+
+    # Work beside the session.
+
+    def busy_text(self) -> str:
+        """What is under way besides measuring."""
+        if self.diagnoser.file:
+            return f"diagnosing {Path(self.diagnoser.file).name} ..."
+        return "fitting ..." if self.refits.busy else ""
+
+    def fetch(self, drop: DropState) -> None:
+        """Read the traces of a drop, or compute its curves; they come as events."""
+        if drop.one is not None:
+            options = self.source.plan.options or AnalysisOptions()
+            if not options.published:
+                options = dataclasses.replace(options, method="least-squares")
+            self.refits.ask(drop.one, options, "")
+            return
+        folder, record = self.source.survey, drop.record
+        key = f"{drop.point}/{drop.number}"
+        if folder is None or record is None or key in self._reading:
+            return
+        self._reading.add(key)
+        self.run_worker(
+            lambda: self._read_drop(folder, record), thread=True, group="drop", exit_on_error=False
+        )
+
+    def _read_drop(self, folder: Path, record: int) -> None:
+        try:
+            one = recorded_drop(folder, record)
+            results = tuple(stored_results(folder, record))
+        except (SurveyError, DeviceError, OSError) as err:
+            self.runner.put(Notice(str(err), serious=True))
+            return
+        self.runner.put(DropRead(one, results))
+
+    def refit(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
+        """Fit a drop with other settings; the result that counts stays."""
+        self.say(f"fitting drop {one.number}: {label}")
+        self.refits.ask(one, options, label)
+
+    def _tell_refit(self, number: int, label: str, result: Mapping[str, Any] | None) -> None:
+        if not label or result is None:
+            return
+        if result.get("modulus_pa") is None:
+            self.say(f"drop {number} could not be fitted so: {result.get('reason')}")
+            return
+        shown = self.units.with_unit("modulus", result["modulus_pa"])
+        self.say(f"drop {number}, {label}: {shown}; m goes through the results")
+        drop = next(
+            (one for one in self.state.drops_in_order() if _has_refit(one, number, result)), None
+        )
+        record = drop.record if drop is not None else None
+        if record is None:
+            return
+        kept = dict(result)
+        if self.source.writes and self.runner.ask(lambda it: it.keep_result(record, kept)):
+            return
+        folder = self.source.survey
+        if folder is not None:
+            self.run_worker(
+                lambda: self._keep_result(folder, record, kept),
+                thread=True,
+                group="result",
+                exit_on_error=False,
+            )
+
+    def _keep_result(self, folder: Path, record: int, result: Mapping[str, Any]) -> None:
+        try:
+            add_result(folder, record, result)
+        except (SurveyError, DeviceError, OSError) as err:
+            self.runner.put(Notice(f"the new result could not be kept: {err}", serious=True))
+
+    def diagnose(self, file: str) -> None:
+        """Ask what is behind the residuals of a survey or a drop; the answer comes as an event."""
+        if self.diagnoser.start(file):
+            self.say("the diagnosis runs; measuring goes on")
+        else:
+            self.say("a diagnosis is under way; 4 and k stop it")
+
+    def names_of_records(self, count: int) -> list[str]:
+        """Names of the points that a diagnosis of the survey has records of."""
+        points = [one for one in self.state.points.values() if one.drops and not one.discarded]
+        if len(points) == count:
+            return [point.shown_name for point in points]
+        return [f"no. {place + 1}" for place in range(count)]
+
+    def _on_diagnosed(self, event: Diagnosed) -> None:
+        if event.error:
+            self.say(event.error)
+            return
+        self.say("the diagnosis is done: 4 shows it")
+        if event.file != str(self.source.survey):
+            return
+        points = [one for one in self.state.points.values() if one.drops and not one.discarded]
+        if len(points) == len(event.records):
+            for point, record in zip(points, event.records, strict=True):
+                self.verdicts[point.name] = verdict_text(record, self.units)
+
+    # Pages.
+
+    def action_page(self, name: str) -> None:
+        """Go to a page; the measure page stays below all others."""
+        from tui.screen.pages import make_page
+
+        if isinstance(self.screen, Page) and name == self.screen.NAME:
+            return
+        while len(self.screen_stack) > 2:
+            self.pop_screen()
+        if name != "measure":
+            self.push_screen(make_page(name))
+
+    def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
+        """Show everything about a drop."""
+        if drop is None:
+            self.say("there is no drop yet")
+            return
+        self.shown_drop = drop.point, drop.number
+        self.action_page("drop")
+        if refit:
+            page = self.screen
+            start = getattr(page, "action_refit", None)
+            if start is not None:
+                self.call_after_refresh(start)
+
+    def action_help(self) -> None:
+        """Help for this page."""
+        if isinstance(self.screen, Page) and not isinstance(self.screen, HelpPage):
+            self.push_screen(HelpPage(self.screen))
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """The command palette: every key of this page and of all pages."""
+        seen = set()
+        for node, binding, enabled, _ in screen.active_bindings.values():
+            if not binding.description or not enabled or binding.description in seen:
+                continue
+            seen.add(binding.description)
+            yield SystemCommand(
+                binding.description,
+                f"key {binding.key}",
+                partial(self.call_later, self.run_action, binding.action, node),
+            )
+
+    # Settings.
+
+    def change(self, **values: Any) -> None:
+        """Change settings, keep them, and show it."""
+        self.settings = dataclasses.replace(self.settings, **values)
+        self.theme = self.look.theme.name
+        if not self._save(self.settings):
+            self.say("the settings could not be saved; they hold until you leave")
+        self.redraw()
+
+    def redraw(self) -> None:
+        """Draw the page on top anew."""
+        self._drawn_for = ()
+        if isinstance(self.screen, Page):
+            self.screen.draw()
+
+    def action_theme(self) -> None:
+        """The other theme."""
+        self.change(theme="daylight" if self.settings.theme == "dark" else "dark")
+
+    def action_large(self) -> None:
+        """Large type, or not."""
+        self.change(large=not self.settings.large)
+
+    def action_units(self) -> None:
+        """The other units."""
+        self.change(units="us" if self.settings.units == "si" else "si")
+
+    def action_ring(self) -> None:
+        """Bell on or off."""
+        self.change(bell=not self.settings.bell)
+        self.say("bell on" if self.settings.bell else "bell off")
+
+    # A replay.
+
+    def action_pause(self) -> None:
+        """Pause a replay, or go on."""
+        pace = self.source.pace
+        if pace is None:
+            return
+        if pace.paused:
+            pace.go_on()
+        else:
+            pace.pause()
+        self.redraw()
+
+    def action_step(self) -> None:
+        """One drop more."""
+        pace = self.source.pace
+        if pace is None:
+            return
+        if not pace.paused:
+            pace.pause()
+        pace.step()
+        self.redraw()
+
+    def action_speed(self, step: int) -> None:
+        """Faster or slower."""
+        pace = self.source.pace
+        if pace is None:
+            return
+        near = min(range(len(SPEEDS)), key=lambda k: abs(SPEEDS[k] - (pace.speed or SPEEDS[-1])))
+        pace.speed = SPEEDS[min(max(near + step, 0), len(SPEEDS) - 1)]
+        self.redraw()
+
+    # The session.
+
+    def action_record_now(self) -> None:
+        """Record a drop whatever the load does."""
+        if self.source.pace is not None or not self.runner.trigger():
+            self.say("there is no instrument that could be recorded")
+
+    def action_next_point(self) -> None:
+        """Ask for the name of the next point."""
+        if not self.source.writes or self.source.pace is not None:
+            self.say("a replay has its own points")
+            return
+        known = {point.shown_name for point in self.state.points.values()}
+        dialog = TextDialog(
+            "Next point",
+            next_name(self.state.current.shown_name, known),
+            check=point_name_error,
+            hint="enter begins it, escape goes back",
+        )
+        self.push_screen(dialog, self._begin_point)
+
+    def _begin_point(self, name: str | None) -> None:
+        if name is None:
+            return
+        if not self.runner.ask(lambda session: session.set_point(name)):
+            self.say("no session runs; the point was not begun")
+
+    def discard(self, drop: DropState | None) -> None:
+        """Mark a drop as not to be used, or take that back."""
+        if drop is None or drop.record is None:
+            self.say("there is no drop that could be discarded")
+            return
+        what = "restore" if drop.discarded else "discard"
+        back = Edit("discard" if drop.discarded else "restore")
+        value = None if drop.discarded else "by the operator"
+        if self.edit(Edit(what, value), drop=drop):
+            self._undo.append(Undo(f"{what} of drop {drop.number}", back, drop))
+            done = "discarded; u takes it back" if what == "discard" else "restored"
+            self.say(f"drop {drop.number} {done}")
+
+    def action_undo(self) -> None:
+        """Take the last discard or restore back."""
+        if not self._undo:
+            self.say("there is nothing to take back")
+            return
+        last = self._undo.pop()
+        if self.edit(last.edit, drop=last.drop):
+            self.say(f"taken back: {last.what}")
+
+    def edit(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
+        """Say something of a drop or point of the survey; whether it could be tried."""
+        number = None if drop is None else drop.record
+        if self.source.writes and self.runner.ask(
+            lambda session: session.edit(edit, point=point, number=number)
+        ):
+            return True
+        folder = self.source.survey
+        if folder is None:
+            self.say("there is no survey that could be edited")
+            return False
+        self.run_worker(
+            lambda: self._edit_folder(folder, edit, drop, point),
+            thread=True,
+            group="edit",
+            exit_on_error=False,
+        )
+        return True
+
+    def _edit_folder(
+        self, folder: Path, edit: Edit, drop: DropState | None, point: str | None
+    ) -> None:
+        name = drop.point if drop is not None else point
+        try:
+            edit_survey(folder, [edit], name, None if drop is None else drop.number)
+        except (SurveyError, DeviceError, OSError) as err:
+            self.runner.put(Notice(str(err), serious=True))
+            return
+        record = None if drop is None else drop.record
+        self.runner.put(Edited(edit.what, edit.value, None if drop else point, record))
+
+    # Leaving.
+
+    def action_leave(self) -> None:
+        """Leave; asks only when something would be lost."""
+        if self._leaving:  # a second time: at once, what was acknowledged is safe
+            self._finish()
+            return
+        if self._asking:
+            return
+        danger = self._danger()
+        if not danger:
+            self._end_by_signal()
+            return
+        self._asking = True
+        self.push_screen(Question(danger, "leave", "stay"), self._answered)
+
+    def _answered(self, sure: bool | None) -> None:
+        self._asking = False
+        if sure:
+            self._end_by_signal()
+
+    def _danger(self) -> str:
+        """What would be lost by leaving now."""
+        if self.state.held:
+            return f"{self.state.held} drop(s) are only in memory and would be lost. Leave?"
+        return str(getattr(self.screen, "unsaved", "") or "")
+
+    async def _leave(self) -> None:
+        self._leaving = True
+        self.say("ending: the last drop is made safe; q again leaves at once")
+        self.redraw()
+        pace = self.source.pace
+        if pace is not None:
+            pace.go_on()
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, lambda: self.runner.stop(LAST_WAIT))
+        self._finish()
+
+    def _finish(self) -> None:
+        self.diagnoser.stop()
+        self.refits.close()
+        for event in self.runner.take():
+            self.state.take(event)
+        self.exit(self._status())
+
+    def restart(self, plan: SessionPlan, url: str) -> None:
+        """Go on with another plan: the session ends when the drop in hand is safe."""
+        self.say("the session begins anew with this setup")
+        self.run_worker(self._restart(plan, url), exclusive=True, group="restart")
+
+    async def _restart(self, plan: SessionPlan, url: str) -> None:
+        loop = asyncio.get_running_loop()
+        if not await loop.run_in_executor(None, lambda: self.runner.stop(LAST_WAIT)):
+            self.say("the session has not ended yet; the setup was not taken")
+            return
+        self.source.plan = plan
+        if url:
+            self.source.url = url
+        self.state.chosen_procedure = plan.setup.procedure
+        self.state.judge_anew()
+        self.runner.start()
+        self.redraw()
+
+    def _status(self) -> int:
+        ended = self.state.ended
+        if ended is None:
+            return 0
+        if ended.ending is None:
+            return 1 if ended.retry is None else 0
+        return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]
+
+
+def _has_refit(drop: DropState, number: int, result: Mapping[str, Any]) -> bool:
+    return drop.number == number and any(one.result is result for one in drop.refits)

@@ -1,0 +1,1 @@
+"""Text and plots made of characters; no widget, no application."""

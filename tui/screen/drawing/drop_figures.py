@@ -1,0 +1,258 @@
+"""The plots of a drop: load with half-sine, deflection with the fitted curve, residual."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd_survey.inverting.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.live_trace import Envelope
+from tui.screen.drawing.axes import Curve, Figure
+from tui.screen.drawing.lines import Role
+from tui.screen.session.state import DropState, Refitted
+from tui.screen.units import Units, figures, percent
+
+Array = NDArray[np.float64]
+NAMES = ("load", "deflection", "residual", "spectrum")
+
+
+def half_sine(time: Array, peak: float, duration: float, start: float = 0.0) -> Array:
+    """A half-sine pulse; NaN where there is none, so that no line is drawn."""
+    inside = (time >= start) & (time <= start + duration)
+    return np.where(inside, peak * np.sin(np.pi * (time - start) / duration), np.nan)
+
+
+def drop_figures(
+    drop: DropState,
+    units: Units,
+    span: tuple[float, float] | None = None,
+    sensor: int = 0,
+    refit: Refitted | None = None,
+) -> list[Figure]:
+    """Load, deflection and residual of a drop; without a fit the first two alone.
+
+    Parameters
+    ----------
+    drop : DropState
+    units : Units
+    span : (start, end), optional
+        Of the time axis, s; None: what the fit used.
+    sensor : int
+        Which of the sensors, by offset.
+    refit : Refitted, optional
+        In place of the result that counts.
+    """
+    curves, result = curves_of(drop, refit)
+    if curves is not None:
+        return _fitted(drop, curves, result or {}, units, span, sensor)
+    if drop.one is not None:
+        return _raw(drop.one, units, span, sensor)
+    return []
+
+
+def curves_of(
+    drop: DropState, refit: Refitted | None
+) -> tuple[Curves | None, Mapping[str, Any] | None]:
+    """The curves and the result of a drop, or of one of its refits."""
+    return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
+
+
+def default_span(curves: Curves) -> tuple[float, float]:
+    """The pulse and what follows it, s."""
+    end = float(curves.time[-1])
+    contact = curves.contact_end if math.isfinite(curves.contact_end) else end
+    return max(float(curves.time[0]), -2e-3), min(end, max(2.0 * contact, 25e-3))
+
+
+def _fitted(
+    drop: DropState,
+    curves: Curves,
+    result: Mapping[str, Any],
+    units: Units,
+    span: tuple[float, float] | None,
+    sensor: int,
+) -> list[Figure]:
+    start, end = (1e3 * t for t in span or default_span(curves))
+    time = 1e3 * curves.time
+    sensor = min(sensor, len(curves.offsets) - 1)
+    load_scale = units.of("load").scale
+    scale = units.of("deflection").scale
+    pulse = half_sine_of(result, curves)
+    name = f"half-sine {figures(1e3 * pulse[1])} ms" if pulse else "half-sine"
+    shape = pulse[0] if pulse else np.full_like(curves.time, np.nan)
+    load = Figure(
+        "load",
+        units.unit("load"),
+        (
+            Curve(time, curves.load / load_scale, "load", "measured"),
+            Curve(time, shape / load_scale, "fitted", name, True),
+        ),
+        start,
+        end,
+        note=f"peak {units.text('load', drop.peak_load)}",
+        time_axis=False,
+    )
+    observed, predicted = curves.observed[sensor] / scale, curves.predicted[sensor] / scale
+    shown = np.where(curves.time <= curves.window_end, predicted, np.nan)
+    deflection = Figure(
+        _place("deflection", curves.offsets, sensor, units),
+        units.unit("deflection"),
+        (
+            Curve(time, observed, "measured", "measured"),
+            Curve(time, shown, "fitted", "fitted", True),
+        ),
+        start,
+        end,
+        note=f"peak as recorded {figures(float(np.nanmax(observed)), 3)}",
+    )
+    return [load, deflection, _residual(result, time, shown - observed, units, (start, end))]
+
+
+def _residual(
+    result: Mapping[str, Any],
+    time: Array,
+    residual: Array,
+    units: Units,
+    span: tuple[float, float],
+) -> Figure:
+    part = percent(result.get("residual_rms_over_peak"))
+    noise = units.value("deflection", result.get("noise_rms_m")) or 0.0
+    return Figure(
+        "residual",
+        units.unit("deflection"),
+        (Curve(time, residual, "residual", "fitted - measured"),),
+        *span,
+        note=f"{part} of the peak",
+        # Noise fills a tenth of the plot, so that it looks like what it is.
+        least_range=20 * noise,
+    )
+
+
+def half_sine_of(result: Mapping[str, Any], curves: Curves) -> tuple[Array, float] | None:
+    """The half-sine fitted to the load, N, and its duration, s."""
+    pulse, radius = result.get("half_sine"), result.get("plate_radius_m")
+    if not isinstance(pulse, Mapping) or not radius:
+        return None
+    peak = pulse["peak_pressure_pa"] * math.pi * radius**2
+    duration = pulse["duration_s"]
+    # The pulse is placed where the measured peak is: its start is no part of the result.
+    centre = float(curves.time[int(np.nanargmax(curves.load))])
+    return half_sine(curves.time, peak, duration, centre - duration / 2), duration
+
+
+def _place(title: str, offsets: Array, sensor: int, units: Units) -> str:
+    if len(offsets) < 2:
+        return title
+    return f"{title} at {units.with_unit('length', float(offsets[sensor]))}"
+
+
+def _raw(
+    one: HandedOn, units: Units, span: tuple[float, float] | None, sensor: int
+) -> list[Figure]:
+    drop = one.drop
+    time = 1e3 * drop.time
+    start, end = (1e3 * t for t in span or (max(float(drop.time[0]), -5e-3), float(drop.time[-1])))
+    load = remove_offset(drop.time, drop.load) / units.of("load").scale
+    found = [
+        Figure(
+            "load",
+            units.unit("load"),
+            (Curve(time, load, "load", "measured"),),
+            start,
+            end,
+            note=f"peak {figures(float(np.nanmax(load)), 3)}",
+            time_axis=False,
+        )
+    ]
+    if drop.channels:
+        sensor = min(sensor, len(drop.channels) - 1)
+        moved = displacement_of(drop.channels[sensor], drop.time) / units.of("deflection").scale
+        finite = moved[np.isfinite(moved)]
+        peak = figures(float(finite.max()), 3) if len(finite) else "-"
+        offsets = np.array([channel.offset for channel in drop.channels])
+        found.append(
+            Figure(
+                _place("deflection", offsets, sensor, units),
+                units.unit("deflection"),
+                (Curve(time, moved, "measured", "measured"),),
+                start,
+                end,
+                note=f"peak {peak}, not fitted",
+            )
+        )
+    return found
+
+
+def spectrum_figure(
+    drop: DropState, units: Units, sensor: int = 0, refit: Refitted | None = None
+) -> Figure | None:
+    """Amplitude of the residual and of the deflection by frequency; None without a fit."""
+    curves, _ = curves_of(drop, refit)
+    if curves is None:
+        return None
+    sensor = min(sensor, len(curves.offsets) - 1)
+    inside = (curves.time >= 0) & (curves.time <= curves.window_end)
+    observed, predicted = curves.observed[sensor][inside], curves.predicted[sensor][inside]
+    if len(observed) < 8:
+        return None
+    step = float(np.diff(curves.time[:2])[0])
+    shape = np.hanning(len(observed))
+    frequency = np.asarray(np.fft.rfftfreq(len(observed), step), np.float64)
+    parts = []
+    role: Role
+    for values, role, name in (
+        (observed, "measured", "measured"),
+        (predicted - observed, "residual", "residual"),
+    ):
+        amplitude = 2 * np.abs(np.fft.rfft(values * shape)) / shape.sum()
+        decibel = 20 * np.log10(np.maximum(amplitude, 1e-12) / units.of("deflection").scale)
+        shown = np.asarray(decibel, np.float64)
+        parts.append(Curve(frequency, shown, role, name, role == "residual"))
+    highest = float(frequency[-1])
+    values = np.concatenate([part.values for part in parts])
+    return Figure(
+        "spectrum",
+        f"dB re 1 {units.unit('deflection')}",
+        tuple(parts),
+        0.0,
+        min(1000.0, highest),
+        time_unit="Hz",
+        bottom=float(np.floor(values.min() / 20) * 20),
+        top=float(np.ceil(values.max() / 20) * 20),
+    )
+
+
+def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure]:
+    """Load and velocity as they stream, newest at the right; time counts back from now."""
+    count = len(envelope.load)
+    times = -(np.arange(count)[::-1] + 0.5) * envelope.interval
+    time = np.repeat(times, 2)
+    load = envelope.load.reshape(-1) / units.of("load").scale
+    moving = units.of("velocity" if envelope.unit == "m/s" else "deflection")
+    motion = envelope.velocity.reshape(-1) / moving.scale
+    name = "velocity" if envelope.unit == "m/s" else "displacement"
+    return [
+        Figure(
+            "live load",
+            units.unit("load"),
+            (Curve(time, load, "load", ""),),
+            -window,
+            0.0,
+            "s",
+            note=f"now {figures(float(load[-1]), 2) if count else '-'}",
+            least_range=1.0,
+        ),
+        Figure(
+            f"live {name}",
+            moving.name,
+            (Curve(time, motion, "measured", ""),),
+            -window,
+            0.0,
+            "s",
+            least_range=20.0 if envelope.unit == "m/s" else 1.0,
+        ),
+    ]

@@ -1,0 +1,93 @@
+"""The points of a survey side by side: a bar each, with the target as a line."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tui.screen.drawing.axes import tick_text, ticks
+from tui.screen.drawing.lines import Cell, Line, Role, cell, line
+from tui.screen.units import figures
+
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A point."""
+
+    name: str
+    value: float | None
+    """None: nothing was measured."""
+    role: Role = "measured"
+    chosen: bool = False
+
+
+def profile_lines(
+    bars: Sequence[Bar],
+    width: int,
+    height: int,
+    title: str,
+    target: float | None = None,
+    *,
+    whole_blocks: bool = False,
+) -> list[Line]:
+    """Exactly `height` lines: title, bars over their names.
+
+    Parameters
+    ----------
+    bars : sequence of Bar
+    width, height : int
+    title : str
+        With the unit.
+    target : float, optional
+        In the same unit.
+    whole_blocks : bool
+        No eighths: a terminal without them.
+    """
+    if height < 4 or width < 24:
+        return [()] * height
+    gutter = 7
+    room = width - gutter
+    widest = max([3, *(len(bar.name) for bar in bars)])
+    step = max(4, min(widest + 1, 12))
+    most = max(1, room // step)
+    chosen = next((place for place, bar in enumerate(bars) if bar.chosen), len(bars) - 1)
+    first = min(max(0, chosen - most // 2), max(0, len(bars) - most))
+    shown = bars[first : first + most]
+    values = [bar.value for bar in shown if bar.value is not None]
+    top = max([*values, target or 0.0, 1e-12]) * 1.05
+    rows = height - 2
+    marks = ticks(0.0, top, max(2, rows // 2))
+    gap = marks[1] - marks[0] if len(marks) > 1 else top
+    labels = {rows - 1 - int(mark / top * rows): tick_text(mark, gap) for mark in marks}
+    aim = None if not target else rows - 1 - int(target / top * rows)
+    named = f"   ─── target {figures(target)}" if target else ""
+    lines = [line(cell(f" {title}", "strong"), cell(named, "warn"))]
+    for row in range(rows):
+        label = labels.get(row, "")
+        cells = [Cell(f"{label:>{gutter - 2}} {'┤' if label else '│'}", "axis")]
+        for bar in shown:
+            letter = _block(bar, row, rows, top, whole_blocks=whole_blocks)
+            empty = "─" if row == aim else " "
+            body = (letter if letter != " " else empty) * (step - 1)
+            role: Role = bar.role if letter != " " else "warn"
+            cells += [Cell(body, role), Cell(empty, "warn")]
+        lines.append(tuple(cells))
+    names = [Cell(" " * gutter)]
+    for bar in shown:
+        text = bar.name if len(bar.name) < step else bar.name[-(step - 1) :]
+        names.append(Cell(text.center(step - 1), "cursor" if bar.chosen else "text"))
+        names.append(Cell(" "))
+    return [*lines, tuple(names)]
+
+
+def _block(bar: Bar, row: int, rows: int, top: float, *, whole_blocks: bool) -> str:
+    if bar.value is None:
+        return "?" if row == rows - 1 else " "
+    filled = bar.value / top * rows - (rows - 1 - row)
+    if filled >= 1:
+        return "█"
+    if filled <= 0:
+        return " "
+    if whole_blocks:
+        return "█" if filled >= 0.5 else " "
+    return _EIGHTHS[int(filled * 8)]

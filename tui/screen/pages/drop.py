@@ -1,0 +1,248 @@
+"""The drop page: everything about one drop, and fits with other settings."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from pfwd_survey.inverting.options import AnalysisOptions
+from tui.screen.drawing.drop_figures import curves_of, default_span
+from tui.screen.drawing.lines import Line
+from tui.screen.pages.drop_view import PANELS, DropView, drop_lines
+from tui.screen.pages.page import Page
+from tui.screen.pages.refit_dialog import RefitDialog
+from tui.screen.session.refits import label_of
+from tui.screen.session.state import DropState, Refitted
+
+ZOOM = 1.6
+STEPS = 100
+"""Steps of the cursor over the plot."""
+
+
+class DropPage(Page):
+    """One drop."""
+
+    NAME = "drop"
+    HELP = (
+        "Everything about one drop. Left and right move the cursor, whose values stand below the "
+        "plots; z and x zoom around it. r fits the drop with other settings: the result that "
+        "counts stays, the new one is kept beside it; m goes through them. v asks which effects "
+        "are behind the residual of this drop."
+    )
+    KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        ("left/right", "cursor"),
+        ("z/x", "zoom"),
+        ("tab", "plot"),
+        ("up/down", "drop"),
+        ("escape", "back"),
+        ("?", "help"),
+        ("r", "refit"),
+        ("m", "result"),
+        ("v", "effects"),
+        ("s", "sensor"),
+        ("d", "discard"),
+        ("u", "undo"),
+        ("a", "all"),
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "cursor(-1)", "Cursor to the left"),
+        Binding("right", "cursor(1)", "Cursor to the right"),
+        Binding("shift+left", "cursor(-10)", "Cursor far to the left"),
+        Binding("shift+right", "cursor(10)", "Cursor far to the right"),
+        Binding("z", "zoom(1)", "Zoom in"),
+        Binding("x", "zoom(-1)", "Zoom out"),
+        Binding("a", "all", "Whole record"),
+        Binding("tab", "panel", "Next plot", priority=True),
+        Binding("up", "neighbour(-1)", "Drop before"),
+        Binding("down", "neighbour(1)", "Drop after"),
+        Binding("s", "sensor", "Next sensor"),
+        Binding("r", "refit", "Fit with other settings"),
+        Binding("m", "result", "Next result"),
+        Binding("v", "effects", "Effects behind the residual"),
+        Binding("d", "discard", "Discard or restore"),
+        Binding("pageup", "text(-5)", "Text up"),
+        Binding("pagedown", "text(5)", "Text down"),
+        Binding("escape", "back", "Back"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.span: tuple[float, float] | None = None
+        self.cursor: float | None = None
+        """s."""
+        self.panel = ""
+        self.sensor = 0
+        self.shown = 0
+        """Which result: 0 the one that counts, then the refits."""
+        self.first = 0
+        """First line of the text."""
+        self._asked: set[tuple[str, int]] = set()
+
+    @property
+    def drop(self) -> DropState | None:
+        """The drop that is shown."""
+        state = self.pfwd.state
+        if self.pfwd.shown_drop is None:
+            return state.last
+        point, number = self.pfwd.shown_drop
+        owner = state.points.get(point)
+        return owner.drops.get(number) if owner is not None else None
+
+    @property
+    def refit(self) -> Refitted | None:
+        """The refit that is shown; None: the result that counts."""
+        drop = self.drop
+        if drop is None or not 0 < self.shown <= len(drop.refits):
+            return None
+        return drop.refits[self.shown - 1]
+
+    def lines(self, width: int, height: int) -> Sequence[Line]:
+        """The page."""
+        app, drop = self.pfwd, self.drop
+        if drop is not None:
+            self._fetch(drop)
+        view = DropView(
+            drop,
+            app.state,
+            app.units,
+            app.glyphs,
+            app.message,
+            self.KEYS,
+            self.refit,
+            self.span,
+            self.cursor,
+            self.panel,
+            self.sensor,
+            self.first,
+            app.busy_text(),
+        )
+        return drop_lines(view, width, height)
+
+    def _fetch(self, drop: DropState) -> None:
+        """Ask for traces and curves that are not in memory, once."""
+        key = drop.point, drop.number
+        if key in self._asked or (drop.curves is not None and drop.one is not None):
+            return
+        if drop.waits or (drop.one is not None and drop.status == "rejected"):
+            return
+        if drop.one is not None and drop.results and not drop.final:
+            return  # its own answer comes
+        self._asked.add(key)
+        if drop.one is None:
+            self._asked.discard(key)
+        self.pfwd.fetch(drop)
+
+    def _window(self) -> tuple[float, float]:
+        drop = self.drop
+        if self.span is not None:
+            return self.span
+        if drop is None:
+            return 0.0, 1.0
+        curves, _ = curves_of(drop, self.refit)
+        if curves is not None:
+            return default_span(curves)
+        if drop.one is not None:
+            return max(float(drop.one.drop.time[0]), -5e-3), float(drop.one.drop.time[-1])
+        return 0.0, 1.0
+
+    def action_cursor(self, step: int) -> None:
+        """Move the cursor."""
+        start, end = self._window()
+        now = self.cursor if self.cursor is not None else start + 0.3 * (end - start)
+        self.cursor = min(max(now + step * (end - start) / STEPS, start), end)
+        self.draw()
+
+    def action_zoom(self, direction: int) -> None:
+        """Closer, or further away."""
+        start, end = self._window()
+        middle = self.cursor if self.cursor is not None else (start + end) / 2
+        factor = 1 / ZOOM if direction > 0 else ZOOM
+        left, right = (middle - start) * factor, (end - middle) * factor
+        if left + right < 5e-4:
+            return
+        low, high = self._whole()
+        self.span = max(low, middle - left), min(high, middle + right)
+        self.draw()
+
+    def _whole(self) -> tuple[float, float]:
+        drop = self.drop
+        if drop is None or drop.one is None:
+            return self._window()
+        return float(drop.one.drop.time[0]), float(drop.one.drop.time[-1])
+
+    def action_all(self) -> None:
+        """The whole record."""
+        self.span = self._whole()
+        self.draw()
+
+    def action_panel(self) -> None:
+        """The next plot, alone; then all of them again."""
+        names = ("", *PANELS)
+        self.panel = names[(names.index(self.panel) + 1) % len(names)]
+        self.draw()
+
+    def action_sensor(self) -> None:
+        """The next sensor."""
+        drop = self.drop
+        count = len(drop.one.drop.channels) if drop is not None and drop.one is not None else 1
+        self.sensor = (self.sensor + 1) % max(1, count)
+        self.draw()
+
+    def action_neighbour(self, step: int) -> None:
+        """Another drop of the point."""
+        drop = self.drop
+        if drop is None:
+            return
+        numbers = sorted(self.pfwd.state.points[drop.point].drops)
+        place = numbers.index(drop.number) + step
+        if 0 <= place < len(numbers):
+            self.pfwd.shown_drop = drop.point, numbers[place]
+            self.shown, self.first, self.span = 0, 0, None
+        self.draw()
+
+    def action_result(self) -> None:
+        """The next result."""
+        drop = self.drop
+        self.shown = (self.shown + 1) % (len(drop.refits) + 1) if drop is not None else 0
+        refit = self.refit
+        if refit is not None and refit.curves is None:
+            self.pfwd.say("the curves of this fit are not kept; r makes them again")
+        self.draw()
+
+    def action_text(self, rows: int) -> None:
+        """The text further up or down."""
+        self.first = max(0, self.first + rows)
+        self.draw()
+
+    def action_discard(self) -> None:
+        """Mark the drop as not to be used, or take that back."""
+        self.pfwd.discard(self.drop)
+
+    def action_effects(self) -> None:
+        """Ask which effects are behind the residual."""
+        drop = self.drop
+        if drop is None or drop.one is None or not drop.one.file:
+            self.pfwd.say("there is no file of this drop yet")
+            return
+        self.pfwd.diagnose(drop.one.file)
+
+    def action_refit(self) -> None:
+        """Ask for the settings."""
+        drop = self.drop
+        if drop is None or drop.one is None:
+            self.pfwd.say("the drop is being read; try again in a moment")
+            return
+        if drop.one.screening.status == "rejected":
+            self.pfwd.say("a rejected drop cannot be fitted")
+            return
+        self.app.push_screen(RefitDialog(), self._refit)
+
+    def _refit(self, options: AnalysisOptions | None) -> None:
+        drop = self.drop
+        if options is None or drop is None or drop.one is None:
+            return
+        self.pfwd.refit(drop.one, options, label_of(options))
+
+    def action_back(self) -> None:
+        """To where one came from."""
+        self.pfwd.action_page("measure")

@@ -1,0 +1,171 @@
+"""A drop and a point in words: for tables, verdicts and summaries on every page."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.procedures import Quantity, Verdict
+from tui.screen.drawing.blocks import Column, Row
+from tui.screen.drawing.lines import Line, Role, cell, fit, piece
+from tui.screen.session.state import DropState, PointState, SessionState
+from tui.screen.units import NOTHING, Units, percent
+from tui.screen.units import Quantity as QuantityName
+
+
+def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
+    """Modulus and its uncertainty as figures, without the unit."""
+    result = drop.result if drop is not None else None
+    if drop is None or result is None or drop.modulus is None:
+        return "-", ""
+    return units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
+
+
+def uncertainty_of(result: Mapping[str, Any]) -> float | None:
+    """Half of the 95 % interval, model error included, Pa; None when there is no interval."""
+    ends = result.get("modulus_interval_pa")
+    if not isinstance(ends, list | tuple) or len(ends) != 2:
+        return None
+    if not all(isinstance(end, int | float) and math.isfinite(end) for end in ends):
+        return None
+    return float(ends[1] - ends[0]) / 2
+
+
+def plain(value: object) -> str:
+    """Two decimals of whatever is a number."""
+    return f"{value:.2f}" if isinstance(value, int | float) else NOTHING
+
+
+def number_of(result: Mapping[str, Any], key: str) -> float | None:
+    """A finite number of a result, or None."""
+    value = result.get(key)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, Role]:
+    """What is to be thought of a drop, in one sentence."""
+    if drop is None:
+        return "no drop yet", "dim"
+    if drop.discarded:
+        return "DISCARDED by the operator; u takes it back", "warn"
+    if not drop.safe:
+        return f"NOT SAFE YET: {drop.reason}", "bad"
+    if drop.status == "rejected":
+        return f"REJECTED: {drop.reason or 'no result'}", "bad"
+    result = drop.result
+    if result is None:
+        return "computing", "dim"
+    bounds = result.get("at_bound") or ()
+    warning = f"; AT BOUND: {', '.join(map(str, bounds))}" if bounds else ""
+    if not result.get("converged", True):
+        warning += "; NOT CONVERGED"
+    part = percent(number_of(result, "residual_rms_over_peak"))
+    if diagnosed:
+        return f"fit {diagnosed}{warning}", "warn" if bounds else "text"
+    if result.get("explained"):
+        text = f"fit CLEAN: residual {part} of the peak, noise only"
+        return text + warning, "warn" if warning else "good"
+    contact = percent(number_of(result, "contact_residual_rms_over_peak"))
+    text = f"fit UNEXPLAINED: residual {part} of the peak ({contact} in contact); 4 asks why"
+    return text + warning, "warn"
+
+
+_COLUMNS = (
+    Column("drop", 0),
+    Column("kind", 2, left=True),
+    Column("load", 3),
+    Column("defl", 4),
+    Column("E", 0),
+    Column("± 95 %", 1),
+    Column("residual", 5),
+    Column("remark", 6, free=True),
+)
+
+
+def drop_columns(units: Units) -> tuple[Column, ...]:
+    """The columns of a table of drops, with their units."""
+    named = {
+        "load": f"load {units.unit('load')}",
+        "defl": f"defl {units.unit('deflection')}",
+        "E": f"E {units.unit('modulus')}",
+    }
+    return tuple(
+        Column(named.get(one.title, one.title), one.rank, one.left, one.free) for one in _COLUMNS
+    )
+
+
+def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "") -> Row:
+    """A drop as a row; `left_out` says why it takes no part in the mean."""
+    value, error = modulus_text(drop, units)
+    result = drop.result or {}
+    kind = "DISCARDED" if drop.discarded else drop.status if drop.safe else "NOT SAFE"
+    role: Role = "text"
+    if drop.discarded or drop.status == "seating":
+        role = "dim"
+    if drop.status == "rejected" or not drop.safe:
+        role = "bad"
+    return Row(
+        (
+            str(drop.number),
+            kind,
+            units.text("load", drop.peak_load),
+            units.text("deflection", drop.peak_deflection),
+            "..." if drop.waits else value,
+            error or ("" if drop.waits else NOTHING),
+            percent(number_of(result, "residual_rms_over_peak")),
+            cell(f"{left_out}; {remark(drop, units)}" if left_out else remark(drop, units)).text,
+        ),
+        role,
+        chosen,
+        drop.number,
+    )
+
+
+def remark(drop: DropState, units: Units) -> str:
+    """What is odd about a drop, most important first."""
+    parts = []
+    if drop.reason:
+        parts.append(drop.reason)
+    elif not drop.safe:
+        parts.append("only in memory")
+    elif drop.results and not drop.final:
+        parts.append("refining")
+    parts += drop.marks
+    if drop.results and drop.result and drop.result.get("explained") is False:
+        parts.append("unexplained")
+    parts += [f"note: {note}" for note in drop.notes]
+    if drop.identical is False:
+        parts.append("not the recorded traces")
+    if drop.rebounds:
+        loads = ", ".join(units.text("load", load, 2) for load in drop.rebounds[:3])
+        count = len(drop.rebounds)
+        parts.append(f"{count} rebound{'s'[: count > 1]} ({loads} {units.unit('load')})")
+    return "; ".join(parts) if parts else "safe"
+
+
+_VERDICTS: dict[Verdict, tuple[str, Role]] = {
+    Verdict.PASS: ("PASS", "good"),
+    Verdict.FAIL: ("FAIL", "bad"),
+    Verdict.UNDECIDED: ("UNDECIDED", "warn"),
+}
+
+
+def point_summary(state: SessionState, point: PointState, units: Units, width: int) -> Line:
+    """Mean, spread, what the procedure makes of it, and whether the target is met."""
+    mean, progress = state.mean_of(point), state.progress_of(point)
+    pieces = []
+    if mean.modulus is None:
+        pieces.append(piece(0, cell("point: no measured modulus yet", "dim")))
+    else:
+        value = units.with_unit("modulus", mean.modulus)
+        pieces.append(piece(0, cell(f"point: mean of {mean.count}  {value}", "strong")))
+        pieces.append(piece(2, f"spread {units.with_unit('modulus', mean.spread, 2)}"))
+    own = progress.value
+    if own is not None and own.quantity is not Quantity.MODULUS:
+        kind: QuantityName = "deflection" if own.quantity is Quantity.DEFLECTION else "modulus"
+        shown = units.with_unit(kind, own.value)
+        pieces.append(piece(1, cell(f"{own.quantity.value} {shown}", "strong")))
+    if progress.verdict in _VERDICTS:
+        word, role = _VERDICTS[progress.verdict]
+        pieces.append(piece(0, cell(word, role)))
+        pieces.append(piece(3, cell(progress.verdict_reason)))
+    return fit(pieces, width)

@@ -1,0 +1,308 @@
+"""The drop page as lines of text."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tui.diagnosis_lines import diagnosis_lines
+from tui.screen.drawing.axes import Figure, plot_lines
+from tui.screen.drawing.blocks import beside, exactly
+from tui.screen.drawing.drop_figures import curves_of, drop_figures, spectrum_figure
+from tui.screen.drawing.glyphs import Glyphs
+from tui.screen.drawing.lines import Line, Role, cell, fit, line, pad, piece, shorten, wrap
+from tui.screen.pages.drop_texts import remark, uncertainty_of, verdict_of
+from tui.screen.pages.measure_view import key_line
+from tui.screen.session.state import DropState, Refitted, SessionState
+from tui.screen.units import NOTHING, Units, figures, percent
+
+PANELS = ("load", "deflection", "residual", "spectrum")
+WIDE = 100
+LEAST_PLOT = 6
+"""Rows of a plot that is worth looking at."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropView:
+    """What the page needs."""
+
+    drop: DropState | None
+    state: SessionState
+    units: Units
+    glyphs: Glyphs
+    message: str
+    keys: Sequence[tuple[str, str]]
+    refit: Refitted | None = None
+    span: tuple[float, float] | None = None
+    cursor: float | None = None
+    panel: str = ""
+    sensor: int = 0
+    first: int = 0
+    busy: str = ""
+
+    @property
+    def result(self) -> Mapping[str, Any]:
+        """The result that is shown."""
+        found = self.refit.result if self.refit is not None else self.drop and self.drop.result
+        return found or {}
+
+
+def drop_lines(view: DropView, width: int, height: int) -> list[Line]:
+    """The page as exactly `height` lines."""
+    drop = view.drop
+    if drop is None:
+        body = [(), line(cell(" there is no drop yet", "dim"))]
+        return [*exactly(body, height - 1), key_line(view.keys, width)]
+    head = [_title(view, drop, width), _verdict(view, drop, width)]
+    foot = [_cursor_line(view, drop, width), key_line(view.keys, width)]
+    room = height - len(head) - len(foot)
+    if width >= WIDE:
+        right = max(46, width * 2 // 5)
+        left = width - right - 3
+        text = text_lines(view, drop, right)
+        first = min(view.first, max(0, len(text) - room))
+        shown = _part(text, first, room)
+        body = beside(_plots(view, drop, left, room), shown, left, room)
+    else:
+        text = text_lines(view, drop, width - 1)
+        rows = max(LEAST_PLOT, room // 2)
+        first = min(view.first, max(0, len(text) - (room - rows)))
+        lower = [line(" ", *one) for one in _part(text, first, room - rows)]
+        body = [*_plots(view, drop, width, rows), *exactly(lower, room - rows)]
+    return [pad(one, width) for one in [*head, *exactly(body, room), *foot]]
+
+
+def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
+    """Some of the lines; the last one says that there are more."""
+    shown = list(text[first : first + rows])
+    if len(text) > first + rows and shown:
+        shown[-1] = line(cell("... pagedown shows more", "dim"))
+    return shown
+
+
+def _title(view: DropView, drop: DropState, width: int) -> Line:
+    owner = view.state.points.get(drop.point)
+    name = owner.shown_name if owner is not None else drop.point
+    role: Role = "bad" if drop.status == "rejected" else "text"
+    kind = "DISCARDED" if drop.discarded else drop.status
+    which = "result that counts" if view.refit is None else f"refit: {view.refit.label}"
+    said = view.message or view.busy
+    pieces = [
+        piece(0, cell(f" Drop {drop.number} of point {shorten(name, 24)} ", "title")),
+        piece(1, cell(kind, role)),
+        piece(2, cell(shorten(which, 40), "strong")),
+        piece(3, cell(shorten(said, max(0, width - 70)), "warn")),
+    ]
+    return fit(pieces, width)
+
+
+def _verdict(view: DropView, drop: DropState, width: int) -> Line:
+    text, role = verdict_of(drop)
+    if view.refit is not None and view.refit.result is not None:
+        trial = replace_result(drop, view.refit.result)
+        text, role = verdict_of(trial)
+    return line(" ", cell(shorten(text, width - 1), role))
+
+
+def replace_result(drop: DropState, result: Mapping[str, Any]) -> DropState:
+    """The drop as if a result were the one that counts."""
+    return replace(drop, results=[result])
+
+
+def _plots(view: DropView, drop: DropState, width: int, rows: int) -> list[Line]:
+    found = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
+    spectrum = spectrum_figure(drop, view.units, view.sensor, view.refit)
+    everything = [*found, *([spectrum] if spectrum is not None else [])]
+    if not everything:
+        text = "no traces in memory; they are read from the survey"
+        return exactly([(), line(cell(f"  {text}", "dim"))], rows)
+    cursor = None if view.cursor is None else 1e3 * view.cursor
+    marked = [
+        replace(figure, cursor=cursor) if figure.time_unit == "ms" else figure
+        for figure in everything
+    ]
+    by_name = {figure.title.split(" at ")[0]: figure for figure in marked}
+    if view.panel in by_name:
+        return plot_lines(replace(by_name[view.panel], time_axis=True), width, rows, view.glyphs)
+    count = max(1, min(len(marked), rows // LEAST_PLOT))
+    if count == 1:
+        name = "deflection" if "deflection" in by_name else next(iter(by_name))
+        return plot_lines(replace(by_name[name], time_axis=True), width, rows, view.glyphs)
+    return _stack(marked[:count], width, rows, view.glyphs)
+
+
+def _stack(shown: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -> list[Line]:
+    lines: list[Line] = []
+    for place, figure in enumerate(shown):
+        given = (rows - len(lines)) // (len(shown) - place)
+        lines += plot_lines(figure, width, given, glyphs)
+    return lines
+
+
+def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
+    if view.cursor is None:
+        return line(cell(" left and right: cursor with values", "dim"))
+    units = view.units
+    pieces = [piece(0, cell(f" at {1e3 * view.cursor:.2f} ms", "cursor"))]
+    curves, _ = curves_of(drop, view.refit)
+    if curves is not None:
+        sensor = min(view.sensor, len(curves.offsets) - 1)
+        place = int(np.argmin(np.abs(curves.time - view.cursor)))
+        observed, predicted = curves.observed[sensor][place], curves.predicted[sensor][place]
+        pieces += [
+            piece(1, f"load {units.with_unit('load', float(curves.load[place]), 4)}"),
+            piece(1, f"measured {units.with_unit('deflection', float(observed), 4)}"),
+            piece(3, f"fitted {units.with_unit('deflection', float(predicted), 4)}"),
+            piece(2, f"residual {units.with_unit('deflection', float(predicted - observed))}"),
+        ]
+    elif drop.one is not None:
+        place = int(np.argmin(np.abs(drop.one.drop.time - view.cursor)))
+        pieces.append(piece(1, f"load {units.with_unit('load', float(drop.one.drop.load[place]))}"))
+    return fit(pieces, width)
+
+
+def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
+    """Parameters, fit, effects, alternatives, settings."""
+    result = view.result
+    lines: list[Line] = []
+    if drop.status == "rejected":
+        lines += _paragraph(f"rejected: {drop.reason or 'no result'}", width, "bad")
+    if result.get("modulus_pa") is not None:
+        lines += _parameters(view, result, width)
+        lines += _fit_lines(view, result, width)
+    lines += _warnings(result, width)
+    lines += _heading("record")
+    lines += _paragraph(remark(drop, view.units), width)
+    if drop.one is not None:
+        rate = drop.one.drop.sampling_rate
+        count = len(drop.one.drop.channels)
+        sensors = "sensor" if count == 1 else "sensors"
+        lines += _paragraph(
+            f"{count} {sensors}, {rate:g} Hz, {len(drop.one.drop.time)} samples", width
+        )
+        if drop.one.file:
+            lines += _paragraph(Path(drop.one.file).name, width, "dim")
+    if drop.delay is not None:
+        lines += _paragraph(f"first modulus {drop.delay:.2f} s after the last sample", width)
+    lines += _alternatives(view, drop, width)
+    lines += _effects(view, drop, width)
+    return lines
+
+
+def _heading(text: str) -> list[Line]:
+    return [line(cell(text, "strong"))]
+
+
+def _paragraph(text: str, width: int, role: Role = "text") -> list[Line]:
+    return [line(cell(one, role)) for one in wrap(text, width)]
+
+
+_PARAMETERS = (
+    ("viscosity", "viscosity_pa_s", "viscosity_sd_pa_s", "viscosity"),
+    ("density", "density_kg_m3", "density_sd_kg_m3", "density"),
+    ("bedrock", "bedrock_depth_m", "bedrock_depth_sd_m", "depth"),
+)
+
+
+def _parameters(view: DropView, result: Mapping[str, Any], width: int) -> list[Line]:
+    units = view.units
+    unit = units.unit("modulus")
+    value, error = units.measured("modulus", result["modulus_pa"], uncertainty_of(result))
+    noise = units.text("modulus", result.get("modulus_sd_pa"), 2)
+    lines = _heading("parameters")
+    lines += _paragraph(f"modulus    {value} ± {error or NOTHING} {unit} (95 %)", width, "strong")
+    ends = result.get("modulus_interval_pa") or ()
+    if len(ends) == 2:
+        low, high = (units.text("modulus", end, 4) for end in ends)
+        lines += _paragraph(f"           {low} to {high}; noise alone ± {noise}"[11:], width)
+    bounds = result.get("at_bound") or ()
+    for name, key, sd, quantity in _PARAMETERS:
+        amount, deviation = units.measured(quantity, result.get(key), result.get(sd))  # type: ignore[arg-type]
+        if amount == NOTHING:
+            continue
+        given = f"± {deviation}" if deviation else "(given)"
+        bound = "  AT BOUND" if any(name in str(one) for one in bounds) else ""
+        lines.append(line(f"{name:10} {amount} {given} {units.unit(quantity)}", cell(bound, "bad")))  # type: ignore[arg-type]
+    correlation = result.get("modulus_depth_correlation")
+    if isinstance(correlation, int | float) and math.isfinite(correlation):
+        lines += _paragraph(f"correlation of modulus and depth {correlation:+.2f}", width)
+    peak = units.with_unit("modulus", result.get("peak_modulus_pa"))
+    factor = figures(result.get("peak_factor"), 3)
+    lines += _paragraph(f"peak method {peak} (factor {factor})", width)
+    return lines
+
+
+def _fit_lines(view: DropView, result: Mapping[str, Any], width: int) -> list[Line]:
+    units = view.units
+    ratio = figures(result.get("poisson_ratio"), 2)
+    radius = units.with_unit("length", result.get("plate_radius_m"))
+    lines = _heading("model and fit")
+    lines += _paragraph(
+        f"{result.get('model')}, {result.get('plate')} plate of radius {radius}, Poisson's ratio "
+        f"{ratio}, {result.get('load')} load, {result.get('method')}, seed {result.get('seed')}",
+        width,
+    )
+    lines += _paragraph(
+        f"residual {percent(result.get('residual_rms_over_peak'))} of the peak, "
+        f"{percent(result.get('contact_residual_rms_over_peak'))} in contact; R² "
+        f"{figures(result.get('r_squared'), 5)}; noise "
+        f"{units.with_unit('deflection', result.get('noise_rms_m'), 2)}",
+        width,
+    )
+    pulse = result.get("half_sine")
+    if isinstance(pulse, Mapping):
+        pressure = units.with_unit("pressure", pulse.get("peak_pressure_pa"))
+        duration = figures(1e3 * float(pulse.get("duration_s") or math.nan))
+        rms = percent(pulse.get("rms_over_peak"))
+        lines += _paragraph(f"half-sine {pressure}, {duration} ms, {rms} off the load", width)
+    done = "converged" if result.get("converged") else "NOT CONVERGED"
+    seconds = figures(result.get("elapsed_s"), 2)
+    solves = result.get("forward_solves")
+    lines += _paragraph(f"{done}; {solves} forward solves in {seconds} s", width)
+    return lines
+
+
+def _warnings(result: Mapping[str, Any], width: int) -> list[Line]:
+    lines: list[Line] = []
+    for text in result.get("warnings") or ():
+        lines += _paragraph(f"warning: {text}", width, "warn")
+    return lines
+
+
+def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
+    lines = _heading("results")
+    everything = [("counts", one) for one in drop.results[-1:]]
+    earlier = [("before it", one) for one in drop.results[:-1]]
+    units = view.units
+    for kind, one in [*everything, *earlier]:
+        lines += _paragraph(f"{_short_result(one, units)}, {one.get('method')} ({kind})", width)
+    for refit in drop.refits:
+        if refit.result is not None:
+            mark: Role = "strong" if refit is view.refit else "text"
+            lines += _paragraph(f"{_short_result(refit.result, units)}, {refit.label}", width, mark)
+    return lines if len(lines) > 1 else []
+
+
+def _short_result(result: Mapping[str, Any], units: Units) -> str:
+    modulus = result.get("modulus_pa")
+    if modulus is None:
+        return str(result.get("reason") or "no result")
+    value, error = units.measured("modulus", modulus, uncertainty_of(result))
+    part = percent(result.get("residual_rms_over_peak"))
+    return f"{value} ± {error or NOTHING} {units.unit('modulus')}, residual {part}"
+
+
+def _effects(view: DropView, drop: DropState, width: int) -> list[Line]:
+    found = view.state.diagnoses.get(drop.one.file) if drop.one is not None else None
+    lines = _heading("effects behind the residual")
+    if found is None:
+        return [*lines, *_paragraph("v asks for them; it takes some seconds", width, "dim")]
+    if found.error:
+        return [*lines, *_paragraph(found.error, width, "bad")]
+    for record in found.records:
+        for text in diagnosis_lines(record)[1:]:
+            lines += _paragraph(text.strip(), width)
+    return lines

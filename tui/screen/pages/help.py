@@ -1,0 +1,76 @@
+"""Help for the page below: what it is for, every key, what was said lately."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from tui.screen.drawing.lines import Line, cell, line, wrap
+from tui.screen.pages.measure_view import key_line
+from tui.screen.pages.page import Page
+
+
+class HelpPage(Page):
+    """Help."""
+
+    NAME = "help"
+    HELP = "Keys of the page that you came from."
+    KEYS: ClassVar[Sequence[tuple[str, str]]] = (("escape", "back"), ("up/down", "scroll"))
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,question_mark,f1,enter,q", "back", "Back"),
+        Binding("up", "scroll_by(-1)", "Up"),
+        Binding("down", "scroll_by(1)", "Down"),
+        Binding("pageup", "scroll_by(-10)", "Page up"),
+        Binding("pagedown", "scroll_by(10)", "Page down"),
+    ]
+
+    def __init__(self, about: Page) -> None:
+        super().__init__()
+        self._about = about
+        self._first = 0
+
+    def lines(self, width: int, height: int) -> Sequence[Line]:
+        """The help."""
+        text = self._content(width)
+        room = height - 2
+        self._first = max(0, min(self._first, len(text) - room))
+        body = [*text[self._first : self._first + room], *[()] * room][:room]
+        title = line(cell(f" Help: {self._about.NAME} ", "title"))
+        return [title, *body, key_line(self.KEYS, width)]
+
+    def _content(self, width: int) -> list[Line]:
+        lines: list[Line] = [()]
+        lines += [line(" ", one) for one in wrap(self._about.HELP, width - 2)]
+        lines.append(())
+        seen = set()
+        # The page's own keys first: they are what one looks for.
+        for node in (self._about, self.app):
+            for binding in node._bindings.key_to_bindings.values():
+                for one in binding:
+                    name = (one.action, one.description)
+                    if not one.description or name in seen:
+                        continue
+                    seen.add(name)
+                    key = self.app.get_key_display(one)
+                    lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {one.description}"))
+        lines += [(), line(cell(" Said lately", "strong"))]
+        notices = list(self.pfwd.state.notices)[-20:]
+        for when, notice in reversed(notices):
+            mark = "! " if notice.serious else "  "
+            texts = wrap(f"{when:%H:%M:%S} {mark}{notice.text}", width - 2)
+            lines += [line(" ", cell(one, "warn" if notice.serious else "text")) for one in texts]
+        if not notices:
+            lines.append(line(cell(" nothing", "dim")))
+        folder = self.pfwd.source.survey
+        if folder is not None:
+            lines += [(), line(cell(f" The log with everything: {folder}/log/pfwd.log", "dim"))]
+        return lines
+
+    def action_back(self) -> None:
+        """To the page."""
+        self.app.pop_screen()
+
+    def action_scroll_by(self, rows: int) -> None:
+        """Further."""
+        self._first += rows
+        self.draw()

@@ -1,0 +1,142 @@
+"""The measure page, open all day."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from tui.screen.drawing.lines import Line
+from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
+from tui.screen.pages.page import Page
+from tui.screen.session.state import DropState
+from tui.screen.widgets.lines_view import LinesView
+
+
+class MeasurePage(Page):
+    """What happens now, what to do next, the last drop, the point."""
+
+    NAME = "measure"
+    HELP = (
+        "The word at the top says what is going on, beside it what to do next. Below stand the "
+        "streaming load and velocity, the last drop with its fit, and the drops of this point. "
+        "A drop is shown when it is safe on the disk. Its first modulus comes at once by least "
+        "squares and is refined by the full search. Discarding only marks a drop: u takes it back."
+    )
+    KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        ("n", "next point"),
+        ("d", "discard"),
+        ("u", "undo"),
+        ("enter", "open"),
+        ("?", "help"),
+        ("2", "points"),
+        ("q", "leave"),
+        ("r", "refit"),
+        ("tab", "trace"),
+        ("up/down", "choose"),
+        ("5", "setup"),
+        ("g", "record now"),
+        ("l", "large"),
+        ("t", "theme"),
+    )
+    REPLAY_KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        ("space", "pause"),
+        (".", "step"),
+        ("+/-", "speed"),
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Choose the drop before"),
+        Binding("down", "choose(1)", "Choose the drop after"),
+        Binding("escape", "newest", "Look at the newest drop"),
+        Binding("tab", "panel", "Next trace", priority=True),
+        Binding("n", "app.next_point", "Next point"),
+        Binding("d", "discard", "Discard the drop"),
+        Binding("enter", "open", "Open the drop"),
+        Binding("r", "refit", "Fit the drop with other settings"),
+        Binding("g", "app.record_now", "Record a drop now"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.chosen: int | None = None
+        self.panel = ""
+
+    @property
+    def drop(self) -> DropState | None:
+        """The drop that is looked at."""
+        state = self.pfwd.state
+        if self.chosen is None:
+            return state.last
+        return state.current.drops.get(self.chosen)
+
+    def lines(self, width: int, height: int) -> Sequence[Line]:
+        """The page."""
+        app = self.pfwd
+        if self.chosen is not None and self.chosen not in app.state.current.drops:
+            self.chosen = None
+        keys = list(self.KEYS)
+        if app.source.pace is not None:  # a recording has its points and its drops
+            keys = [*self.REPLAY_KEYS, *(one for one in keys if one[0] not in ("n", "g"))]
+        view = MeasureView(
+            app.state,
+            app.word(),
+            app.units,
+            app.glyphs,
+            app.runner.trace.envelope(),
+            app.clock(),
+            app.source.title,
+            keys,
+            self.chosen,
+            self.panel,
+            app.settings.large,
+            app.pace_text(),
+            app.message,
+            app.verdicts.get(app.state.point, ""),
+        )
+        return measure_lines(view, width, height)
+
+    def action_choose(self, step: int) -> None:
+        """Another drop of this point."""
+        numbers = sorted(self.pfwd.state.current.drops)
+        if not numbers:
+            return
+        last = self.pfwd.state.last
+        now = self.chosen if self.chosen is not None else last.number if last else numbers[-1]
+        place = numbers.index(now) if now in numbers else len(numbers) - 1
+        if self.chosen is None and step > 0:
+            return
+        self.chosen = numbers[min(max(place + step, 0), len(numbers) - 1)]
+        self.draw()
+
+    def action_newest(self) -> None:
+        """Look at what comes."""
+        self.chosen = None
+        self.draw()
+
+    def action_panel(self) -> None:
+        """The next trace of a small terminal; also leaves the full page as it is."""
+        size = self.view.size
+        if size.width >= WIDE and size.height >= TALL:
+            return
+        now = PANELS.index(self.panel) if self.panel else PANELS.index("deflection")
+        self.panel = PANELS[(now + 1) % len(PANELS)]
+        self.draw()
+
+    def action_discard(self) -> None:
+        """Mark the drop as not to be used."""
+        self.pfwd.discard(self.drop)
+
+    def action_open(self) -> None:
+        """Everything about the drop."""
+        self.pfwd.open_drop(self.drop)
+
+    def action_refit(self) -> None:
+        """With other settings."""
+        self.pfwd.open_drop(self.drop, refit=True)
+
+    def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
+        """A click on a drop chooses it."""
+        row = self.view.text.split("\n")[event.row] if event.row >= 0 else ""
+        first = row.replace("▶", " ").split()
+        if first and first[0].isdigit() and int(first[0]) in self.pfwd.state.current.drops:
+            self.chosen = int(first[0])
+            self.draw()

@@ -1,0 +1,420 @@
+"""The measure page as lines of text: what happens, what to do, the last drop, the point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pfwd_survey.measuring.live_trace import WINDOW, Envelope
+from pfwd_survey.procedures import Quantity
+from tui.screen.drawing.axes import Figure, plot_lines
+from tui.screen.drawing.blocks import beside, exactly, table_lines, window
+from tui.screen.drawing.digits import ROWS, SIZES, digit_lines, digit_width, largest_size
+from tui.screen.drawing.drop_figures import drop_figures, live_figures
+from tui.screen.drawing.glyphs import Glyphs
+from tui.screen.drawing.lines import (
+    Cell,
+    Line,
+    Piece,
+    Role,
+    both_ends,
+    cell,
+    fit,
+    flow,
+    line,
+    pad,
+    piece,
+    shorten,
+    width_of,
+    wrap,
+)
+from tui.screen.pages.drop_texts import (
+    drop_columns,
+    drop_row,
+    modulus_text,
+    number_of,
+    plain,
+    point_summary,
+    verdict_of,
+)
+from tui.screen.session.procedure import PLAIN
+from tui.screen.session.state import DropState, SessionState
+from tui.screen.session.words import Word
+from tui.screen.units import NOTHING, Units
+from tui.screen.units import Quantity as QuantityName
+
+PANELS = ("live", "load", "deflection", "residual")
+"""What the one plot of a small terminal shows in turn."""
+
+NARROW, LOW = 64, 18
+"""Columns and rows below which there is no room for large figures and traces."""
+
+WIDE, TALL = 100, 30
+"""Columns and rows from which on everything is shown at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureView:
+    """What the page needs beside the state."""
+
+    state: SessionState
+    word: Word
+    units: Units
+    glyphs: Glyphs
+    envelope: Envelope
+    clock: str
+    title: str
+    keys: Sequence[tuple[str, str]]
+    chosen: int | None = None
+    """Number of the drop that is looked at; None: the newest."""
+    panel: str = ""
+    """One of PANELS; empty: what fits the moment."""
+    large: bool = False
+    pace: str = ""
+    """Of a replay."""
+    message: str = ""
+    """The last thing that was said."""
+    verdict: str = ""
+    """Of the diagnosis of this point, when it was made."""
+
+    @property
+    def drop(self) -> DropState | None:
+        """The drop that is looked at."""
+        if self.chosen is not None:
+            return self.state.current.drops.get(self.chosen)
+        return self.state.last
+
+
+def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
+    """The page as exactly `height` lines of `width` columns at most."""
+    foot = [_mean_line(view, width), key_line(view.keys, width)]
+    top = [*head_lines(view, width), *_word_lines(view, width), *_procedure_lines(view, width)]
+    room = height - len(top) - len(foot)
+    full = width >= WIDE and height >= TALL
+    tiny = width < NARROW or height < LOW
+    body = _large(view, width, room) if view.large and not tiny else None
+    body = _tiny(view, width, room) if tiny else body
+    if body is None:
+        body = _full(view, width, room) if full else _small(view, width, room)
+    return [pad(one, width) for one in [*top, *exactly(body, room), *foot]]
+
+
+def head_lines(view: MeasureView, width: int) -> list[Line]:
+    """Survey, point and device."""
+    state, device = view.state, view.state.device
+    point = shorten(state.current.shown_name, 24 if width >= NARROW else 10)
+    title = shorten(view.title, max(3, min(30, width - 16 - width_of([cell(point)]))))
+    name = line(cell(" PFWD  ", "strong"), title, " · point ", cell(point, "strong"))
+    link: Role = "good" if device.connected else "warn"
+    url = device.url.rsplit("/", 1)[-1]
+    pieces: list[Piece] = []
+    if state.device.serial_number or device.connected:
+        mark = "● " if device.connected else "○ no link, "
+        pieces += [
+            piece(0, cell(mark, link), shorten(url, 24)),
+            piece(2, f"SN {device.serial_number}"),
+            piece(3, _rate(device.rate)),
+            piece(1, cell(f"lost {device.lost_samples}", "bad" if device.lost_samples else "text")),
+        ]
+        if device.battery is not None:
+            low = " LOW" if device.battery_low else ""
+            pieces.append(piece(4, cell(f"battery {device.battery:.1f} V{low}")))
+        if device.due is not None:
+            pieces.append(piece(5, f"cal. until {device.due}"))
+    elif view.pace:
+        pieces = [piece(0, "○ recording")]
+    else:
+        pieces = [piece(0, cell("○ no instrument", "warn"))]
+    if view.pace:
+        pieces.append(piece(1, cell(view.pace, "strong")))
+    separated = [
+        Piece(line(cell("· ", "dim"), *one.cells) if place else one.cells, one.rank)
+        for place, one in enumerate(pieces)
+    ]
+    whole = fit(separated, 10_000, " ")
+    if width_of(name) + width_of(whole) + 2 <= width:
+        return [both_ends(name, whole, width)]
+    return [name, line(" ", *fit(separated, width - 1, " "))]
+
+
+def _rate(rate: float | None) -> str:
+    if rate is None:
+        return ""
+    return f"{rate / 1e3:g} kHz" if rate >= 1e3 else f"{rate:g} Hz"
+
+
+def _word_lines(view: MeasureView, width: int) -> list[Line]:
+    """The word and what to do; an alarm is never cut, it takes another line."""
+    word = view.word
+    badge = cell(f" ▶ {word.word} ", word.role)
+    room = width - width_of([badge]) - 2
+    first, *more = wrap(word.action, room)
+    head = (badge, Cell(" "), cell(first, "strong"))
+    if more:
+        rest = wrap(" ".join(more), width - 2)[:2]
+        return [head, *[line(" ", cell(one, "strong")) for one in rest]]
+    return [both_ends(head, (cell(view.clock),), width)]
+
+
+def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
+    progress = view.state.progress
+    parts = []
+    for name, done, whole in (
+        ("seating", progress.seating_done, progress.seating_wanted),
+        ("measured", progress.measured_done, progress.measured_wanted),
+    ):
+        if whole != 0 or done:
+            parts.append(piece(0, f"{name} ", _boxes(done, whole)))
+    target = progress.target
+    quantity: QuantityName = "deflection" if _of_deflection(view.state) else "modulus"
+    wanted = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
+    parts.append(piece(1, wanted))
+    if view.state.procedure.name != PLAIN:
+        parts.append(piece(3, cell(view.state.procedure.name, "dim")))
+    parts_width = width_of(fit(parts, width - 1, "   "))
+    if view.message in view.word.action:  # it stands above already
+        return [(Cell(" "), *fit(parts, width - 1, "   "))]
+    if view.message and parts_width + len(view.message) + 4 <= width:
+        parts.append(piece(4, cell(view.message, "warn")))
+        return [(Cell(" "), *fit(parts, width - 1, "   "))]
+    lines: list[Line] = [(Cell(" "), *fit(parts, width - 1, "   "))]
+    if view.message:  # a sentence is never cut: it takes lines of its own for a while
+        lines += [line(" ", cell(one, "warn")) for one in wrap(view.message, width - 2)[:3]]
+    return lines
+
+
+def _of_deflection(state: SessionState) -> bool:
+    return state.procedure.quantity is Quantity.DEFLECTION
+
+
+def _boxes(done: int, whole: int | None) -> Cell:
+    if whole is None:
+        return cell(f"{done}", "strong")
+    shown = max(done, whole)
+    if shown > 12:
+        return cell(f"{done} of {whole}", "strong")
+    marks = ["■" if place < done else "□" for place in range(shown)]
+    return cell(f"{' '.join(marks)} ({done}/{whole})", "strong")
+
+
+def key_line(keys: Sequence[tuple[str, str]], width: int) -> Line:
+    """What can be pressed; the last ones give way first."""
+    pieces = [
+        Piece((cell(key, "key"), Cell(f" {what}")), rank) for rank, (key, what) in enumerate(keys)
+    ]
+    return (Cell(" "), *fit(pieces, width - 1, "  "))
+
+
+def _full(view: MeasureView, width: int, room: int) -> list[Line]:
+    rows_wanted = min(len(view.state.current.drops) + 1, max(5, room // 4))
+    live_rows = max(4, min(8, room // 6))
+    middle = room - rows_wanted - live_rows - 1
+    live = _live_lines(view, width, live_rows)
+    right_width = max(44, min(76, width * 2 // 5))
+    left_width = width - right_width - 3
+    figures = _figures(view)
+    left = _stacked(figures, left_width, middle, view.glyphs)
+    right = result_lines(view, right_width, middle)
+    both = beside(left, right, left_width, middle)
+    return [*live, *both, footnote(view.drop, view, width), *drop_table(view, width, rows_wanted)]
+
+
+def _small(view: MeasureView, width: int, room: int) -> list[Line]:
+    rows_wanted = max(2, min(len(view.state.current.drops) + 1, 5, room // 4 + 1))
+    panel_rows = max(0, room - rows_wanted - ROWS - 2)
+    right = result_lines(view, width, ROWS + 1, wide=True)
+    lines = [*right, footnote(view.drop, view, width)]
+    if panel_rows >= 4:
+        lines += _one_panel(view, width, panel_rows)
+    return [*lines, *drop_table(view, width, rows_wanted)]
+
+
+def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
+    """A terminal that is too small for anything but the numbers."""
+    value, error = modulus_text(view.drop, view.units)
+    shown = f" E {value} ± {error or NOTHING} {view.units.unit('modulus')} (95 %)"
+    lines = [line(cell(shown, "strong"))]
+    lines += [line(" ", *one) for one in _verdict_lines(view, width - 1)]
+    lines.append(footnote(view.drop, view, width))
+    return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
+
+
+def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
+    """Figures first: the modulus as large as the terminal has room for."""
+    drop = view.drop
+    if room < ROWS + 4:
+        return None
+    rows_wanted = min(4, room - ROWS - 4)
+    space = room - rows_wanted - 4
+    value, error = modulus_text(drop, view.units)
+    lines: list[Line] = [(Cell(" "), *one) for one in _figures_of(value, error, width - 2, space)]
+    unit = view.units.unit("modulus")
+    lines.append(line(cell(f" {unit}, ± for 95 % with the model's error", "strong")))
+    lines += [line(" ", *one) for one in _verdict_lines(view, width - 1)][:2]
+    lines = [*exactly(lines, room - rows_wanted - 1), footnote(drop, view, width)]
+    return [*lines, *drop_table(view, width, rows_wanted)]
+
+
+def _live_lines(view: MeasureView, width: int, rows: int) -> list[Line]:
+    load, motion = live_figures(view.envelope, view.units, WINDOW)
+    half = (width - 3) // 2
+    return beside(
+        plot_lines(load, half, rows, view.glyphs),
+        plot_lines(motion, width - 3 - half, rows, view.glyphs),
+        half,
+        rows,
+    )
+
+
+def _figures(view: MeasureView) -> list[Figure]:
+    return [] if view.drop is None else drop_figures(view.drop, view.units)
+
+
+def _stacked(figures: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -> list[Line]:
+    if not figures:
+        text = "  no traces yet: they come with the first drop"
+        return exactly([(), line(cell(text, "dim"))], rows)
+    shares = (3, 4, 3)[: len(figures)]
+    lines: list[Line] = []
+    left = rows
+    for place, figure in enumerate(figures):
+        given = left * shares[place] // sum(shares[place:])
+        lines += plot_lines(figure, width, given, glyphs)
+        left -= given
+    return lines
+
+
+def _one_panel(view: MeasureView, width: int, rows: int) -> list[Line]:
+    figures = {figure.title.split(" at ")[0]: figure for figure in _figures(view)}
+    panel = view.panel or ("live" if not figures else "deflection")
+    if panel == "live" or panel not in figures:
+        figure = live_figures(view.envelope, view.units, WINDOW)[0]
+    else:
+        figure = figures[panel]
+    return plot_lines(figure, width, rows, view.glyphs)
+
+
+def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False) -> list[Line]:
+    """The modulus in large figures with everything that belongs to it."""
+    drop, units = view.drop, view.units
+    value, error = modulus_text(drop, units)
+    unit = units.unit("modulus")
+    details = _details(view, drop)
+    if wide:
+        shown = f"{value} ±{error}" if error else value
+        digits = digit_lines(shown, "strong", 1, 1)
+        taken = max(width_of(one) for one in digits) + 2
+        side = width - taken - 3
+        sure = fit(
+            [piece(0, cell(f"{unit}, ± for 95 %", "strong")), Piece(_refining(drop), 1)], side
+        )
+        text = [sure, *[fit([piece(0, one)], side) for one in details]]
+        judged = _verdict_lines(view, side)[: rows - 1]
+        text = [*text[: rows - len(judged)], *judged]
+        return beside([line(" ", *one) for one in digits], exactly(text, rows), taken, rows, "  ")
+    title = "modulus" if drop is None else f"modulus, drop {drop.number}"
+    verdict = _verdict_lines(view, width)
+    used = len(details) + len(verdict) + 2
+    space = max(ROWS, rows - used)
+    lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
+    lines += _figures_of(value, error, width, space)
+    lines.append(line(cell(f"{unit}, ± for 95 % with the model's error", "strong")))
+    lines += [line(one) for one in details if len(one) <= width]
+    room = rows - len(lines)
+    return exactly([*lines, *verdict[: max(0, room)]], rows)
+
+
+def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
+    """Value and uncertainty as large as there is room: one below the other, or side by side."""
+    if not error:
+        return digit_lines(value, "strong", *(largest_size(value, width, rows) or (1, 1)))
+    best: list[Line] = digit_lines(f"{value} ±{error}", "strong", 1, 1)
+    for wide, high in SIZES:
+        below = (wide // 2, max(1, high // 2)) if wide > 1 else (1, 1)
+        needed = ROWS * high + 1 + ROWS * below[1]
+        fits = max(digit_width(value, wide), digit_width(f"±{error}", below[0])) <= width
+        if fits and needed <= rows:
+            lines = digit_lines(value, "strong", wide, high)
+            return [*lines, (), *digit_lines(f"±{error}", "strong", *below)]
+        side_by_side = digit_width(f"{value} ±{error}", wide) <= width
+        if side_by_side and ROWS * high <= rows:
+            return digit_lines(f"{value} ±{error}", "strong", wide, high)
+    return best
+
+
+def _refining(drop: DropState | None) -> Line:
+    if drop is None or not drop.results or drop.final:
+        return ()
+    return (cell("  first answer, refining", "warn"),)
+
+
+def _details(view: MeasureView, drop: DropState | None) -> list[str]:
+    result = drop.result if drop is not None else None
+    if drop is None or result is None or drop.modulus is None:
+        return []
+    units = view.units
+    lines = []
+    noise = number_of(result, "modulus_sd_pa")
+    value, error = units.measured("modulus", drop.modulus, noise)
+    lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NOTHING}")
+    peak = units.with_unit("modulus", number_of(result, "peak_modulus_pa"))
+    factor, ratio = result.get("peak_factor"), result.get("poisson_ratio")
+    lines.append(f"peak method {peak} (f {plain(factor)}, ν {plain(ratio)})")
+    for name, key, sd, quantity in (
+        ("viscosity", "viscosity_pa_s", "viscosity_sd_pa_s", "viscosity"),
+        ("bedrock", "bedrock_depth_m", "bedrock_depth_sd_m", "depth"),
+        ("density", "density_kg_m3", "density_sd_kg_m3", "density"),
+    ):
+        amount, error = units.measured(
+            quantity,  # type: ignore[arg-type]
+            number_of(result, key),
+            number_of(result, sd),
+        )
+        if amount != NOTHING:
+            given = f" ± {error}" if error else " (given)"
+            lines.append(f"{name:9} {amount}{given} {units.unit(quantity)}")  # type: ignore[arg-type]
+    return lines
+
+
+def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
+    text, role = verdict_of(view.drop, view.verdict)
+    return [line(cell(one, role)) for one in wrap(text, width)]
+
+
+def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
+    """What the modulus rests on."""
+    result = drop.result if drop is not None else None
+    if result is None or result.get("modulus_pa") is None:
+        return ()
+    units = view.units
+    radius = units.with_unit("length", number_of(result, "plate_radius_m"))
+    pieces = [
+        piece(0, cell(f" {result.get('model')}", "dim")),
+        piece(0, cell(f"{result.get('plate')} plate, radius {radius}", "dim")),
+        piece(0, cell(f"Poisson's ratio {plain(result.get('poisson_ratio'))}", "dim")),
+        piece(1, cell(f"{result.get('method')}", "dim")),
+        piece(2, cell(f"{result.get('load')} load", "dim")),
+    ]
+    return flow(pieces, width, 1, ", ")[0]
+
+
+def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
+    """The drops of the point, newest last."""
+    drops = [view.state.current.drops[number] for number in sorted(view.state.current.drops)]
+    place = next((at for at, one in enumerate(drops) if one.number == view.chosen), None)
+    shown = window(len(drops), place, max(1, rows - 1))
+    table = [
+        drop_row(
+            drops[at],
+            view.units,
+            chosen=drops[at].number == view.chosen,
+            left_out=view.state.why_left_out(drops[at]),
+        )
+        for at in shown
+    ]
+    if not table:
+        return exactly([line(cell(" no drops at this point yet", "dim"))], rows)
+    return exactly(table_lines(drop_columns(view.units), table, width), rows)
+
+
+def _mean_line(view: MeasureView, width: int) -> Line:
+    state = view.state
+    return line(" ", *point_summary(state, state.current, view.units, width - 1))

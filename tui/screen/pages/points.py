@@ -1,0 +1,306 @@
+"""The points page: every point of the survey, the line they make, the drops of one."""
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from pfwd_survey.errors import OptionError
+from pfwd_survey.files.editing import Edit, parse_position
+from pfwd_survey.procedures import PointProgress, Verdict
+from tui.screen.drawing.blocks import Column, Row, exactly, table_lines, window
+from tui.screen.drawing.lines import Line, cell, line, shorten
+from tui.screen.drawing.profile import Bar, profile_lines
+from tui.screen.pages.dialogs import TextDialog
+from tui.screen.pages.drop_texts import drop_columns, drop_row, point_summary
+from tui.screen.pages.measure_view import key_line
+from tui.screen.pages.page import Page
+from tui.screen.session.state import PointState
+from tui.screen.units import NOTHING, Units
+from tui.screen.widgets.lines_view import LinesView
+
+_COLUMNS = (
+    Column("point", 0, left=True, free=True),
+    Column("drops", 2),
+    Column("E", 0),
+    Column("spread", 3),
+    Column("target", 4),
+    Column("status", 1, left=True),
+    Column("position", 5, left=True),
+    Column("notes", 6, free=True),
+)
+
+MOST_PROFILE = 18
+"""Rows of the profile; more show nothing new."""
+
+
+class PointsPage(Page):
+    """All points; enter opens one, then one of its drops."""
+
+    NAME = "points"
+    HELP = (
+        "Every point of the survey with the mean of its measured drops, and the profile along the "
+        "line in the order of measuring. Enter goes into a point, then into a drop. What is said "
+        "here (name, position, target, note, discarding) is added to the survey; nothing recorded "
+        "is changed."
+    )
+    KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        ("up/down", "choose"),
+        ("enter", "open"),
+        ("escape", "back"),
+        ("1", "measure"),
+        ("?", "help"),
+        ("m", "target"),
+        ("o", "position"),
+        ("a", "name"),
+        ("e", "note"),
+        ("d", "discard"),
+        ("u", "undo"),
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Choose the one before"),
+        Binding("down", "choose(1)", "Choose the one after"),
+        Binding("pageup", "choose(-10)", "Ten before"),
+        Binding("pagedown", "choose(10)", "Ten after"),
+        Binding("home", "choose(-100000)", "The first"),
+        Binding("end", "choose(100000)", "The last"),
+        Binding("enter", "open", "Open"),
+        Binding("escape", "back", "Back"),
+        Binding("d", "discard", "Discard or restore"),
+        Binding("m", "target", "Target modulus of the point"),
+        Binding("o", "position", "Position of the point"),
+        Binding("a", "name", "Another name for the point"),
+        Binding("e", "note", "Note"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.point = ""
+        """The chosen one; empty: the one that is measured."""
+        self.drop: int | None = None
+        """The chosen drop; None: the points are shown."""
+
+    @property
+    def names(self) -> list[str]:
+        """Of the points, in their order."""
+        return [name for name, point in self.pfwd.state.points.items() if point.drops or name]
+
+    @property
+    def chosen(self) -> PointState:
+        """The chosen point."""
+        state = self.pfwd.state
+        return state.points.get(self.point) or state.current
+
+    def lines(self, width: int, height: int) -> Sequence[Line]:
+        """The page."""
+        body = self._points if self.drop is None else self._drops
+        title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
+        said = line(cell(f"  {self.pfwd.message}", "warn"))
+        foot = key_line(self.KEYS, width)
+        return [(*title, *said), *exactly(body(width, height - 2), height - 2), foot]
+
+    def _points(self, width: int, room: int) -> list[Line]:
+        app, names = self.pfwd, self.names
+        if not names:
+            return [(), line(cell(" no point yet", "dim"))]
+        spare = room - len(names) - 3
+        profile_rows = max(room // 3, min(MOST_PROFILE, spare)) if room >= 16 else 0
+        chosen = names.index(self.chosen.name) if self.chosen.name in names else 0
+        shown = window(len(names), chosen, max(1, room - profile_rows - 2))
+        rows = [
+            self._row(app.state.points[names[place]], app.units, chosen=place == chosen)
+            for place in shown
+        ]
+        unit = app.units.unit("modulus")
+        named = {"E": f"E {unit}", "spread": f"spread {unit}", "target": f"target {unit}"}
+        columns = [
+            Column(named.get(one.title, one.title), one.rank, one.left, one.free)
+            for one in _COLUMNS
+        ]
+        table = table_lines(columns, rows, width)
+        bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
+        target = app.units.value("modulus", app.state.progress.target)
+        title = f"modulus along the line, {unit}"
+        whole = not app.glyphs.dots
+        profile = profile_lines(bars, width, profile_rows, title, target, whole_blocks=whole)
+        return [*exactly(table, room - profile_rows - 1), (), *profile]
+
+    def _row(self, point: PointState, units: Units, *, chosen: bool) -> Row:
+        mean = self.pfwd.state.mean_of(point)
+        place = point.position
+        progress = self.pfwd.state.progress_of(point)
+        return Row(
+            (
+                cell(point.shown_name).text,
+                str(len(point.drops)),
+                units.text("modulus", mean.modulus),
+                units.text("modulus", mean.spread, 2),
+                units.text("modulus", progress.target),
+                status_of(point, progress),
+                f"{place[0]:.6f}, {place[1]:.6f}" if place else NOTHING,
+                cell("; ".join(point.notes)).text or NOTHING,
+            ),
+            "dim" if point.discarded else "text",
+            chosen,
+        )
+
+    def _bar(self, point: PointState, chosen: bool) -> Bar:
+        value = None if point.discarded else self.pfwd.state.mean_of(point).modulus
+        shown = self.pfwd.units.value("modulus", value)
+        return Bar(cell(point.shown_name).text, shown, "measured", chosen)
+
+    def _drops(self, width: int, room: int) -> list[Line]:
+        app, point = self.pfwd, self.chosen
+        numbers = sorted(point.drops)
+        place = numbers.index(self.drop) if self.drop in numbers else 0
+        shown = window(len(numbers), place, max(1, room - 5))
+        rows = [drop_row(point.drops[numbers[at]], app.units, chosen=at == place) for at in shown]
+        heading = line(cell(f" point {point.shown_name}", "strong"))
+        summary = line(" ", *point_summary(app.state, point, app.units, width - 1))
+        return [(), heading, summary, (), *table_lines(drop_columns(app.units), rows, width)]
+
+    def action_choose(self, step: int) -> None:
+        """Up or down."""
+        if self.drop is None:
+            names = self.names
+            if names:
+                now = names.index(self.chosen.name) if self.chosen.name in names else 0
+                self.point = names[min(max(now + step, 0), len(names) - 1)]
+        else:
+            numbers = sorted(self.chosen.drops)
+            if numbers:
+                now = numbers.index(self.drop) if self.drop in numbers else 0
+                self.drop = numbers[min(max(now + step, 0), len(numbers) - 1)]
+        self.draw()
+
+    def action_open(self) -> None:
+        """Into the point, then into the drop."""
+        point = self.chosen
+        if self.drop is None:
+            self.point = point.name
+            self.drop = max(point.drops, default=None)
+            if self.drop is None:
+                self.pfwd.say("this point has no drops yet")
+            self.draw()
+            return
+        self.pfwd.open_drop(point.drops.get(self.drop))
+
+    def action_back(self) -> None:
+        """Out of the point, then to the measure page."""
+        if self.drop is not None:
+            self.drop = None
+            self.draw()
+        else:
+            self.pfwd.action_page("measure")
+
+    def action_discard(self) -> None:
+        """The drop, or the point."""
+        point = self.chosen
+        if self.drop is not None:
+            self.pfwd.discard(point.drops.get(self.drop))
+            return
+        what = "restore" if point.discarded else "discard"
+        if self.pfwd.edit(Edit(what, None), point=point.name):
+            self.pfwd.say(f"point {point.shown_name}: {what}; d again takes it back")
+
+    def action_target(self) -> None:
+        """What the point has to reach."""
+        units = self.pfwd.units
+        unit = units.unit("modulus")
+        now = units.text("modulus", self.chosen.target, 4)
+        self._ask(
+            f"Target of point {self.chosen.shown_name}, {unit}",
+            "" if now == NOTHING else now,
+            lambda text: "" if _positive(text) else f"a number > 0, in {unit}",
+            lambda text: Edit("target", units.si("modulus", float(text))),
+        )
+
+    def action_position(self) -> None:
+        """Where the point is."""
+        place = self.chosen.position
+        self._ask(
+            f"Position of point {self.chosen.shown_name}: latitude, longitude in degrees",
+            f"{place[0]}, {place[1]}" if place else "",
+            _position_error,
+            lambda text: Edit("position", parse_position(text)),
+        )
+
+    def action_name(self) -> None:
+        """Another name."""
+        self._ask(
+            f"Name of point {self.chosen.shown_name}",
+            self.chosen.shown_name,
+            lambda text: "" if 0 < len(text.strip()) <= 64 else "1 to 64 characters",
+            lambda text: Edit("name", text.strip()),
+        )
+
+    def action_note(self) -> None:
+        """A note on the drop or the point."""
+        drop = None if self.drop is None else self.chosen.drops.get(self.drop)
+        what = f"drop {drop.number}" if drop else f"point {self.chosen.shown_name}"
+        check = "1 to 500 characters"
+
+        def take(text: str | None) -> None:
+            if not text:
+                return
+            edit = Edit("note", text)
+            if drop is not None:
+                self.pfwd.edit(edit, drop=drop)
+            else:
+                self.pfwd.edit(edit, point=self.chosen.name)
+
+        dialog = TextDialog(
+            f"Note on {what}", check=lambda text: "" if 0 < len(text.strip()) <= 500 else check
+        )
+        self.app.push_screen(dialog, take)
+
+    def _ask(
+        self,
+        title: str,
+        value: str,
+        check: Callable[[str], str],
+        edit: Callable[[str], Edit],
+    ) -> None:
+        name = self.chosen.name
+
+        def take(text: str | None) -> None:
+            if text is not None:
+                self.pfwd.edit(edit(text), point=name)
+
+        self.app.push_screen(TextDialog(title, value, check=check), take)
+
+    def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
+        """A click on a row chooses it."""
+        row = self.view.text.split("\n")[event.row].replace("▶", " ").strip()
+        if self.drop is None:
+            for name in self.names:
+                if row.startswith(self.pfwd.state.points[name].shown_name):
+                    self.point = name
+        elif row.split(" ")[0].isdigit():
+            self.drop = int(row.split(" ")[0])
+        self.draw()
+
+
+def status_of(point: PointState, progress: PointProgress) -> str:
+    """How a point stands, in a word or two."""
+    if point.discarded:
+        return "DISCARDED"
+    if not progress.complete:
+        whole = progress.measured_wanted
+        return f"{progress.measured_done}" + (f" of {whole}" if whole is not None else "")
+    return "done" if progress.verdict is Verdict.NONE else progress.verdict.value.upper()
+
+
+def _positive(text: str) -> bool:
+    try:
+        return 0 < float(text) < 1e9
+    except ValueError:
+        return False
+
+
+def _position_error(text: str) -> str:
+    try:
+        parse_position(text)
+    except OptionError:
+        return "as 48.1374, 11.5755: degrees, north and east positive"
+    return ""

@@ -1,0 +1,317 @@
+"""The setup page: port, plate, procedure, target, operator, units, theme; checked as typed."""
+
+import contextlib
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.content import Content
+from textual.widgets import Button, Input, Label, Select
+
+from pfwd_survey.errors import DeviceError, OptionError
+from pfwd_survey.files.editing import Edit
+from pfwd_survey.procedures import shipped_names
+from tui.output import clean
+from tui.screen.drawing.lines import Line, cell, line
+from tui.screen.pages.dialogs import Question
+from tui.screen.pages.measure_view import key_line
+from tui.screen.pages.page import Page
+from tui.screen.pages.setup_form import (
+    BY_NAME,
+    FIELDS,
+    Field,
+    error_of,
+    plan_with,
+    shown_value,
+    value_of,
+)
+from tui.screen.session.procedure import PLAIN
+from tui.screen.widgets.lines_view import LinesView
+
+_SCREEN: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
+    "units": ("units", (("SI (MPa, kN, µm)", "si"), ("US customary (ksi, lbf, mil)", "us"))),
+    "theme": ("theme", (("dark", "dark"), ("daylight, high contrast", "daylight"))),
+    "large": ("type", (("normal", "no"), ("large", "yes"))),
+    "bell": ("bell", (("on", "yes"), ("off", "no"))),
+}
+_NO_PORT = ""
+
+
+class SetupPage(Page):
+    """What is declared before a measurement."""
+
+    NAME = "setup"
+    HELP = (
+        "What is declared of port, plate, ground and procedure; it wins over what the instrument "
+        "says. Everything is checked as it is typed. ctrl+s takes it: the session ends when the "
+        "drop in hand is safe and begins anew with the same point. Units, theme, type and bell "
+        "change at once and are kept for next time. ctrl+p looks for commands, ctrl+f for ports."
+    )
+    KEYS: ClassVar[Sequence[tuple[str, str]]] = (
+        ("ctrl+s", "take it"),
+        ("tab", "next field"),
+        ("ctrl+f", "find ports"),
+        ("escape", "back"),
+        ("f1", "help"),
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+s", "take", "Take this setup", priority=True),
+        Binding("ctrl+f", "find", "Find ports with an instrument", priority=True),
+        Binding("escape", "back", "Back"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._units_name = ""
+
+    @property
+    def unsaved(self) -> str:
+        """What would be lost by leaving; empty: nothing."""
+        return "The setup was changed and not taken. Leave?" if self._changed() else ""
+
+    def compose(self) -> ComposeResult:
+        """A field a line."""
+        units = self.pfwd.units
+        self._units_name = units.name
+        yield LinesView(id="lines")
+        with VerticalScroll(id="form"):
+            for field in FIELDS:
+                with Horizontal(classes="field"):
+                    unit = f", {units.unit(field.quantity)}" if field.quantity else ""
+                    yield Label(
+                        f"{field.title}{unit}", classes="field-name", id=f"title-{field.name}"
+                    )
+                    yield Input(
+                        clean(self._now(field)),
+                        id=field.name,
+                        compact=True,
+                        placeholder=field.hint,
+                        disabled=self._fixed(field),
+                    )
+                if field.name == "url":
+                    with Horizontal(classes="field"):
+                        yield Label("found", classes="field-name")
+                        yield Select(
+                            [("ctrl+f looks for instruments", _NO_PORT)],
+                            value=_NO_PORT,
+                            allow_blank=False,
+                            compact=True,
+                            id="found",
+                        )
+                if field.name == "poisson_ratio":
+                    with Horizontal(classes="field"):
+                        yield Label("procedure", classes="field-name")
+                        yield Select(
+                            [(name, name) for name in self._procedures()],
+                            value=self._procedure(),
+                            allow_blank=False,
+                            compact=True,
+                            id="procedure",
+                        )
+            for name, (title, choices) in _SCREEN.items():
+                with Horizontal(classes="field"):
+                    yield Label(title, classes="field-name")
+                    yield Select(
+                        choices,
+                        value=self._setting(name),
+                        allow_blank=False,
+                        compact=True,
+                        id=name,
+                    )
+            yield Button("Take it (ctrl+s)", id="take", compact=True)
+        yield Label("", id="remark")
+        yield LinesView(id="keys")
+
+    def _procedures(self) -> list[str]:
+        names = [PLAIN, *shipped_names()]
+        return names if self._procedure() in names else [*names, self._procedure()]
+
+    def _procedure(self) -> str:
+        chosen = self.pfwd.source.plan.setup.procedure
+        return PLAIN if chosen is None else chosen.name
+
+    def _setting(self, name: str) -> str:
+        value = getattr(self.pfwd.settings, name)
+        return value if isinstance(value, str) else "yes" if value else "no"
+
+    def _fixed(self, field: Field) -> bool:
+        """A recording has its setup; a simulated instrument its port."""
+        source = self.pfwd.source
+        if field.name == "url":
+            return not source.url or source.title == "demo"
+        return source.pace is not None and field.name not in ("target", "measured")
+
+    def _now(self, field: Field) -> str:
+        app = self.pfwd
+        if field.name == "url":
+            return app.source.url
+        if field.name == "measured":
+            return str(app.state.measured)
+        if field.name == "target":
+            return shown_value(field, app.state.target_of(app.state.current), app.units)
+        return shown_value(field, app.source.plan.setup.declared.get(field.name), app.units)
+
+    def _changed(self) -> bool:
+        return any(
+            self.query_one(f"#{field.name}", Input).value != clean(self._now(field))
+            for field in FIELDS
+        )
+
+    def lines(self, width: int, height: int) -> Sequence[Line]:
+        """The title."""
+        state = self.pfwd.state
+        setup = state.setup
+        said = ""
+        if setup is not None:
+            units = self.pfwd.units
+            radius = units.with_unit("length", setup.plate_radius)
+            mass = units.with_unit("mass", setup.plate_mass)
+            said = f"  now: plate radius {radius}, mass {mass}"
+        return [line(cell(" Setup ", "title"), cell(said, "dim"))]
+
+    def draw(self) -> None:
+        """Title and keys; the form keeps itself."""
+        app = self.pfwd
+        if not self.query("#keys"):
+            return
+        self.view.show(self.lines(self.size.width, 1), app.look, app.glyphs)
+        keys = self.query_one("#keys", LinesView)
+        keys.show([key_line(self.KEYS, self.size.width)], app.look, app.glyphs)
+        if app.message:
+            self._say(app.message)
+
+    def _say(self, text: str) -> None:
+        self.query_one("#remark", Label).update(Content(clean(text)))
+
+    def on_mount(self) -> None:
+        """Begin at the first field that can be changed."""
+        for field in self.query(Input):
+            if not field.disabled:
+                field.focus()
+                break
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Check what is typed."""
+        field = BY_NAME.get(event.input.id or "")
+        if field is None:
+            return
+        fault = error_of(field, event.value, self.pfwd.units)
+        event.input.set_class(bool(fault), "wrong")
+        self._say(f"{field.title}: {fault}" if fault else field.hint)
+
+    def on_input_submitted(self) -> None:
+        """Enter goes to the next field."""
+        self.focus_next()
+
+    def on_button_pressed(self) -> None:
+        """Take it."""
+        self.action_take()
+
+    def on_select_changed(self, event: Select.Changed) -> None:
+        """Settings of the screen hold at once; a port goes into its field."""
+        name = event.select.id or ""
+        if name == "found":
+            if event.value != _NO_PORT:
+                self.query_one("#url", Input).value = str(event.value)
+            return
+        if name not in _SCREEN or event.value == self._setting(name):
+            return
+        value: Any = str(event.value)
+        self.pfwd.change(**{name: value == "yes" if name in ("large", "bell") else value})
+        if name == "units":
+            self.call_later(self._new_units)
+
+    def _new_units(self) -> None:
+        """Show all numbers in the new units; what was typed and not taken goes back."""
+        units = self.pfwd.units
+        for field in FIELDS:
+            if field.quantity is None:
+                continue
+            title = self.query_one(f"#title-{field.name}", Label)
+            title.update(Content(f"{field.title}, {units.unit(field.quantity)}"))
+            self.query_one(f"#{field.name}", Input).value = clean(self._now(field))
+
+    def action_find(self) -> None:
+        """Look which ports have an instrument."""
+        self._say("looking at all ports ...")
+        self.run_worker(self._find, thread=True, group="ports", exit_on_error=False)
+
+    def _find(self) -> None:
+        from pfwd_survey.ports import list_ports, probe_ports
+
+        try:
+            ports = list_ports()
+            probes = probe_ports([port.url for port in ports]) if ports else []
+        except (DeviceError, OSError) as err:
+            self.app.call_from_thread(self._say, f"the ports could not be listed: {err}")
+            return
+        found = []
+        for port, probe in zip(ports, probes, strict=True):
+            if probe.identity is not None:
+                what = f"{probe.identity.model} {probe.identity.serial_number}"
+            else:
+                what = probe.reason.removeprefix(f"{port.url}: ") or "no answer"
+            found.append((f"{port.url}  {what}", port.url, probe.identity is not None))
+        with contextlib.suppress(RuntimeError):  # the page is closed
+            self.app.call_from_thread(self._found, found)
+
+    def _found(self, ports: list[tuple[str, str, bool]]) -> None:
+        if not self.is_mounted:
+            return
+        ordered = sorted(ports, key=lambda one: not one[2])
+        options = [(Content(clean(text)), url) for text, url, _ in ordered]
+        none = [(Content("none" if not options else "choose one"), _NO_PORT)]
+        self.query_one("#found", Select).set_options([*none, *options])
+        count = sum(one[2] for one in ports)
+        self._say(f"{len(ports)} ports, {count} with an instrument")
+
+    def action_take(self) -> None:
+        """Take the setup when everything is right."""
+        app = self.pfwd
+        values: dict[str, Any] = {}
+        for field in FIELDS:
+            text = self.query_one(f"#{field.name}", Input).value
+            try:
+                values[field.name] = value_of(field, text, app.units)
+            except ValueError as err:
+                self.query_one(f"#{field.name}", Input).focus()
+                self._say(f"{field.title}: {err}")
+                return
+        procedure = str(self.query_one("#procedure", Select).value)
+        try:
+            plan = plan_with(app.source.plan, values, procedure)
+        except OptionError as err:
+            self._say(str(err))
+            return
+        self._take_own(values)
+        same = dict(plan.setup.declared) == dict(app.source.plan.setup.declared)
+        url = str(values["url"] or "")
+        if app.source.pace is None and (not same or url != app.source.url):
+            app.restart(plan, url)
+        else:
+            app.say("taken")
+        app.action_page("measure")
+
+    def _take_own(self, values: dict[str, Any]) -> None:
+        app = self.pfwd
+        app.state.measured = int(values["measured"] or app.state.measured)
+        target = values["target"]
+        if target != app.state.target_of(app.state.current):
+            app.state.chosen_target = target
+            if target is not None and app.state.current.drops:
+                app.edit(Edit("target", target), point=app.state.point)
+        app.state.judge_anew()
+
+    def action_back(self) -> None:
+        """To the measure page; asks when something was typed."""
+        if not self.unsaved:
+            self.pfwd.action_page("measure")
+            return
+
+        def answered(sure: bool | None) -> None:
+            if sure:
+                self.pfwd.action_page("measure")
+
+        self.app.push_screen(Question(self.unsaved, "leave", "stay"), answered)

@@ -1,0 +1,161 @@
+"""What the setup page asks, and how it is checked: as it is typed, one field at a time."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_survey.errors import OptionError, TraceError
+from pfwd_survey.files.header import KEYS, check_value
+from pfwd_survey.measuring.plan import SessionPlan
+from pfwd_survey.measuring.setup_file import with_procedure
+from pfwd_survey.procedures import find_procedure
+from tui.screen.session.procedure import PLAIN
+from tui.screen.units import Quantity, Units, figures
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One line of the form."""
+
+    name: str
+    """As an identifier; for what is declared, the key of a setup file."""
+    title: str
+    quantity: Quantity | None = None
+    """Of a number that is shown in the units of the screen."""
+    kind: str = "number"
+    """number, whole, or text."""
+    hint: str = ""
+
+
+_BY_PROCEDURE = "by the procedure, if one is chosen"
+
+FIELDS = (
+    Field("url", "port", kind="text", hint="/dev/ttyUSB0, COM3, socket://host:port"),
+    Field("plate_radius_m", "plate radius", "length", hint="empty: as the instrument says"),
+    Field("plate_mass_kg", "plate mass", "mass", hint="empty: as the instrument says"),
+    Field("poisson_ratio", "Poisson's ratio", hint="0 to below 0.5; empty: 0.35 is assumed"),
+    Field("seating_drops", "seating drops", kind="whole", hint=_BY_PROCEDURE),
+    Field("measured", "measured drops", kind="whole", hint=_BY_PROCEDURE),
+    Field("target", "target modulus", "modulus", hint="empty: none"),
+    Field("operator", "operator", kind="text"),
+    Field("site", "site", kind="text"),
+)
+BY_NAME: Mapping[str, Field] = {field.name: field for field in FIELDS}
+_OWN = ("url", "measured", "target")
+"""Fields that no setup file has."""
+
+
+def error_of(field: Field, text: str, units: Units) -> str:
+    """What is wrong with what was typed; empty: nothing."""
+    try:
+        value_of(field, text, units)
+    except ValueError as err:
+        return str(err)
+    return ""
+
+
+def value_of(field: Field, text: str, units: Units) -> Any:
+    """The value in SI; None: the field is empty.
+
+    Raises
+    ------
+    ValueError
+        With what was expected.
+    """
+    text = text.strip()
+    if not text:
+        return None
+    if field.kind == "text":
+        if not text.isprintable() or len(text) > 200:
+            raise ValueError("expected up to 200 letters on one line")
+        return text
+    value = _number(field, text, units)
+    if field.name in KEYS:
+        try:
+            check_value(field.name, value, field.title)
+        except TraceError as err:
+            rule = KEYS[field.name]
+            shown = units.unit(field.quantity) if field.quantity else ""
+            raise ValueError(f"expected {rule.expected.split(', in')[0]} {shown}".strip()) from err
+    elif value <= 0:
+        raise ValueError("expected a number > 0")
+    return value
+
+
+def _number(field: Field, text: str, units: Units) -> float | int:
+    try:
+        if field.kind == "whole":
+            return int(text)
+        value = float(text)
+    except ValueError:
+        kind = "a whole number" if field.kind == "whole" else "a number"
+        raise ValueError(f"expected {kind}") from None
+    return units.si(field.quantity, value) if field.quantity else value
+
+
+def shown_value(field: Field, value: Any, units: Units) -> str:
+    """A value of SI as it stands in the form."""
+    if value is None:
+        return ""
+    if field.quantity is not None:
+        number = units.value(field.quantity, float(value))
+        return "" if number is None else f"{number:.6g}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: str) -> SessionPlan:
+    """The plan with what the form says.
+
+    Parameters
+    ----------
+    plan : SessionPlan
+    values : mapping
+        By field, SI; None: not declared here.
+    procedure : str
+        Name of a shipped one, or "plain".
+
+    Raises
+    ------
+    OptionError
+        If it contradicts itself.
+    """
+    declared = dict(plan.setup.declared)
+    for name, value in values.items():
+        if name in _OWN:
+            continue
+        if value is None:
+            declared.pop(name, None)
+        else:
+            declared[name] = value
+    declared.pop("procedure", None)
+    setup = dataclasses.replace(plan.setup, declared=declared, procedure=None)
+    if procedure != PLAIN:
+        chosen = plan.setup.procedure
+        if chosen is None or chosen.name != procedure:
+            chosen = find_procedure(procedure)
+        if chosen.seating_drops is not None:  # the procedure's number counts
+            declared.pop("seating_drops", None)
+        setup = with_procedure(setup, chosen, "procedure")
+    return dataclasses.replace(plan, setup=setup)
+
+
+def summary_of(values: Mapping[str, Any], units: Units) -> str:
+    """The plate in one line, to be read before it is taken."""
+    radius = values.get("plate_radius_m")
+    if radius is None:
+        return "plate as the instrument says"
+    return f"plate radius {figures(units.value('length', radius), 4)} {units.unit('length')}"
+
+
+__all__ = [
+    "BY_NAME",
+    "FIELDS",
+    "Field",
+    "OptionError",
+    "error_of",
+    "plan_with",
+    "shown_value",
+    "summary_of",
+    "value_of",
+]

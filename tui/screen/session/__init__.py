@@ -1,0 +1,1 @@
+"""Where events come from, and what they add up to; no widget."""

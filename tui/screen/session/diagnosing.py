@@ -1,0 +1,87 @@
+"""Runs the diagnosis as a command beside the screen, so that the screen never waits for it."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+
+from tui.screen.session.state import Diagnosed
+
+_COMMAND = "from tui.cli import main; raise SystemExit(main())"
+
+
+class Diagnoser:
+    """One diagnosis at a time.
+
+    Parameters
+    ----------
+    tell : callable
+        Told `Diagnosed`, in a thread of its own.
+    """
+
+    def __init__(self, tell: Callable[[Diagnosed], None]) -> None:
+        self._tell = tell
+        self._process: subprocess.Popen[str] | None = None
+        self._lock = threading.Lock()
+        self.file = ""
+        """What is being diagnosed; empty: nothing."""
+
+    def start(self, file: str) -> bool:
+        """Diagnose a survey or a drop file; False while another one is under way."""
+        with self._lock:
+            if self.file:
+                return False
+            self.file = file
+        threading.Thread(target=self._run, args=(file,), name="diagnosis", daemon=True).start()
+        return True
+
+    def stop(self) -> None:
+        """End it."""
+        process = self._process
+        if process is not None:
+            with contextlib.suppress(OSError):
+                process.kill()
+
+    def _run(self, file: str) -> None:
+        path = os.pathsep.join(part for part in sys.path if part)
+        command = [sys.executable, "-P", "-c", _COMMAND, "diagnose", file, "--json"]
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,  # nothing may be written over the screen
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+                env={**os.environ, "PYTHONPATH": path},
+                start_new_session=os.name == "posix",
+            )
+            out, err = self._process.communicate()
+            status = self._process.returncode
+        except OSError as error:
+            out, err, status = "", str(error), 1
+        finally:
+            self._process, self.file = None, ""
+        records, bad = _records(out)
+        fault = ""
+        if bad or (status != 0 and not records):
+            said = [text for text in err.strip().splitlines() if text]
+            fault = f"the diagnosis of {file} failed: {said[-1] if said else f'status {status}'}"
+        self._tell(Diagnosed(file, tuple(records), fault))
+
+
+def _records(text: str) -> tuple[list[dict[str, object]], bool]:
+    records, bad = [], False
+    for one in text.splitlines():
+        try:
+            value = json.loads(one)
+        except ValueError:
+            bad = True
+            continue
+        if isinstance(value, dict):
+            records.append(value)
+    return records, bad

@@ -1,0 +1,62 @@
+"""The events of a session as lines of the log file; the screen has no room for all of them."""
+
+import logging
+
+from pfwd_survey.measuring.events import (
+    DropAnalysed,
+    DropNotSaved,
+    DropSaved,
+    Edited,
+    InstrumentLost,
+    InstrumentReady,
+    Notice,
+    PointBegan,
+    Ready,
+    Rebounded,
+    SensorCheck,
+)
+from tui.format import drop_line
+from tui.screen.session.state import ScreenEvent, SessionEnded
+
+log = logging.getLogger("pfwd.session")
+
+
+def log_event(event: ScreenEvent) -> None:
+    """Write an event, if it is worth a line."""
+    match event:
+        case InstrumentReady(url, identity, setup):
+            log.info("%s %s at %s", identity.model, identity.serial_number, url)
+            log.info("plate radius %g m, mass %s kg", setup.plate_radius, setup.plate_mass)
+            for text in (*event.differences, *event.warnings):
+                log.info("%s", text)
+        case InstrumentLost(reason):
+            log.warning("instrument lost: %s", reason)
+        case Ready():
+            log.info("ready")
+        case SensorCheck(details, faults):
+            log.info("load cell: zero %s N, span %s", details["zero_n"], details["span_ratio"])
+            for fault in faults:
+                log.warning("%s", fault)
+        case DropSaved(one, marks):
+            log.info("drop %s/%s saved as %s", one.point, one.number, one.record)
+            for mark in marks:
+                log.warning("drop %s/%s: %s", one.point, one.number, mark)
+            if one.screening.status == "rejected":
+                log.info("drop %s/%s rejected: %s", one.point, one.number, one.screening.reason)
+        case DropNotSaved(point, number, reason):
+            log.error("drop %s/%s is not safe yet: %s", point, number, reason)
+        case DropAnalysed(one, delay, result):
+            after = "" if delay is None else f", {delay:.3f} s after its last sample"
+            log.info("%s%s", drop_line(one.point, one.number, result), after)
+        case Rebounded(point, number, delay, load):
+            log.info("rebound of %s/%s after %.3f s, %.0f N", point, number, delay, load)
+        case PointBegan(point):
+            log.info("point %s", point)
+        case Edited(what, value, point, record):
+            log.info("%s %s of %s", what, value, point if record is None else f"record {record}")
+        case Notice(text, serious, details):
+            log.log(logging.WARNING if serious else logging.INFO, "%s", text)
+            if details:
+                log.error("%s", details)
+        case SessionEnded(ending, error):
+            log.info("session ended: %s", error or ending)

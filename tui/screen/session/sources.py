@@ -1,0 +1,198 @@
+"""Where a session comes from: an instrument, a simulated one, a recording. The rest cannot tell."""
+
+import contextlib
+import dataclasses
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.measure import Control, measure, replay
+from pfwd_survey.measuring.pace import Pace
+from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.measuring.session import Listener
+from pfwd_survey.measuring.setup_file import MeasuringSetup
+
+
+class Source(Protocol):
+    """One way to have a session."""
+
+    title: str
+    """For the head of the screen."""
+    survey: Path | None
+    """Folder of the survey that is written, or replayed."""
+    writes: bool
+    """Whether drops are new here, hence whether a session edits the survey itself."""
+    pace: Pace | None
+    """Of a replay; None: it cannot be paused."""
+    plan: SessionPlan
+    url: str
+    """Of the instrument; empty for a replay."""
+
+    def run(self, listener: Listener, control: Control) -> Ending:
+        """Run a session to its end."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        ...
+
+
+class LiveSource:
+    """An instrument.
+
+    Parameters
+    ----------
+    url : str
+    survey : path of a folder
+    plan : SessionPlan
+    """
+
+    writes = True
+    pace: Pace | None = None
+
+    def __init__(self, url: str, survey: Path, plan: SessionPlan) -> None:
+        self.url, self.plan = url, plan
+        self.survey: Path | None = survey
+        self.title = survey.name or str(survey)
+
+    def run(self, listener: Listener, control: Control) -> Ending:
+        """Measure until it is told to stop."""
+        assert self.survey is not None
+        return measure(self.url, self.survey, listener, self.plan, control=control)
+
+    def close(self) -> None:
+        """Nothing is left."""
+
+
+class DemoSource:
+    """A simulated instrument in a process of its own.
+
+    Parameters
+    ----------
+    scenario : str or mapping
+        As `simulators.instrument.serve` takes it.
+    survey : path of a folder, optional
+        None: a new temporary one.
+    plan : SessionPlan
+    drops : int, optional
+        After which it has nothing more.
+    seed : int
+    rate : float
+        Times real time.
+    """
+
+    writes = True
+    pace: Pace | None = None
+
+    def __init__(
+        self,
+        scenario: str | Mapping[str, Any],
+        survey: Path | None,
+        plan: SessionPlan,
+        *,
+        drops: int | None = None,
+        seed: int = 0,
+        rate: float = 1.0,
+    ) -> None:
+        self.survey: Path | None = survey or Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
+        self.plan, self.url = plan, ""
+        self.title = "demo"
+        self.truth: list[dict[str, Any]] = []
+        """What was simulated, once it has ended."""
+        self._settings: dict[str, Any] = {
+            "scenario": scenario,
+            "drops": drops,
+            "seed": seed,
+            "rate": rate,
+        }
+        self._instrument: Any = None
+
+    def run(self, listener: Listener, control: Control) -> Ending:
+        """Start the instrument if it does not run, and measure with it."""
+        from simulators.instrument import serve
+
+        if self._instrument is None:
+            self._instrument = serve(**self._settings)
+            self.url = self._instrument.url
+        assert self.survey is not None
+        return measure(self.url, self.survey, listener, self.plan, control=control)
+
+    def close(self) -> None:
+        """End the instrument and hear what it simulated."""
+        from simulators.mesh import SimulationError
+
+        if self._instrument is None:
+            return
+        self._instrument.stop()
+        with contextlib.suppress(SimulationError):
+            self.truth = self._instrument.truth()
+        self._instrument.close()
+        self._instrument = None
+
+
+class ReplaySource:
+    """A recording.
+
+    Parameters
+    ----------
+    recording : path of a survey or a capture
+    speed : float
+        Times real time.
+    options : AnalysisOptions, optional
+        None: nothing is inverted.
+    setup : MeasuringSetup, optional
+    output : path, optional
+        Survey to record into.
+    drops : int, optional
+        End after so many.
+    paused : bool
+        Begin paused.
+    """
+
+    url = ""
+
+    def __init__(
+        self,
+        recording: Path,
+        speed: float,
+        options: AnalysisOptions | None,
+        *,
+        setup: MeasuringSetup | None = None,
+        output: Path | None = None,
+        drops: int | None = None,
+        paused: bool = False,
+    ) -> None:
+        self.recording = recording
+        self.survey = output or (recording if recording.is_dir() else None)
+        self.writes = output is not None
+        self.pace: Pace | None = Pace(speed, paused=paused)
+        self.plan = SessionPlan(options=options, drops=drops)
+        self.title = f"replay of {recording.name}"
+        self._setup, self._output = setup, output
+
+    def run(self, listener: Listener, control: Control) -> Ending:
+        """Replay from the beginning to the end."""
+        assert self.pace is not None
+        return replay(
+            self.recording,
+            listener,
+            speed=self.pace,
+            options=self.plan.options,
+            setup=self._setup,
+            output=self._output,
+            drops=self.plan.drops,
+            control=control,
+        )
+
+    def close(self) -> None:
+        """Nothing is left."""
+
+
+def with_seating(plan: SessionPlan, seating: int) -> SessionPlan:
+    """The plan with so many seating drops, unless its setup declares them."""
+    if "seating_drops" in plan.setup.declared or plan.setup.procedure is not None:
+        return plan
+    declared = {**plan.setup.declared, "seating_drops": seating}
+    return dataclasses.replace(plan, setup=dataclasses.replace(plan.setup, declared=declared))

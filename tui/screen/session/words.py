@@ -1,0 +1,158 @@
+"""The one word that is read from afar, and what to do next."""
+
+import math
+import re
+from dataclasses import dataclass
+
+from pfwd_survey.measuring.plan import Ending
+from pfwd_survey.procedures import Kind
+from tui.screen.drawing.lines import Role
+from tui.screen.session.state import SessionState
+
+SAFE_SHOWN = 2.0
+"""s that SAFE stays before READY: long enough to look up, shorter than lifting the weight."""
+
+PULSE_SHOWN = 1.5
+"""s after a pulse within which its drop has to be found; a knock below the threshold is none."""
+
+FEW_DROPS = 60
+"""Ten points: time to make room, and no reason to stop at once."""
+
+REBOUNDS = 2.5
+"""s after a drop in which the hammer bounces; nobody lifts it again so soon."""
+
+DROP_LOAD = 400.0
+"""N above rest; the threshold at which a drop is found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What is going on."""
+
+    word: str
+    action: str
+    """What to do next, or what is waited for."""
+    role: Role
+    """ready, busy or alarm."""
+
+
+def word_of(state: SessionState, now: float, pulse_age: float | None = None) -> Word:
+    """The state as a word, most urgent first.
+
+    Parameters
+    ----------
+    state : SessionState
+    now : float
+        Monotonic clock, s.
+    pulse_age : float, optional
+        s since the load was last above the threshold; None: it was not.
+    """
+    for find in (_trouble, _drop_in_hand):
+        found = find(state, now, pulse_age)
+        if found is not None:
+            return found
+    return _waiting(state)
+
+
+def _trouble(state: SessionState, now: float, pulse_age: float | None) -> Word | None:
+    device = state.device
+    if state.held:
+        text = f"{_drops(state.held)} only in memory: make room on the disk, leave this open"
+        return Word("NOT SAFE", text, "alarm")
+    ended = state.ended
+    if ended is not None:
+        return _ended(state)
+    if state.session is not None and device.lost_reason and not device.connected:
+        return Word("CABLE OUT", "plug it in; everything so far is safe", "alarm")
+    return None
+
+
+def _ended(state: SessionState) -> Word:
+    ended = state.ended
+    assert ended is not None
+    if ended.ending is None and ended.retry is not None:
+        word = "NO DEVICE" if ended.no_device else "NOT READY"
+        return Word(word, f"{ended.error}; trying again", "alarm")
+    if ended.ending is None:
+        return Word("STOPPED", f"{ended.error}; what was saved is safe", "alarm")
+    if ended.ending is Ending.UNSAVED:
+        return Word("UNSAVED", "the disk did not take every drop; the log names them", "alarm")
+    if ended.ending is Ending.LOST:
+        return Word("LOST", "the instrument did not come back; everything so far is safe", "alarm")
+    return Word("END", "nothing more comes; look at the points (2), or leave (q)", "ready")
+
+
+def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> Word | None:
+    last = state.last
+    fresh = last is not None and last.came > 0
+    bounced = False
+    if pulse_age is not None and pulse_age < PULSE_SHOWN:
+        # A bounce soon after a drop is no new one: that drop is safe already.
+        bounced = fresh and last is not None and now - pulse_age - last.came < REBOUNDS
+        if not bounced:
+            return Word("DROP", "let it bounce", "busy")
+    if not fresh or last is None:
+        return None
+    age = now - last.came
+    if last.waits and state.waits_for_first_modulus:
+        return Word("COMPUTING", f"drop {last.number} is on the disk", "busy")
+    if last.status == "rejected" and not last.discarded:
+        return Word("REPEAT", f"drop {last.number} rejected: {last.reason or 'no result'}", "alarm")
+    if age < SAFE_SHOWN:
+        return Word("SAFE", _safe_text(state), "ready")
+    if bounced:
+        return Word("SETTLING", "let it bounce", "busy")
+    return None
+
+
+def _safe_text(state: SessionState) -> str:
+    last = state.last
+    assert last is not None
+    progress = state.progress
+    if progress.seating_wanted is None or progress.measured_wanted is None:
+        return f"drop {last.number} on disk"
+    whole = progress.seating_wanted + progress.measured_wanted
+    return f"drop {last.number} of {whole} on disk" if last.number <= whole else "on disk"
+
+
+def _waiting(state: SessionState) -> Word:
+    device = state.device
+    if state.recorded:
+        return Word("REPLAY", "the next recorded drop follows", "busy")
+    if state.progress.next_kind is None and state.current.drops:
+        return Word("POINT DONE", "walk to the next point and press n", "ready")
+    if state.building is not None:
+        part = f"{100 * state.building.fraction:.0f} %"
+        return Word("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
+    if state.session is None:
+        return Word("STARTING", "looking for the instrument", "busy")
+    if device.connected and not device.ready:
+        return Word("SETTLING", "leave the weight alone: the load at rest is measured", "busy")
+    if not device.connected:
+        return Word("WAITING", "nothing comes yet", "busy")
+    if device.check_faults:
+        return Word("CHECK", f"{device.check_faults[0]}", "alarm")
+    if _drops_left(state.storage) < FEW_DROPS:
+        return Word("DISK LOW", f"{state.storage}; lift the weight", "alarm")
+    return Word("READY", f"lift the weight: {_next(state)}", "ready")
+
+
+def _next(state: SessionState) -> str:
+    progress = state.progress
+    if progress.next_kind is Kind.SEATING:
+        return _count("seating", progress.seating_done, progress.seating_wanted)
+    return _count("measured", progress.measured_done, progress.measured_wanted)
+
+
+def _count(kind: str, done: int, wanted: int | None) -> str:
+    whole = "" if wanted is None else f" of {wanted}"
+    return f"{kind} drop {done + 1}{whole}"
+
+
+def _drops_left(storage: str) -> float:
+    found = re.search(r"room for (?:about )?(\d+)", storage)
+    return math.inf if found is None else int(found[1])
+
+
+def _drops(count: int) -> str:
+    return "1 drop is" if count == 1 else f"{count} drops are"

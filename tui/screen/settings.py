@@ -1,0 +1,73 @@
+"""What an operator chooses once and finds again tomorrow; kept where the platform wants settings.
+
+A folder that cannot be written and a damaged file are survived: the choices last for the day then.
+"""
+
+import contextlib
+import dataclasses
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Of the screen."""
+
+    theme: Literal["dark", "daylight"] = "dark"
+    units: Literal["si", "us"] = "si"
+    large: bool = False
+    """Large type: figures first, traces only where there is room."""
+    bell: bool = True
+
+
+_CHOICES: dict[str, tuple[Any, ...]] = {
+    "theme": ("dark", "daylight"),
+    "units": ("si", "us"),
+    "large": (True, False),
+    "bell": (True, False),
+}
+
+
+def settings_file() -> Path:
+    """Where they are kept; ``PFWD_SETTINGS`` names another file."""
+    said = os.environ.get("PFWD_SETTINGS")
+    if said:
+        return Path(said)
+    from platformdirs import user_config_path
+
+    return user_config_path("pfwd", appauthor=False) / "screen.json"
+
+
+def load_settings(path: Path | None = None) -> Settings:
+    """The settings as they were saved; what is missing or wrong is as ever."""
+    try:
+        with open(path or settings_file(), encoding="utf-8") as stream:
+            value = json.loads(stream.read(10_000))
+    except (OSError, ValueError, RecursionError):
+        return Settings()
+    if not isinstance(value, dict):
+        return Settings()
+    sound = {
+        key: value[key]
+        for key, choices in _CHOICES.items()
+        if any(type(value.get(key)) is type(choice) and value[key] == choice for choice in choices)
+    }
+    return Settings(**sound)
+
+
+def save_settings(settings: Settings, path: Path | None = None) -> bool:
+    """Keep them; whether that worked."""
+    target = path or settings_file()
+    draft = target.with_name(f"{target.name}.{os.getpid()}.tmp")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        draft.write_text(json.dumps(dataclasses.asdict(settings)) + "\n", encoding="utf-8")
+        os.replace(draft, target)
+    except OSError:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+        return False
+    return True
