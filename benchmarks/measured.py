@@ -107,6 +107,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument(
         "--no-curve", action="store_true", help="leave out the range of the modulus"
     )
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the ladder there")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     try:
         options = parser.parse_args(arguments)
@@ -120,11 +121,34 @@ def run(arguments: list[str]) -> int:
         return 1
     report = Reporter(arguments)
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+        ladders = {}
         for name, drops in devices.items():
-            climb(report, pool, name, drops)
+            ladders[name] = climb(report, pool, name, drops)
             if name not in RIGS and not options.no_curve:
                 curve(report, pool, name, drops)
+    if options.figures is not None:
+        draw(ladders, options.figures / "measured-ladder.svg")
     return 0
+
+
+def draw(ladders: Mapping[str, Sequence[tuple[str, float, float]]], file: Path) -> None:
+    """Bars of what each model leaves at points that its device effects were not fitted to."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 2.6 * len(ladders)), layout="constrained")
+    FigureCanvasSVG(figure)
+    rows = np.atleast_1d(figure.subplots(len(ladders), 1))
+    for axes, (name, ladder) in zip(rows, ladders.items(), strict=True):
+        places = np.arange(len(ladder))
+        axes.bar(places - 0.2, [one[1] for one in ladder], 0.4, label="contact phase", color="0.35")
+        axes.bar(places + 0.2, [one[2] for one in ladder], 0.4, label="whole record", color="0.75")
+        axes.set_yscale("log")
+        axes.set_xticks(places, [one[0].replace(" (", "\n(") for one in ladder], fontsize=7)
+        axes.set_ylabel("rms over peak, %")
+        axes.set_title(name, fontsize=9, loc="left")
+        axes.legend(fontsize=7, frameon=False)
+    figure.savefig(file, metadata={"Date": None})
 
 
 def find_drops(folder: Path) -> dict[str, list[tuple[str, int]]]:
@@ -143,8 +167,9 @@ def find_drops(folder: Path) -> dict[str, list[tuple[str, int]]]:
 
 def climb(
     report: Reporter, pool: ProcessPoolExecutor, name: str, drops: Sequence[tuple[str, int]]
-) -> None:
-    """The ladder of a device."""
+) -> list[tuple[str, float, float]]:
+    """The ladder of a device: model, contact phase and whole record of left-out points, %."""
+    ladder = []
     points = len({file for file, _ in drops})
     report.title(f"{name}: {len(drops)} drops at {points} points; medians, rms over peak in %")
     for title, names in RIG if name in RIGS else SOIL:
@@ -168,9 +193,13 @@ def climb(
             fitted_whole=_median(free, lambda one: 100 * one.whole),
             modulus_mpa=None if name in RIGS else _median(held, lambda one: one.modulus / 1e6),
         )
+        by_contact = [one.contact for one in contact]
+        whole = _median(held, lambda one: 100 * one.whole)
+        ladder.append((title, 100 * float(np.median(by_contact)), whole))
         if names:
             values = {key: _median(free, partial(_value, key)) for key in free[0].values}
             report.record(device=name, values_of=title, **values)
+    return ladder
 
 
 def others(fitted: Sequence[Fitted], drop: tuple[str, int], shared: Sequence[str]) -> Device:

@@ -22,6 +22,10 @@ from inversion.threads import single_threaded_blas
 
 Verdict = Literal["clean", "explained", "unexplained"]
 _STEPS_OF_HELD_OUT = 10
+# So many effects at once can be told from one record, and from several: more would fit anything.
+_BELIEVED_OF_ONE, _BELIEVED = 2, 4
+# Times the noise that slow noise may reach by chance, and up to which a model is nearly right.
+_SLOW_NOISE, _NEARLY = 2.5, 3.0
 # A range of moduli so wide is told.
 _WIDE = 1.1
 
@@ -180,11 +184,10 @@ def diagnose_point(
 
 
 def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
-    # Slow noise may look large at single samples: then what its correlation leaves counts.
-    explained = best.over_noise <= EXPLAINED or best.fit.excess <= 1.0
-    # What explains nothing has no alternatives.
+    explained = _explains(point, best)
+    # What explains little has no alternatives.
     others = {
-        effect.name: search.alternatives(best, effect) if explained else {}
+        effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
         for effect in best.effects
     }
     before = _state(point, base)
@@ -209,6 +212,17 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         warnings=tuple(_warnings(best, effects, verdict, after)),
         curves=_curves(point, base, best),
     )
+
+
+def _explains(point: Point, best: Candidate) -> bool:
+    """Whether what is left is noise, and what is gone may be believed to be explained."""
+    records = len(point.drops) * point.drops[0].observed.shape[0]
+    if len(best.effects) > (_BELIEVED_OF_ONE if records == 1 else _BELIEVED):
+        return False
+    if best.over_noise <= EXPLAINED:
+        return True
+    # Slow noise may look large at single samples: then what its correlation leaves counts.
+    return best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
 
 
 def _predict(candidate: Candidate) -> list[FloatArray]:
@@ -375,7 +389,12 @@ def _warnings(
     for one in best.fit.at_bound():
         if one.effect is None:
             found.append(f"{one.parameter.name.replace('_', ' ')} of the ground sits on a bound")
-    if verdict == "unexplained":
+    if verdict == "unexplained" and best.over_noise <= EXPLAINED:
+        found.append(
+            f"{len(effects)} effects at once fit this residual, but would fit almost any: measure "
+            "again, with more drops or sensors; do not take the modulus for corrected"
+        )
+    elif verdict == "unexplained":
         found.append(
             f"residual not explained: {best.over_noise:.1f} times the noise is left; do not take "
             "the modulus for corrected"
