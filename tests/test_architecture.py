@@ -75,5 +75,5 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     assert all(line.count("==") == 1 and " " not in line for line in lines)
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
     wanted = PROJECT["project"]["dependencies"] + PROJECT["project"]["optional-dependencies"]["dev"]
-    names = {text.split(">=")[0].lower() for text in wanted}
+    names = {text.split(">=")[0].split("[")[0].lower() for text in wanted}
     assert names <= pinned

@@ -9,6 +9,8 @@ if TYPE_CHECKING:
 
 PLOT_FORMATS = (".pdf", ".png", ".svg")
 
+EXPORT_FORMATS = ("h5", "csv", "table", "jsonl", "parquet", "geojson", "gpx", "pddx")
+
 _JSON = "one JSON object a line, SI units"
 
 
@@ -26,12 +28,16 @@ def build_parser() -> argparse.ArgumentParser:
         _add_demo,
         _add_ports,
         _add_simulate,
+        _add_live,
         _add_log,
         _add_replay,
         _add_import,
         _add_invert,
         _add_diagnose,
         _add_edit,
+        _add_report,
+        _add_procedures,
+        _add_export,
         _add_recover,
         _add_check,
         _add_bench,
@@ -65,7 +71,9 @@ def _add_demo(commands: "Commands") -> None:
         "measured, recorded and inverted like a real one. What was simulated is shown at the end.",
         allow_abbrev=False,
     )
-    demo.add_argument("--drops", type=_count, metavar="N", default=6, help="drops (default: 6)")
+    demo.add_argument(
+        "--drops", type=_count, metavar="N", help="drops (default: 6; on the screen no end)"
+    )
     demo.add_argument("-o", "--output", metavar="SURVEY", help="folder to record into")
     demo.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
     demo.add_argument(
@@ -75,10 +83,10 @@ def _add_demo(commands: "Commands") -> None:
         "--rate",
         type=_not_negative,
         metavar="X",
-        default=3.0,
-        help="times real time, in which a drop falls every 5 s (default: 3)",
+        help="times real time, in which a drop falls every 5 s (default: 3; on the screen 1)",
     )
     demo.add_argument("--json", action="store_true", help="one JSON object a line")
+    demo.add_argument("--lines", action="store_true", help="lines on a terminal too, no screen")
     demo.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
 
 
@@ -88,10 +96,13 @@ def _add_invert(commands: "Commands") -> None:
         help="modulus per drop",
         description="Modulus, viscosity, density and bedrock depth per drop of surveys and trace "
         "files. An option wins over a header, a header over a default; an undeclared depth is "
-        "fitted.",
+        "fitted. A folder that is no survey stands for all that is below it; with --archive a run "
+        "over any number of drops can be cut off and continued.",
         allow_abbrev=False,
     )
-    invert.add_argument("files", nargs="+", metavar="FILE", help="survey, drop file or trace file")
+    invert.add_argument(
+        "files", nargs="+", metavar="FILE", help="survey, drop or trace file, or a folder of them"
+    )
     model = invert.add_argument_group("model")
     model.add_argument("--model", choices=["layer", "half-space"])
     model.add_argument(
@@ -112,8 +123,18 @@ def _add_invert(commands: "Commands") -> None:
     search.add_argument(
         "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
     )
+    search.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="work on a dask cluster in place of processes, as tcp://host:8786",
+    )
     _add_known(invert)
     output = invert.add_argument_group("output")
+    output.add_argument(
+        "--archive",
+        metavar="OUT",
+        help="keep the results in this folder, as Parquet; what it has already is not done again",
+    )
     output.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
 
@@ -162,6 +183,31 @@ def _add_simulate(commands: "Commands") -> None:
     simulate.add_argument("--json", action="store_true", help='first line {"url": ...}')
 
 
+def _add_live(commands: "Commands") -> None:
+    live = commands.add_parser(
+        "live",
+        help="the screen: live traces, fit, modulus per drop",
+        description="Measures with an instrument, on a screen that fills the terminal; ? shows its "
+        "keys. An existing survey is continued, a lost instrument waited for.",
+        allow_abbrev=False,
+    )
+    live.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
+    live.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
+    live.add_argument("--setup", metavar="FILE.toml", help="what is declared; wins over the device")
+    live.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
+    live.add_argument(
+        "--procedure",
+        metavar="NAME",
+        help="how a point is measured: a name of pfwd procedures, or a TOML file",
+    )
+    live.add_argument(
+        "--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own"
+    )
+    live.add_argument("--target", type=float, metavar="MPA", help="target modulus, MPa")
+    live.add_argument("--no-invert", action="store_true", help="record only")
+    live.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+
+
 def _add_log(commands: "Commands") -> None:
     log = commands.add_parser(
         "log",
@@ -174,6 +220,12 @@ def _add_log(commands: "Commands") -> None:
     log.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
     log.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
     log.add_argument("--setup", metavar="FILE.toml", help="what is declared; wins over the device")
+    log.add_argument(
+        "--procedure",
+        metavar="NAME",
+        help="how a point is measured: a name of pfwd procedures, or a TOML file",
+    )
+    log.add_argument("--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own")
     log.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
     log.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
     log.add_argument("--no-invert", action="store_true", help="record only")
@@ -202,9 +254,9 @@ def _add_replay(commands: "Commands") -> None:
         "--speed",
         type=_not_negative,
         metavar="X",
-        default=0.0,
-        help="times real time, 0 as fast as possible (default: 0)",
+        help="times real time, 0 as fast as possible (default: 0; with --live 1)",
     )
+    replay.add_argument("--live", action="store_true", help="on the screen; space pauses")
     replay.add_argument("--setup", metavar="FILE.toml", help="for a capture: in place of its own")
     replay.add_argument("-o", "--output", metavar="SURVEY", help="record into this survey")
     replay.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
@@ -214,12 +266,57 @@ def _add_replay(commands: "Commands") -> None:
 
 
 def _add_import(commands: "Commands") -> None:
-    importing = commands.add_parser("import", help="trace files into a survey", allow_abbrev=False)
+    importing = commands.add_parser(
+        "import",
+        help="trace files and other programs' files into a survey",
+        description="Reads trace files, exported surveys (.h5), projects of Rincent Minidyn, "
+        "Maxidyn and Heavydyn (.dynz, .prjz, .mpvz), JILS time histories (.THY), and any delimited "
+        "text whose columns a TOML file describes. Nothing is imported twice; a refused file does "
+        "not keep the others out.",
+        allow_abbrev=False,
+    )
     importing.set_defaults(command="import_")  # import is a word of Python
-    importing.add_argument("files", nargs="+", metavar="TRACES", help="trace file")
+    importing.add_argument("files", nargs="+", metavar="TRACES", help="file, whoever wrote it")
     importing.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
     importing.add_argument("--header", metavar="FILE.toml", help="header keys in a file")
+    importing.add_argument(
+        "--map", metavar="FILE.toml", help="what the columns of a text hold (docs/files.md)"
+    )
+    importing.add_argument(
+        "--channels",
+        choices=["raw", "stored"],
+        help="raw channels, or those the other program processed (default: raw where there are "
+        "any)",
+    )
     importing.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def _add_export(commands: "Commands") -> None:
+    export = commands.add_parser(
+        "export",
+        help="a survey as a file for other programs",
+        description="Writes a survey as one file, or for csv as a folder; it is there whole or not "
+        "at all. Results are those that the survey holds (the last one of each drop) and always "
+        "come with uncertainty, model, plate radius, Poisson's ratio and warnings.",
+        allow_abbrev=False,
+    )
+    export.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    export.add_argument(
+        "--format",
+        required=True,
+        choices=EXPORT_FORMATS,
+        help="h5: the whole survey; csv: a folder of trace files; table: results as CSV; jsonl, "
+        "parquet: results; geojson, gpx: results on the map; pddx: peaks for pavement programs",
+    )
+    export.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
+    export.add_argument("--force", action="store_true", help="write over what is there")
+    export.add_argument(
+        "--invert", action="store_true", help="invert, in place of the results the survey holds"
+    )
+    export.add_argument(
+        "--seed", type=int, metavar="S", default=0, help="seed of --invert (default: 0)"
+    )
+    export.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def _add_diagnose(commands: "Commands") -> None:
@@ -238,6 +335,10 @@ def _add_diagnose(commands: "Commands") -> None:
         "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
     )
     _add_known(diagnose)
+    diagnose.add_argument("--elastic", action="store_true", help="a base model without dashpot")
+    diagnose.add_argument(
+        "--load", choices=("measured", "half-sine"), help="what the model is loaded with"
+    )
     diagnose.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
     diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
@@ -275,6 +376,56 @@ def _add_edit(commands: "Commands") -> None:
     edit.add_argument("--json", action="store_true", help="one JSON object a point")
 
 
+def _add_report(commands: "Commands") -> None:
+    report = commands.add_parser(
+        "report",
+        help="a report with plots, as HTML or PDF",
+        description="One file that shows a survey to others: summary, map sketch, profile, a page "
+        "per point with traces, fits and residuals, device, procedure, and all that is needed to "
+        "compute it again. Results that the survey holds are used; what is missing is inverted.",
+        allow_abbrev=False,
+    )
+    report.add_argument("survey", metavar="SURVEY", help="folder")
+    report.add_argument(
+        "-o", "--output", type=_report_file, metavar="FILE", required=True, help=".html or .pdf"
+    )
+    report.add_argument(
+        "--language", metavar="CODE", default="en", help="en, de or zh (default: en)"
+    )
+    report.add_argument(
+        "--title", metavar="TEXT", help="heading (default: the site, or the folder)"
+    )
+    report.add_argument(
+        "--procedure", metavar="NAME", help="judge by this one (default: the one measured by)"
+    )
+    report.add_argument("--target", type=float, metavar="MPA", help="of points that have none, MPa")
+    report.add_argument(
+        "--target-deflection",
+        type=float,
+        metavar="MM",
+        help="the same for a procedure that judges deflections, mm",
+    )
+    report.add_argument("--refit", action="store_true", help="invert anew, whatever is stored")
+    report.add_argument(
+        "--diagnose", action="store_true", help="ask what is behind the residuals (slow)"
+    )
+    report.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    report.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
+
+
+def _add_procedures(commands: "Commands") -> None:
+    procedures = commands.add_parser(
+        "procedures",
+        help="measuring procedures with their sources",
+        description="Lists the procedures that come with the program: seating + measured drops "
+        "(in brackets: not verified, not enforced) and what is judged. With a name or a TOML "
+        "file: every number with its source.",
+        allow_abbrev=False,
+    )
+    procedures.add_argument("name", nargs="?", metavar="NAME", help="show this one")
+    procedures.add_argument("--json", action="store_true", help="one JSON object a procedure")
+
+
 def _add_recover(commands: "Commands") -> None:
     recover = commands.add_parser("recover", help="whatever a crash left", allow_abbrev=False)
     recover.add_argument("survey", metavar="SURVEY", help="folder")
@@ -283,7 +434,7 @@ def _add_recover(commands: "Commands") -> None:
 
 def _add_check(commands: "Commands") -> None:
     check = commands.add_parser("check", help="is this recording whole?", allow_abbrev=False)
-    check.add_argument("survey", metavar="SURVEY", help="folder")
+    check.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
     check.add_argument("--json", action="store_true", help="one JSON object")
 
 
@@ -325,6 +476,12 @@ def _depth(text: str) -> float | str:
         message = f"expected a depth in m, unknown or none, came {text}"
         raise argparse.ArgumentTypeError(message) from None
     return "none" if depth == float("inf") else depth
+
+
+def _report_file(text: str) -> str:
+    if not text.lower().endswith((".html", ".pdf")):
+        raise argparse.ArgumentTypeError(f"expected a name ending in .html or .pdf, came {text}")
+    return text
 
 
 def _plot_file(text: str) -> str:

@@ -46,3 +46,45 @@ def building() -> Iterator[Callable[[str, float], None]]:
         yield draw
     finally:
         bar.stop()
+
+
+@contextmanager
+def counting(total: Callable[[], int]) -> Iterator[Callable[[int, str], None]]:
+    """Yields the callable that is told how many are done, and what else there is to say.
+
+    On a terminal a bar with the time that is left; elsewhere nothing is shown, nor counted.
+
+    Parameters
+    ----------
+    total : callable
+        Counts what there is; asked once, and only when it is shown.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done, text: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    with Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task("counting", total=None)
+        bar.update(task, total=total())
+
+        def show(done: int, text: str) -> None:
+            bar.update(task, completed=done, description=clean(text))
+
+        yield show

@@ -42,27 +42,50 @@ def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Raises
     ------
     SurveyError
-        If there is nothing to write, or plate or sensors change within the survey: a file has one
-        configuration.
+        If there is nothing to write.
+
+    Notes
+    -----
+    A file has one plate and one set of sensors: what was measured otherwise goes to further files,
+    numbered from 2.
     """
     rows = order.rows
     used = [row for row in rows if row.used and row.peaks is not None]
     if not used:
         raise SurveyError(refusal(order.content.path, "drops with peaks to export", "none"))
-    with (
-        new_file(path, force=order.force) as draft,
-        open(draft, "w", encoding="utf-8", newline="\r\n") as stream,
-    ):
-        for line in _lines(order, os.path.basename(os.fspath(path)), used):
-            stream.write(line + "\n")
+    alike: dict[tuple[float, tuple[float, ...]], list[Row]] = {}
+    for row in used:
+        alike.setdefault(_configuration(order.content.path, row), []).append(row)
     notes = ["the layout was not verified against the text of the PDDX 2.0 standard"]
+    for number_, (configuration, some) in enumerate(alike.items(), start=1):
+        file = _numbered(path, number_)
+        with (
+            new_file(file, force=order.force) as draft,
+            open(draft, "w", encoding="utf-8", newline="\r\n") as stream,
+        ):
+            for line in _lines(order, os.path.basename(file), some, configuration):
+                stream.write(line + "\n")
+        if len(alike) > 1:
+            radius, offsets = configuration
+            notes.append(
+                f"{file}: {len(some)} drops of the plate of {radius:g} m with "
+                f"{len(offsets)} sensor{'s' if len(offsets) > 1 else ''}; a file has one device"
+            )
     if len(used) < len(rows):
         notes.append(f"{len(rows) - len(used)} discarded or incomplete drops are left out")
     return notes
 
 
-def _lines(order: Order, name: str, rows: list[Row]) -> Iterator[str]:
-    radius, offsets = _configuration(order.content.path, rows)
+def _numbered(path: str | os.PathLike[str], count: int) -> str:
+    """The path itself, and for further files the same with a number."""
+    name, ending = os.path.splitext(os.fspath(path))
+    return name + ending if count == 1 else f"{name}-{count}{ending}"
+
+
+def _lines(
+    order: Order, name: str, rows: list[Row], configuration: tuple[float, tuple[float, ...]]
+) -> Iterator[str]:
+    radius, offsets = configuration
     first = rows[0].values
     yield from _section(
         "Pavement Deflection Data Exchange File",
@@ -141,25 +164,18 @@ def _section(name: str, **entries: str | None) -> Iterator[str]:
     yield ""
 
 
-def _configuration(where: str, rows: list[Row]) -> tuple[float, tuple[float, ...]]:
-    """Plate radius and distances of the sensors, m, which all drops have to share."""
-    found = set()
-    for row in rows:
-        assert row.peaks is not None
-        declared = {**(row.declared or {})}
-        for edit in row.point.edits:
-            if edit.get("what") == "declared" and isinstance(edit.get("value"), dict):
-                declared |= edit["value"]
-        radius = number(declared.get("plate_radius_m"))
-        if radius is None:
-            hint = "pfwd edit --set plate_radius_m=..."
-            raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
-        found.add((radius, tuple(offset for offset, _ in row.peaks.displacements)))
-    if len(found) > 1:
-        hint = "discard what was measured otherwise, or choose another format"
-        expected = "one plate radius and one set of sensors for a file of this format"
-        raise SurveyError(refusal(where, expected, f"{len(found)}", hint))
-    return found.pop()
+def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
+    """Plate radius and distances of the sensors of a drop, m."""
+    assert row.peaks is not None
+    declared = {**(row.declared or {})}
+    for edit in row.point.edits:
+        if edit.get("what") == "declared" and isinstance(edit.get("value"), dict):
+            declared |= edit["value"]
+    radius = number(declared.get("plate_radius_m"))
+    if radius is None:
+        hint = "pfwd edit --set plate_radius_m=..."
+        raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
+    return radius, tuple(offset for offset, _ in row.peaks.displacements)
 
 
 def _chainage(row: Row) -> float | None:

@@ -384,12 +384,21 @@ def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None
     assert "modulus" not in path.read_text(encoding="utf-8").lower().replace("moduli", "")
 
 
-def test_pddx_has_one_configuration(survey: Path, tmp_path: Path) -> None:
+def test_pddx_has_one_configuration_a_file(survey: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("declared", {"plate_radius_m": 0.1}, point="CON")
-    with pytest.raises(SurveyError, match="one plate radius and one set of sensors"):
-        export_survey(survey, "pddx", tmp_path / "r.pdx")
-    assert list(tmp_path.glob("r.pdx*")) == []
+    done = export_survey(survey, "pddx", tmp_path / "r.pdx")
+    files = sorted(path.name for path in tmp_path.glob("r*"))
+    assert files == ["r-2.pdx", "r.pdx"]
+    radii = {
+        line.split("=")[1].strip()
+        for name in files
+        for line in (tmp_path / name).read_text(encoding="utf-8").splitlines()
+        if line.startswith("LoadPlateRadius =")
+    }
+    assert len(radii) == 2
+    assert "100" in radii
+    assert any("r-2.pdx" in note for note in done.notes)
 
 
 @pytest.mark.parametrize("form", list(FORMATS))

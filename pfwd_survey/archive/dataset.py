@@ -1,0 +1,331 @@
+"""The tables of an archive's results, as Parquet; needs pyarrow (extra ``parquet``).
+
+::
+
+    OUT/archive.json                          what this folder is
+    OUT/runs/KEY.json                         options and software of a run
+    OUT/results/run=KEY/part-000001.parquet   a row a drop
+    OUT/failures/run=KEY/part-000001.parquet  a row for whatever gave none, with the reason
+    OUT/sources/run=KEY/part-000001.parquet   a row a source: the other two are valid with it
+    OUT/ledger.sqlite                         an index of the sources; made anew when it is lost
+
+Every file is written under another name, brought to the disk and renamed; of a part the sources
+come last. What a crash leaves without them is removed when the archive is continued.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pfwd_survey.errors import OptionError, SurveyError, refusal
+
+TABLES = ("results", "failures", "sources")
+_MARK = {"format": "pfwd-archive", "version": 1}
+_PART = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
+
+RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
+    ("file", "string"),
+    ("source_sha256", "string"),
+    ("point", "string"),
+    ("drop", "int64"),
+    ("status", "string"),
+    ("reason", "string"),
+    ("method", "string"),
+    ("model", "string"),
+    ("modulus_pa", "float64"),
+    ("modulus_sd_pa", "float64"),
+    ("modulus_interval_low_pa", "float64"),
+    ("modulus_interval_high_pa", "float64"),
+    ("viscosity_pa_s", "float64"),
+    ("viscosity_sd_pa_s", "float64"),
+    ("density_kg_m3", "float64"),
+    ("density_sd_kg_m3", "float64"),
+    ("bedrock_depth_m", "float64"),
+    ("bedrock_depth_sd_m", "float64"),
+    ("bedrock_depth_interval_low_m", "float64"),
+    ("bedrock_depth_interval_high_m", "float64"),
+    ("modulus_depth_correlation", "float64"),
+    ("poisson_ratio", "float64"),
+    ("plate_radius_m", "float64"),
+    ("plate", "string"),
+    ("load", "string"),
+    ("half_sine_peak_pressure_pa", "float64"),
+    ("half_sine_duration_s", "float64"),
+    ("half_sine_rms_over_peak", "float64"),
+    ("peak_modulus_pa", "float64"),
+    ("peak_factor", "float64"),
+    ("r_squared", "float64"),
+    ("noise_rms_m", "float64"),
+    ("residual_rms_over_peak", "float64"),
+    ("contact_residual_rms_over_peak", "float64"),
+    ("explained", "bool"),
+    ("converged", "bool"),
+    ("at_bound", "strings"),
+    ("forward_solves", "int64"),
+    ("elapsed_s", "float64"),
+    ("seed", "int64"),
+    ("device", "string"),
+    ("site", "string"),
+    ("operator", "string"),
+    ("time_utc", "string"),
+    ("latitude", "float64"),
+    ("longitude", "float64"),
+    ("warnings", "strings"),
+)
+"""Names with the SI unit at their end, and types."""
+
+FAILURE_COLUMNS: tuple[tuple[str, str], ...] = (
+    ("file", "string"),
+    ("source_sha256", "string"),
+    ("point", "string"),
+    ("kind", "string"),
+    ("reason", "string"),
+)
+
+SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
+    ("file", "string"),
+    ("source_sha256", "string"),
+    ("size_bytes", "int64"),
+    ("mtime_ns", "int64"),
+    ("piece", "int64"),
+    ("pieces", "int64"),
+    ("drops", "int64"),
+    ("failures", "int64"),
+    ("same_as", "string"),
+)
+"""``same_as``: the file with the same content that has the rows."""
+
+_COLUMNS = dict(zip(TABLES, (RESULT_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True))
+_PAIRS = {
+    "modulus_interval_pa": ("modulus_interval_low_pa", "modulus_interval_high_pa"),
+    "bedrock_depth_interval_m": (
+        "bedrock_depth_interval_low_m",
+        "bedrock_depth_interval_high_m",
+    ),
+}
+
+Row = Mapping[str, Any]
+
+
+def result_row(record: Row, digest: str) -> dict[str, Any]:
+    """One record of ``pfwd invert --json`` as a row."""
+    flat = dict(record) | {"source_sha256": digest}
+    for key, names in _PAIRS.items():
+        flat |= dict(zip(names, flat.get(key) or (None, None), strict=True))
+    fit = flat.get("half_sine") or {}
+    flat |= {f"half_sine_{key}": value for key, value in fit.items()}
+    return {name: _fitting(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
+
+
+def _fitting(value: Any, kind: str) -> Any:
+    if value is None:
+        return [] if kind == "strings" else None
+    if kind == "string":
+        return str(value)
+    if kind == "float64":
+        # Free text where a number could stand, as the coordinates of a header.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return None
+        return float(value)
+    return value
+
+
+class Dataset:
+    """The folder with the tables of one run among those of others.
+
+    Parameters
+    ----------
+    folder : path
+        Is made if it does not exist; otherwise it is empty or of this kind.
+    key : str
+        Of the run.
+    identity : mapping
+        What the key stands for.
+
+    Raises
+    ------
+    OptionError
+        If pyarrow is not installed or the folder holds something else.
+    SurveyError
+        If the disk does not take it.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], key: str, identity: Row) -> None:
+        _parquet()
+        self.folder = Path(folder)
+        self.key = key
+        with _disk_errors(self.folder):
+            self._claim()
+            runs = self.folder / "runs"
+            runs.mkdir(exist_ok=True)
+            described = runs / f"{key}.json"
+            if not described.exists():
+                _publish(described, json.dumps({"run": key, **identity}, indent=1).encode())
+
+    def _claim(self) -> None:
+        mark = self.folder / "archive.json"
+        if mark.exists():
+            return
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            came = "something else in it" if self.folder.is_dir() else "a file"
+            expected = "a folder that is new, empty or an archive of results"
+            raise OptionError(refusal(f"--archive {self.folder}", expected, came))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        _publish(mark, json.dumps(_MARK).encode())
+
+    def parts(self) -> list[int]:
+        """Numbers of the parts that are whole, in order."""
+        return sorted(self._numbers("sources"))
+
+    def clear_leftovers(self) -> None:
+        """Remove what a crash left behind: drafts, and tables of parts without sources."""
+        with _disk_errors(self.folder):
+            whole = self._numbers("sources")
+            for name in TABLES:
+                place = self._place(name)
+                for path in place.glob("*.tmp"):
+                    path.unlink()
+                for number in self._numbers(name) - whole:
+                    self._file(name, number).unlink()
+
+    def write(
+        self,
+        number: int,
+        results: Sequence[Row],
+        failures: Sequence[Row],
+        sources: Sequence[Row],
+    ) -> None:
+        """Write one part; it counts when this returns, and is not there at all before.
+
+        Raises
+        ------
+        SurveyError
+            If the disk does not take it.
+        """
+        with _disk_errors(self.folder):
+            for name, rows in zip(TABLES, (results, failures, sources), strict=True):
+                if rows or name == "sources":
+                    self._write_table(name, number, _table(name, rows))
+
+    def sources(self, number: int) -> list[dict[str, Any]]:
+        """The sources of a part.
+
+        Raises
+        ------
+        SurveyError
+            If the part is damaged.
+        """
+        return self._read("sources", number).to_pylist()  # type: ignore[no-any-return]
+
+    def remove_content(self, number: int, digests: Iterable[str]) -> None:
+        """Write a part anew without the rows of some contents.
+
+        Raises
+        ------
+        SurveyError
+            If the part is damaged or the disk does not take it.
+        """
+        gone = set(digests)
+        for name in TABLES:
+            if not self._file(name, number).exists():
+                continue
+            table = self._read(name, number)
+            keep = [digest not in gone for digest in table["source_sha256"].to_pylist()]
+            if not all(keep):
+                with _disk_errors(self.folder):
+                    self._write_table(name, number, table.filter(keep))
+
+    def failures(self) -> Iterator[dict[str, Any]]:
+        """All failures of the run, part by part."""
+        for number in sorted(self._numbers("failures") & self._numbers("sources")):
+            yield from self._read("failures", number).to_pylist()
+
+    def _read(self, name: str, number: int) -> Any:
+        path = self._file(name, number)
+        try:
+            # Not as a data set: the folder's name would become a column of its own.
+            # And closed again: elsewhere than here an open file cannot be replaced.
+            with _parquet().ParquetFile(path) as file:
+                return file.read()
+        except (OSError, ValueError) as err:
+            hint = "remove it: what it held is inverted again"
+            came = str(err).splitlines()[0]
+            raise SurveyError(refusal(str(path), "a Parquet table", came, hint)) from err
+
+    def _write_table(self, name: str, number: int, table: Any) -> None:
+        path = self._file(name, number)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_name(path.name + ".tmp")
+        _parquet().write_table(table, draft, compression="zstd")
+        _settle(draft, path)
+
+    def _numbers(self, name: str) -> set[int]:
+        try:
+            names = os.listdir(self._place(name))
+        except FileNotFoundError:
+            return set()
+        return {int(match[1]) for match in map(_PART.fullmatch, names) if match}
+
+    def _place(self, name: str) -> Path:
+        return self.folder / name / f"run={self.key}"
+
+    def _file(self, name: str, number: int) -> Path:
+        return self._place(name) / f"part-{number:06d}.parquet"
+
+
+def _table(name: str, rows: Sequence[Row]) -> Any:
+    import pyarrow
+
+    kinds = {
+        "string": pyarrow.string(),
+        "strings": pyarrow.list_(pyarrow.string()),
+        "int64": pyarrow.int64(),
+        "float64": pyarrow.float64(),
+        "bool": pyarrow.bool_(),
+    }
+    columns = _COLUMNS[name]
+    schema = pyarrow.schema([(column, kinds[kind]) for column, kind in columns])
+    return pyarrow.table([[row[column] for row in rows] for column, _ in columns], schema=schema)
+
+
+def _parquet() -> Any:
+    try:
+        from pyarrow import parquet
+    except ImportError as err:
+        hint = 'python -m pip install "pfwd[parquet]"'
+        raise OptionError(refusal("--archive", "the package pyarrow", "none", hint)) from err
+    return parquet
+
+
+def _publish(path: Path, content: bytes) -> None:
+    draft = path.with_name(path.name + ".tmp")
+    draft.write_bytes(content)
+    _settle(draft, path)
+
+
+def _settle(draft: Path, path: Path) -> None:
+    """Bring a draft to the disk and give it its name."""
+    with open(draft, "rb+") as stream:
+        os.fsync(stream.fileno())
+    os.replace(draft, path)
+    if os.name != "nt":  # where a folder cannot be opened, and needs not be
+        handle = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@contextlib.contextmanager
+def _disk_errors(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as err:
+        reason = err.strerror or str(err)
+        raise SurveyError(refusal(str(folder), "a disk that takes it", reason)) from err
