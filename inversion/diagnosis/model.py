@@ -347,8 +347,9 @@ def _flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> 
     velocity = (sensor.values[span:] - sensor.values[:-span]) / (span * step)
     hiss = np.sqrt(2.0) * noise / (span * step)
     found = _flat_level(velocity, hiss)
-    if found is None and largest:
-        found = float(np.abs(velocity).max() - 2.0 * hiss)
+    highest = float(np.abs(velocity).max())
+    if found is None and largest and highest > _FLAT_NOISE * hiss:
+        found = highest - 2.0 * hiss
     return found
 
 

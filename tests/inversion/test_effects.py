@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from inversion.diagnosis.model import _flat_level
+from inversion.diagnosis.model import _flat_level, _flat_velocity
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
 from inversion.effects.parallel import Bending, _march, effective_force, hat_response
+from inversion.record import Sensor
 
 TIME = np.arange(600) * 1e-4
 PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
@@ -298,3 +299,14 @@ def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: flo
     assert _flat_level(pulse + hiss, noise) is None
     cut = np.clip(pulse, -level, level) + hiss
     assert _flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
+
+
+def test_a_noisy_displacement_is_not_taken_for_a_clipped_velocity() -> None:
+    rng = np.random.default_rng(3)
+    still = Sensor(0.0, "displacement", 1e-6 * rng.standard_normal(400))
+    assert _flat_velocity(still, 1e-6, 1e-4, largest=True) is None
+    moving = Sensor(0.0, "displacement", 5e-4 * PULSE)
+    level = _flat_velocity(moving, 1e-8, 1e-4, largest=True)
+    assert level is not None
+    assert 0.9 * 5e-4 * np.pi / 0.02 < level <= 5e-4 * np.pi / 0.02
+    assert _flat_velocity(moving, 1e-8, 1e-4, largest=False) is None
