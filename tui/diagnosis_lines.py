@@ -26,6 +26,10 @@ def diagnosis_lines(record: Mapping[str, Any]) -> list[str]:
     lines = [f"{clean(record['file'])}{device}, drops {drops}"]
     lines.append(f"  {_VERDICT[record['verdict']]}")
     if record["before"] is not None:
+        lines.append(
+            f"  {record['plate']} plate of radius {record['plate_radius_m']:g} m, Poisson's ratio "
+            f"{record['poisson_ratio']:g}"
+        )
         lines.append(f"  before  {_state(record['before'])}")
         lines.append(f"  after   {_state(record['after'])}")
         lines += _change(record)
@@ -34,8 +38,8 @@ def diagnosis_lines(record: Mapping[str, Any]) -> list[str]:
     held = record["held_out"]
     if held is not None:
         lines.append(
-            f"  each drop predicted from the others: {_percent(held['before'])} of the peak "
-            f"before, {_percent(held['after'])} after"
+            f"  predicted from other drops or points: off by {_percent(held['before'])} of the "
+            f"peak before, {_percent(held['after'])} after"
         )
     lines += [f"  {clean(text)}" for text in record["rejected"]]
     lines += [f"  warning: {clean(text)}" for text in record["warnings"]]

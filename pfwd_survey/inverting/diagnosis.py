@@ -320,6 +320,13 @@ def diagnosis_record(entry: _Entry, found: PointDiagnosis | None) -> dict[str, A
         "drops": [] if found is None else list(found.numbers),
         "rejected": list(entry.rejected),
     }
+    if entry.records is not None:
+        first = entry.records.records[0]
+        record |= {
+            "plate": "rigid-rough",
+            "plate_radius_m": first.instrument.plate_radius,
+            "poisson_ratio": first.poisson_ratio,
+        }
     if found is None:
         nothing = {"verdict": "unexplained", "corrected": False, "noise_rms_m": None}
         effects = [_false_trigger()] if entry.rejected else []
