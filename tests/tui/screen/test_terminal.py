@@ -176,7 +176,11 @@ def served(survey: Path) -> Iterator[str]:
         yield "http://127.0.0.1:8765"
     finally:
         server.terminate()
-        server.wait(10)
+        try:
+            server.wait(5)
+        except subprocess.TimeoutExpired:  # it waits for a browser that is still there
+            server.kill()
+            server.wait(10)
 
 
 @pytest.mark.slow
