@@ -173,6 +173,8 @@ class DropModel:
         self._memory: dict[tuple[object, ...], ComplexArray] = {}
         self._motions: dict[tuple[object, ...], FloatArray] = {}
         self._bent_before: FloatArray | None = None
+        self.bent = 0
+        """How often bending ground was solved for: six times the work of linear ground."""
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
         """What would be recorded, (n_sensors, n), m; the samples before the pulse stand first."""
@@ -209,6 +211,7 @@ class DropModel:
         parts = np.concatenate([compliance.real, compliance.imag], axis=1)
         motion: FloatArray = parts @ self._synthesis
         if not bending.straight:
+            self.bent += 1
             motion = motion + self._bent(parts, ground, shaping, bending)
         if len(self._motions) >= _REMEMBERED:
             self._motions.pop(next(iter(self._motions)))

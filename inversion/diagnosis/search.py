@@ -41,8 +41,9 @@ _PAIRS_REFINED = 6
 _BEAM = 2
 _MOST_EFFECTS = 4
 _QUICK = 5
-# Forward solves of a drop after which no larger sets are begun: about two seconds.
-_MOST_SOLVES = 12_000
+# Forward solves of a drop after which no larger sets are begun: a few seconds. Bending ground
+# takes so many more.
+_MOST_SOLVES, _BENT_SHARE = 50_000, 5
 _COMPANY_QUICK = 12
 # So many starts are followed to the end.
 _REFINED = 2
@@ -288,8 +289,9 @@ class Search:
     @property
     def _spent(self) -> bool:
         """Whether so much was computed that a user would have to wait."""
-        drops = sum(len(point.drops) for point in self.points)
-        return self.solves > _MOST_SOLVES * drops
+        models = [model for point in self.points for model in point.drops]
+        bent = sum(model.bent for model in models)
+        return self.solves + _BENT_SHARE * bent > _MOST_SOLVES * len(models)
 
     def _companies(self, best: Candidate) -> list[Candidate]:
         """Sets that only help together."""
