@@ -297,6 +297,10 @@ def _effects(
         ):
             if one.effect is effect:
                 parameters.append(_parameter(point, one, place, deviation, id(one) in bounds))
+        parameters += [
+            FoundParameter(name, unit, value, 0.0, None, False)
+            for name, unit, value in effect.held(point.drops[0].context)
+        ]
         found.append(
             FoundEffect(
                 name=effect.name,

@@ -24,6 +24,10 @@ class AcquisitionFilter(Effect):
     )
     advice = "ask the maker for the filter of the deflection channel, or switch it off"
 
+    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """The order."""
+        return (("order", "-", float(ORDER)),)
+
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """As the filter lets it through."""
         n = record.shape[1]

@@ -142,6 +142,10 @@ class Effect:
         """Name, unit and value of what the record itself tells of the effect; goes first."""
         return ()
 
+    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Name, unit and value of what is not fitted but belongs to the values; goes last."""
+        return ()
+
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with the effect."""
         return ground

@@ -8,6 +8,8 @@ each of which meets ground of one modulus.
 
 from dataclasses import replace
 
+import numpy as np
+
 from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
 from inversion.effects.parallel import Bending
 
@@ -26,6 +28,10 @@ class StressDependence(Effect):
     def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
         """With a single drop all of it is within the drop."""
         return self.parameters if drop.count > 1 else self.parameters[:1]
+
+    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """The stress at which the modulus holds: the mean one under the largest drop."""
+        return (("sigma_ref", "Pa", drop.largest_load / (np.pi * drop.plate_radius**2)),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The part that a drop of another height meets as another modulus."""

@@ -86,6 +86,13 @@ def test_starts_lie_between_the_bounds_and_are_told_with_a_unit(effect: Effect) 
     assert effect.scope in ("drop", "point", "device")
 
 
+def test_what_is_not_fitted_is_told_with_the_values() -> None:
+    ((name, unit, value),) = BY_NAME["stress_dependence"].held(context())
+    assert (name, unit) == ("sigma_ref", "Pa")
+    assert value == pytest.approx(8000.0 / (np.pi * 0.15**2))
+    assert BY_NAME["acquisition_filter"].held(context()) == (("order", "-", 4.0),)
+
+
 def test_names_are_unique() -> None:
     assert len(BY_NAME) == len(CATALOGUE)
 
