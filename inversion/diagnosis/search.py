@@ -34,7 +34,7 @@ ALIKE = 8.0
 # The residual is noise up to this many times the noise.
 EXPLAINED = 1.5
 # Up to this many times nothing is asked: there is nothing to explain.
-NOISE = 1.0
+NOISE = 1.2
 # A weighed residual of so many times what noise leaves asks for no more effects.
 ENOUGH = 1.15
 _PAIRS_REFINED = 6

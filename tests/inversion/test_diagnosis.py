@@ -1,5 +1,6 @@
 """The diagnosis on drops of finite elements whose effects nobody declared."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,21 @@ def test_rock_under_other_finite_elements(
     assert effect.name == "bedrock"
     assert effect.parameters[0].value == pytest.approx(depth, rel=0.03)
     assert found.after.modulus == pytest.approx(1e6 * modulus, rel=0.012)
+
+
+@pytest.mark.parametrize("number", range(1, 9))
+def test_other_finite_elements_with_their_rock_declared_have_no_effect(
+    number: int, shared: Path, library: SurrogateLibrary
+) -> None:
+    table = (shared / "fe_drops" / "README.md").read_text(encoding="utf-8").splitlines()
+    (row,) = [line for line in table if line.startswith(f"| fe_{number:02d} ")]
+    modulus, depth = (float(row.split("|")[column]) for column in (2, 4))
+    point = read_traces(shared / "fe_drops" / f"fe_{number:02d}.csv")
+    records = tuple(
+        replace(record_of(one, point.setup), bedrock_depth=depth) for one in point.drops
+    )
+    found = diagnose_point(PointRecords("fe", records, (1,)), library)
+    assert found.effects == ()
+    assert found.after.modulus == pytest.approx(1e6 * modulus, rel=0.007)
+    # Undamped ground rings on until the side of the mesh answers: that is no noise, nor an effect.
+    assert found.verdict == ("unexplained" if number == 6 else "clean")

@@ -1,16 +1,14 @@
 """What all pages share: lines that fill the terminal, and keys."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.screen import Screen
 
 from tui.screen.drawing.lines import Line
+from tui.screen.pages.host import Host
 from tui.screen.widgets.lines_view import LinesView
-
-if TYPE_CHECKING:
-    from tui.screen.app import PfwdApp
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 10
 """Below this nothing useful fits."""
@@ -30,9 +28,9 @@ class Page(Screen[None]):
         yield LinesView(id="lines")
 
     @property
-    def pfwd(self) -> "PfwdApp":
+    def pfwd(self) -> Host:
         """The application."""
-        return cast("PfwdApp", self.app)
+        return cast(Host, self.app)
 
     @property
     def view(self) -> LinesView:

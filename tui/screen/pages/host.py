@@ -1,0 +1,87 @@
+"""What the pages ask of the application that shows them."""
+
+from typing import Any, Protocol
+
+from pfwd_survey.files.editing import Edit
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.plan import SessionPlan
+from tui.screen.drawing.glyphs import Glyphs
+from tui.screen.looks import Look
+from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.runner import SessionRunner
+from tui.screen.session.sources import Source
+from tui.screen.session.state import DropState, SessionState
+from tui.screen.session.words import Word
+from tui.screen.settings import Settings
+from tui.screen.units import Units
+
+
+class Host(Protocol):
+    """The application, as far as the pages know it."""
+
+    state: SessionState
+    source: Source
+    settings: Settings
+    glyphs: Glyphs
+    diagnoser: Diagnoser
+    runner: SessionRunner
+    verdicts: dict[str, str]
+    shown_drop: tuple[str, int] | None
+
+    @property
+    def look(self) -> Look:
+        """Colours of the theme."""
+
+    @property
+    def units(self) -> Units:
+        """What numbers are shown in."""
+
+    @property
+    def message(self) -> str:
+        """What was said last."""
+
+    def clock(self) -> str:
+        """The time of day."""
+
+    def word(self) -> Word:
+        """What is going on."""
+
+    def pace_text(self) -> str:
+        """How fast a replay goes."""
+
+    def busy_text(self) -> str:
+        """What is under way besides measuring."""
+
+    def restart(self, plan: SessionPlan, url: str) -> None:
+        """Measure with another plan or instrument."""
+
+    def say(self, text: str) -> None:
+        """Show a sentence until the next key."""
+
+    def change(self, **values: Any) -> None:
+        """Other settings."""
+
+    def action_page(self, name: str) -> None:
+        """Go to a page."""
+
+    def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
+        """Go to the page of a drop."""
+
+    def discard(self, drop: DropState | None) -> None:
+        """Mark a drop as discarded, or take that back."""
+
+    def edit(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
+        """Say something of a drop or point; whether it was kept."""
+
+    def fetch(self, drop: DropState) -> None:
+        """Read the traces of a drop."""
+
+    def refit(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
+        """Fit a drop with other settings."""
+
+    def diagnose(self, file: str) -> None:
+        """Ask for the effects behind the residuals of a file."""
+
+    def names_of_records(self, count: int) -> list[str]:
+        """Names of the points that a diagnosis told of."""
