@@ -262,7 +262,9 @@ def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> 
         model="rig" if rig else model,
         modulus=math.nan if rig else ground.modulus,
         modulus_deviation=math.nan if rig else ground.modulus * relative,
-        modulus_interval=_interval(math.nan if rig else ground.modulus, relative, moduli),
+        modulus_interval=_interval(
+            math.nan if rig else ground.modulus, relative, _doubt(point, candidate), moduli
+        ),
         residual_rms=float(np.sqrt(np.mean(left**2))),
         residual_over_noise=candidate.over_noise,
         residual_rms_over_peak=float(np.sqrt(np.mean(np.square(whole)))),
@@ -270,9 +272,19 @@ def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> 
     )
 
 
-def _interval(modulus: float, relative: float, others: Sequence[float]) -> tuple[float, float]:
-    """95 % of a modulus with a relative deviation, Pa, and whatever else it might be."""
-    wide = math.exp(1.96 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
+def _doubt(point: Point, candidate: Candidate) -> float:
+    """Relative error (95 %) of the modulus that the effects' own simplifications may leave."""
+    found, last = candidate.fit, len(point.drops) - 1
+    values = found.problem.values(0, found.device, found.own[0], last)
+    return math.hypot(0.0, *(effect.doubt(numbers) for effect, numbers in values))
+
+
+def _interval(
+    modulus: float, relative: float, doubt: float, others: Sequence[float]
+) -> tuple[float, float]:
+    """95 % of a modulus with a relative deviation and doubt, Pa, and whatever else it might be."""
+    noise = math.exp(1.96 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
+    wide = noise * (1.0 + doubt)
     return min(modulus / wide, *others, modulus), max(modulus * wide, *others, modulus)
 
 

@@ -146,6 +146,10 @@ class Effect:
         """Name, unit and value of what is not fitted but belongs to the values; goes last."""
         return ()
 
+    def doubt(self, values: Values) -> float:
+        """Relative error (95 %) of the modulus that the effect's own simplification may leave."""
+        return 0.0
+
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with the effect."""
         return ground

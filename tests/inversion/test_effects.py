@@ -93,6 +93,13 @@ def test_what_is_not_fitted_is_told_with_the_values() -> None:
     assert BY_NAME["acquisition_filter"].held(context()) == (("order", "-", 4.0),)
 
 
+def test_a_strong_layer_leaves_doubt_in_the_modulus() -> None:
+    layer = BY_NAME["layer"]
+    assert layer.doubt({"modulus_ratio": 1.2, "thickness": 0.2}) == 0.0
+    assert 0.25 < layer.doubt({"modulus_ratio": 2.3, "thickness": 0.2}) < 0.5
+    assert layer.doubt({"modulus_ratio": 1 / 2.3, "thickness": 0.2}) > 0.25
+
+
 def test_names_are_unique() -> None:
     assert len(BY_NAME) == len(CATALOGUE)
 
