@@ -45,6 +45,11 @@ def text(shown: Terminal) -> str:
     return CONTROL.sub(b" ", shown.text).decode(errors="replace")
 
 
+def begun(point: str, after: str, shown: Terminal) -> bool:
+    latest = text(shown).rsplit(after, 1)[-1]
+    return re.search(rf"point\s+{point}", latest) is not None
+
+
 def wait(shown: Terminal, holds: Callable[[], bool]) -> None:
     until = time.monotonic() + PATIENCE
     while not holds():
@@ -85,8 +90,9 @@ def test_a_whole_point_with_the_cable_pulled_in_the_middle(tmp_path: Path) -> No
             wait(shown, lambda: "POINT DONE" in text(shown))
             assert "PASS" in text(shown)
             shown.press("n\r")
-            # The name stands in the dialog first: q belongs to the page behind it.
-            wait(shown, lambda: re.search(r"point\s+P 8", text(shown)) is not None)
+            # The name stands in the dialog first, above its hint: q belongs to the page behind it.
+            wait(shown, lambda: "enter begins it" in text(shown))
+            wait(shown, lambda: begun("P 8", after="enter begins it", shown=shown))
             shown.press("q")
             assert ended(shown) == 0
     assert drops_of(survey) >= 6
