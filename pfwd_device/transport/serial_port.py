@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import sys
+import time
 from typing import Any
 
 import serial
@@ -77,6 +78,11 @@ class SerialTransport(LockedTransport):
         )
 
 
+_BUSY = "one in use by another program"
+# s within which whoever closed a port lets go of it.
+_LET_GO_S = 1.0
+
+
 def open_serial(url: str, baud_rate: int, write_timeout: float = WRITE_TIMEOUT) -> SerialTransport:
     """An open serial port that no other program with manners can open as well.
 
@@ -95,13 +101,26 @@ def open_serial(url: str, baud_rate: int, write_timeout: float = WRITE_TIMEOUT) 
         if not url.lower().startswith("rfc2217:"):  # knows none, and says so by an error
             port.write_timeout = write_timeout
         port.exclusive = exclusive
-        port.open()
+        _open_when_free(port)
     except PORT_ERRORS as err:
         if port is not None:
             with contextlib.suppress(*PORT_ERRORS):
                 port.close()
         raise port_error(url, err) from err
     return SerialTransport(port, url)
+
+
+def _open_when_free(port: Any) -> None:
+    """Open; a port that was closed just now may stay in use for a moment."""
+    until = time.monotonic() + _LET_GO_S
+    while True:
+        try:
+            port.open()
+            return
+        except PORT_ERRORS as err:
+            if _explain(err)[0] != _BUSY or time.monotonic() > until:
+                raise
+            time.sleep(0.1)
 
 
 def port_error(url: str, cause: Exception) -> PortError:
@@ -116,7 +135,7 @@ def _explain(cause: Exception) -> tuple[str, str]:
     if number in _NO_SUCH or "FileNotFoundError" in text:
         return "no such port", "`pfwd ports` lists those there are"
     if number in _IN_USE or "PermissionError" in text:
-        return "one in use by another program", "end that program"
+        return _BUSY, "end that program"
     if number in _NOT_ALLOWED:
         hint = "see who may open it"
         if sys.platform.startswith("linux"):
