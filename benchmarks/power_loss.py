@@ -152,6 +152,8 @@ def replay_kills(run: Recorded, every: int = 1, first: int = 0) -> Outcome:
 def replay_power_cuts(run: Recorded, cuts: int, seed: int) -> Outcome:
     """Power cuts at random calls."""
     rng = np.random.default_rng(seed)
+    if not run.notes:  # the disk took nothing at all
+        return Outcome(0, 0, 0)
     chosen = np.sort(rng.integers(0, len(run.notes), cuts)).tolist()
     losing = unreadable = 0
     for index, acknowledged, disk in follow(run.notes):

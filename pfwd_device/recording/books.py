@@ -110,11 +110,14 @@ class Books:
 
     def _append(self, kind: int, payload: bytes, about: str) -> Entry:
         mark = self._journal.mark()
+        entry: Entry | None = None
         try:
             entry = self._journal.append(kind, payload, about)
             self._ledger.append(entry)
         except BaseException as err:
-            self._journal.rewind(mark)
+            # A line that may be on the disk keeps its record: without it, it would read as a loss.
+            listed = entry is not None and self._ledger.doubtful == entry
+            self._journal.rewind(mark, cut=not listed)
             if not isinstance(err, OSError):  # an interrupt, anywhere
                 self._ledger.forget(mark[-1])
             raise

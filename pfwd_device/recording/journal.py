@@ -84,10 +84,16 @@ class JournalWriter:
         """The state to go back to when the next record cannot be acknowledged."""
         return self._segment, self._end, self._sequence
 
-    def rewind(self, mark: tuple[int, int, int]) -> None:
-        """Go back to a mark; the number of the record after it is used again."""
+    def rewind(self, mark: tuple[int, int, int], *, cut: bool = True) -> None:
+        """Go back to a mark; the number of the record after it is used again.
+
+        Parameters
+        ----------
+        cut : bool
+            Take the record away; else it stays where it is, and the next one comes after it.
+        """
         segment, end, self._sequence = mark
-        if self._descriptor is not None:
+        if cut and self._descriptor is not None:
             self._end = end if segment == self._segment else 0
             self._cut()
 

@@ -132,6 +132,9 @@ class LedgerWriter:
         self._entries = entries
         self._descriptor: int | None = None
         self._end = 0
+        self.doubtful: Entry | None = None
+        """The line of a failed append that the disk may hold, until the ledger is rewritten."""
+        self._in_place = True
 
     def append(self, entry: Entry) -> None:
         """Return when the line is on the disk; on OSError the ledger is as it was, or redone."""
@@ -139,9 +142,11 @@ class LedgerWriter:
             self._reopen()
         assert self._descriptor is not None
         line = entry.line()
+        self.doubtful = entry
         try:
             self._storage.write_at(self._descriptor, line, self._end)
         except OSError:
+            self.doubtful = None  # a line in part is none
             self._cut()
             raise
         try:
@@ -150,10 +155,10 @@ class LedgerWriter:
             # What a failed sync leaves on the disk is not known, and a second one may lie.
             self.close()
             self._rewrite([*self._entries, entry])
-            self._entries.append(entry)
-            return
-        self._end += len(line)
+        else:
+            self._end += len(line)
         self._entries.append(entry)
+        self.doubtful = None
 
     def close(self) -> None:
         """Give the descriptor back."""
@@ -169,13 +174,17 @@ class LedgerWriter:
 
     def _reopen(self) -> None:
         whole = ledger_bytes(self._survey, self._entries)
-        if not self._path.exists() or self._path.read_bytes() != whole:
+        if not (self._in_place and self._path.exists() and self._path.read_bytes() == whole):
             self._rewrite(self._entries)
         self._descriptor = self._storage.open(self._path)
         self._end = len(whole)
 
     def _rewrite(self, entries: list[Entry]) -> None:
+        # Until its name is on the disk, an earlier ledger may come back, whatever can be read now.
+        self._in_place = False
         self._storage.write_file(self._path, ledger_bytes(self._survey, entries))
+        self._in_place = True
+        self.doubtful = None
 
     def _cut(self) -> None:
         assert self._descriptor is not None

@@ -104,6 +104,7 @@ def begin(layout: Layout, storage: Storage, helper: Publisher) -> tuple[Books, I
     for stretch in index.damage:
         if stretch.damage.at_end:
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
+    _sync_journal(layout, storage, index)
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
     _mend_ledger(layout, storage, index, entries)
     segments = layout.segments()
@@ -203,6 +204,21 @@ def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: in
         storage.sync(descriptor)
     finally:
         storage.close(descriptor)
+
+
+def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
+    """What a killed program wrote is there to be read, and need not be on the disk.
+
+    The ledger must not name it, and no record follow it in its segment, before it is.
+    """
+    segments = {index.entries[number].segment for number in index.unacknowledged}
+    for segment in sorted(segments | set(layout.segments()[-1:])):
+        descriptor = storage.open(layout.segment(segment))
+        try:
+            storage.sync(descriptor)
+        finally:
+            storage.close(descriptor)
+    storage.sync_directory(layout.journal)
 
 
 def _mend_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> None:
