@@ -5,11 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
 
 TOP = Path(__file__).resolve().parents[1]
+
+# A change is judged by the same examples twice; new ones are looked for on purpose.
+settings.register_profile("everyday", derandomize=True)
+settings.register_profile("explore", derandomize=False, print_blob=True)
+settings.load_profile("everyday")
 
 
 @pytest.fixture(scope="session")
