@@ -1,17 +1,17 @@
 """From the residual to the effect: the diagnosis of points and surveys."""
 
-from inversion.diagnosis.diagnose import (
+from inversion.diagnosis.device import fit_device
+from inversion.diagnosis.diagnose import diagnose_point
+from inversion.diagnosis.findings import (
     DeviceFindings,
     DropCurves,
     FoundEffect,
     FoundParameter,
     PointDiagnosis,
     State,
-    diagnose_point,
-    fit_device,
-    left_out_error,
 )
 from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "DeviceFindings",

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from inversion.diagnosis.channel import Channel
+from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.effects.parallel import Bending, effective_force, hat_response
 from inversion.forward import Grounds, transfer_function
@@ -16,7 +17,7 @@ from inversion.half_sine import fit_half_sine
 from inversion.kernel import ComplexArray, FloatArray
 from inversion.laplace import DampedTransform
 from inversion.misfit import model_floor
-from inversion.record import PreparedDrop, Record, Sensor, prepare
+from inversion.record import PreparedDrop, Record, prepare
 from inversion.surrogate import Surrogate
 
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
@@ -26,19 +27,10 @@ _BAND_HZ = 900.0
 _REMEMBERED = 24
 # 1/s; slow enough for the ground to be at rest.
 _STILL = 1e-3
-# Samples at the start whose middle is the offset of a channel.
-_REST = 16
-# A top is flat within so many times the noise, or this part of it, over at least so many samples;
-# it is cut off when it is left so much more steeply than a rounded one.
-_FLAT_SAMPLES = 4
-_FLAT_NOISE, _FLAT_PART = 5.0, 0.015
-_STEEPER = 2.5
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
 INDEPENDENT_HZ = 800.0
-# s over which a displacement is differentiated.
-_DIFFERENCE_S = 4e-4
 # The deflection has its peak within so many contact times.
 _SOON = 1.3
 
@@ -114,22 +106,8 @@ class DropModel:
         count_samples = int(np.searchsorted(drop.time, whole.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MOST_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
-        time = drop.time[self.rows]
-        band = min(_BAND_HZ, 0.5 / drop.step)
-        if record.instrument.load_filter is not None:
-            band = min(band, 2.0 * record.instrument.load_filter)
-        transform = DampedTransform(float(time[-1]), band)
-        self._s = transform.s
-        load, load_left = drop.load, None
-        if point.half_sine:
-            load = fit_half_sine(drop.time, drop.load).load(drop.time)
-            load_left = (drop.load - load)[self.rows]
-        spectrum = transform.of_samples(drop.time, load)
-        spectrum = spectrum * self._instrument.response(self._s)
-        synthesis = spectrum[:, None] * transform.synthesis(time)
-        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
-        ramp = transform.synthesis(time) / self._s[:, None] ** 2
-        self._ramp = np.vstack([ramp.real, -ramp.imag])
+        load = fit_half_sine(drop.time, drop.load).load(drop.time) if point.half_sine else drop.load
+        self._prepare_transform(load)
         first = int(np.searchsorted(record.time, drop.start - 0.5 * drop.step))
         # Samples before the pulse, where nothing moves but drift, hum and noise show.
         self.before = first // stride
@@ -140,30 +118,7 @@ class DropModel:
         )
         self._everywhere = np.stack([channel.observed for channel in self.channels])
         self.observed = self._everywhere[:, self.before :]
-        self.context = DropContext(
-            time=time,
-            offsets=drop.offsets,
-            load=load[self.rows],
-            peak_load=drop.peak_load,
-            largest_load=largest_load,
-            plate_radius=record.instrument.plate_radius,
-            poisson_ratio=record.poisson_ratio,
-            quantities=tuple(sensor.quantity for sensor in record.sensors),
-            contact_end=drop.contact_end,
-            index=index,
-            count=len(point.records),
-            elastic=point.elastic,
-            load_left=load_left,
-            plate_mass=record.instrument.plate_mass,
-            flat=tuple(
-                _flat_velocity(sensor, channel.model.rms, drop.step, drop.peak_load >= largest_load)
-                for sensor, channel in zip(record.sensors, drop.channels, strict=True)
-            ),
-            flat_load=_flat_level(
-                record.load - np.median(record.load[:_REST]), drop.load_noise.rms, both=False
-            ),
-            rest=tuple(float(np.median(sensor.values[:_REST])) for sensor in record.sensors),
-        )
+        self.context = self._make_context(load, largest_load, index, point)
         self._recorded = replace(self.context, time=drop.step * (samples - first))
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
@@ -175,6 +130,52 @@ class DropModel:
         self._bent_before: FloatArray | None = None
         self.bent = 0
         """How often bending ground was solved for: six times the work of linear ground."""
+
+    def _prepare_transform(self, load: FloatArray) -> None:
+        """From compliances at Laplace frequencies to motions under the load, and under a ramp."""
+        time = self.drop.time[self.rows]
+        band = min(_BAND_HZ, 0.5 / self.drop.step)
+        if self.record.instrument.load_filter is not None:
+            band = min(band, 2.0 * self.record.instrument.load_filter)
+        transform = DampedTransform(float(time[-1]), band)
+        self._s = transform.s
+        spectrum = transform.of_samples(self.drop.time, load)
+        spectrum = spectrum * self._instrument.response(self._s)
+        synthesis = spectrum[:, None] * transform.synthesis(time)
+        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+        ramp = transform.synthesis(time) / self._s[:, None] ** 2
+        self._ramp = np.vstack([ramp.real, -ramp.imag])
+
+    def _make_context(
+        self, load: FloatArray, largest_load: float, index: int, point: PointRecords
+    ) -> DropContext:
+        """What effects may know of the drop."""
+        drop, record = self.drop, self.record
+        noises = [channel.model.rms for channel in drop.channels]
+        return DropContext(
+            time=drop.time[self.rows],
+            offsets=drop.offsets,
+            load=load[self.rows],
+            peak_load=drop.peak_load,
+            largest_load=largest_load,
+            plate_radius=record.instrument.plate_radius,
+            poisson_ratio=record.poisson_ratio,
+            quantities=tuple(sensor.quantity for sensor in record.sensors),
+            contact_end=drop.contact_end,
+            index=index,
+            count=len(point.records),
+            elastic=point.elastic,
+            load_left=(drop.load - load)[self.rows] if point.half_sine else None,
+            plate_mass=record.instrument.plate_mass,
+            flat=tuple(
+                flat_velocity(sensor, noise, drop.step, drop.peak_load >= largest_load)
+                for sensor, noise in zip(record.sensors, noises, strict=True)
+            ),
+            flat_load=flat_level(
+                record.load - np.median(record.load[:REST_SAMPLES]), drop.load_noise.rms, both=False
+            ),
+            rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
+        )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
         """What would be recorded, (n_sensors, n), m; the samples before the pulse stand first."""
@@ -336,49 +337,3 @@ class DropModel:
             part &= self.context.time <= self.drop.contact_end * (1 + 1e-9)
         left = (predicted - self.observed)[:, part] / self.peak[:, None]
         return float(np.sqrt(np.mean(left**2)))
-
-
-def _flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> float | None:
-    """Level at which the velocity is cut off, m/s; also where its integral was recorded.
-
-    The difference of a displacement is too noisy to show a flat top: that of the largest drop may
-    have one just below its highest value.
-    """
-    if sensor.quantity == "velocity":
-        return _flat_level(sensor.values - np.median(sensor.values[:_REST]), noise)
-    span = max(1, round(_DIFFERENCE_S / step))
-    velocity = (sensor.values[span:] - sensor.values[:-span]) / (span * step)
-    hiss = np.sqrt(2.0) * noise / (span * step)
-    found = _flat_level(velocity, hiss)
-    highest = float(np.abs(velocity).max())
-    if found is None and largest and highest > _FLAT_NOISE * hiss:
-        found = highest - 2.0 * hiss
-    return found
-
-
-def _flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float | None:
-    """Level at which a record is cut off; None: it is not.
-
-    The samples within a narrow band below the largest one are many, and the record leaves the band
-    far more steeply than a rounded top of that width does: a parabola that falls by the band b
-    within half the width n leaves it with a slope of 4 b / n.
-    """
-    for signed in (values, -values) if both else (values,):
-        top = int(np.argmax(signed))
-        level = float(signed[top])
-        band = max(_FLAT_NOISE * noise, _FLAT_PART * level)
-        near = signed > level - band
-        first, last = top, top
-        while first > 0 and near[first - 1]:
-            first -= 1
-        while last < signed.size - 1 and near[last + 1]:
-            last += 1
-        width = last - first + 1
-        if width < _FLAT_SAMPLES or first < 2 or last + 2 >= signed.size:
-            continue
-        rounded = 4.0 * band / width
-        rise = 0.5 * (signed[first] - signed[first - 2])
-        fall = 0.5 * (signed[last] - signed[last + 2])
-        if min(rise, fall) > _STEEPER * rounded:
-            return float(np.median(signed[first : last + 1]))
-    return None

@@ -60,6 +60,14 @@ class Unknown:
             return float(p.lower * (p.upper / p.lower) ** place)
         return float(p.lower + place * (p.upper - p.lower))
 
+    def deviation(self, place: float, of_place: float) -> float:
+        """Standard deviation of the value when that of the place is `of_place`."""
+        p = self.parameter
+        slope = p.upper - p.lower
+        if p.logarithmic:
+            slope = self.value(place) * math.log(p.upper / p.lower)
+        return float(abs(slope) * of_place)
+
 
 class Point:
     """A test point: its drops' models and the unknowns of its own.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from inversion.diagnosis.model import _flat_level, _flat_velocity
+from inversion.diagnosis.flat_tops import flat_level, flat_velocity
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
 from inversion.effects.parallel import Bending, _march, effective_force, hat_response
@@ -310,17 +310,17 @@ def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: flo
     pulse = np.sin(np.pi * np.arange(300) / 100) * np.exp(-np.arange(300) / 150)
     pulse = pulse / pulse.max()
     hiss = noise * rng.standard_normal(300)
-    assert _flat_level(pulse + hiss, noise) is None
+    assert flat_level(pulse + hiss, noise) is None
     cut = np.clip(pulse, -level, level) + hiss
-    assert _flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
+    assert flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
 
 
 def test_a_noisy_displacement_is_not_taken_for_a_clipped_velocity() -> None:
     rng = np.random.default_rng(3)
     still = Sensor(0.0, "displacement", 1e-6 * rng.standard_normal(400))
-    assert _flat_velocity(still, 1e-6, 1e-4, largest=True) is None
+    assert flat_velocity(still, 1e-6, 1e-4, largest=True) is None
     moving = Sensor(0.0, "displacement", 5e-4 * PULSE)
-    level = _flat_velocity(moving, 1e-8, 1e-4, largest=True)
+    level = flat_velocity(moving, 1e-8, 1e-4, largest=True)
     assert level is not None
     assert 0.9 * 5e-4 * np.pi / 0.02 < level <= 5e-4 * np.pi / 0.02
-    assert _flat_velocity(moving, 1e-8, 1e-4, largest=False) is None
+    assert flat_velocity(moving, 1e-8, 1e-4, largest=False) is None

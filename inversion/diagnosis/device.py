@@ -1,0 +1,86 @@
+"""Effects of the device: one value of each, from all points of a survey together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inversion.diagnosis.findings import DeviceFindings, DeviceValues, PointDiagnosis
+from inversion.diagnosis.fit import fit
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point, Problem, Unknown
+from inversion.effects.base import Effect
+from inversion.effects.catalogue import BY_NAME, CATALOGUE
+from inversion.library import SurrogateLibrary
+from inversion.threads import single_threaded_blas
+
+
+def fit_device(
+    points: Sequence[PointRecords],
+    found: Sequence[PointDiagnosis],
+    names: Sequence[str],
+    library: SurrogateLibrary,
+) -> DeviceFindings:
+    """Values of device effects, fitted over all points together, each with its own effects.
+
+    Parameters
+    ----------
+    points : sequence of PointRecords
+    found : sequence of PointDiagnosis, of the same points; says which effects each has of its own
+    names : sequence of str, device effects
+    library : SurrogateLibrary
+    """
+    with single_threaded_blas():
+        chosen = [BY_NAME[name] for name in names]
+        made = [Point(records, library) for records in points]
+        local = [
+            [*chosen, *(BY_NAME[e.name] for e in one.effects if e.scope != "device")]
+            for one in found
+        ]
+        problem = Problem(made, _union(local), local=local)
+        device = np.array([_known_place(one, found) for one in problem.device])
+        owns = [
+            np.array([_own_place(one, diagnosis) for one in own])
+            for own, diagnosis in zip(problem.own, found, strict=True)
+        ]
+        result = fit(problem, device, owns, 12)
+    deviations = result.deviations()
+    values: DeviceValues = {}
+    spread: dict[str, dict[str, float]] = {}
+    for one, place, deviation in zip(problem.device, result.device, deviations, strict=False):
+        assert one.effect is not None
+        name = one.parameter.name
+        values.setdefault(one.effect.name, {})[name] = one.value(float(place))
+        spread.setdefault(one.effect.name, {})[name] = one.deviation(float(place), deviation)
+    return DeviceFindings(values, spread, sum(len(point.drops) for point in made))
+
+
+def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:
+    return [effect for effect in CATALOGUE if any(effect in one for one in local)]
+
+
+def _known_place(one: Unknown, found: Sequence[PointDiagnosis]) -> float:
+    assert one.effect is not None
+    known = [
+        p.value
+        for diagnosis in found
+        for effect in diagnosis.effects
+        if effect.name == one.effect.name
+        for p in effect.parameters
+        if p.name == one.parameter.name
+    ]
+    return one.place(float(np.median(known)) if known else one.parameter.starts[0])
+
+
+def _own_place(one: Unknown, diagnosis: PointDiagnosis) -> float:
+    if one.effect is None:
+        return one.place(one.parameter.starts[0])
+    for effect in diagnosis.effects:
+        if effect.name != one.effect.name:
+            continue
+        number = None if one.drop is None else diagnosis.numbers[one.drop]
+        for p in effect.parameters:
+            if p.name == one.parameter.name and p.drop == number:
+                return one.place(p.value)
+    return one.place(one.parameter.starts[0])
