@@ -1,4 +1,4 @@
-"""The multi-population search, its operators and its polish."""
+"""The multi-population search."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,46 +10,19 @@ from hypothesis import strategies as st
 
 from inversion import genetic_operators as operators
 from inversion.errors import InversionError, ModelError
-from inversion.genetic_operators import FloatArray, Role, RoleTable
+from inversion.genetic_operators import FloatArray, Role
 from inversion.minima import Minima
-from inversion.quadratic_polish import bounded_newton_step, iteration_cost
 from inversion.search import (
     MultiPopulationSearch,
     SearchResult,
     SearchSettings,
     paper_settings,
-    polish,
 )
-from inversion.search_settings import DEFAULT_ROLES
-
-Objective = Callable[[FloatArray], FloatArray]
+from tests.inversion.objectives import Objective, ackley_at, rastrigin_at, seeds, sphere
 
 PRESETS = [SearchSettings(), paper_settings()]
 PRESET_NAMES = ["default", "paper"]
 SHORT = SearchSettings(generations=20)
-
-seeds = st.integers(0, 2**32 - 1)
-
-
-def sphere(points: FloatArray) -> FloatArray:
-    return (points**2).sum(axis=1)
-
-
-def rastrigin_at(place: FloatArray) -> Objective:
-    def objective(points: FloatArray) -> FloatArray:
-        z = points - place
-        return 10.0 * place.size + (z**2 - 10.0 * np.cos(2.0 * np.pi * z)).sum(axis=1)
-
-    return objective
-
-
-def ackley_at(place: FloatArray) -> Objective:
-    def objective(points: FloatArray) -> FloatArray:
-        z = points - place
-        cone = -20.0 * np.exp(-0.2 * np.sqrt((z**2).mean(axis=1)))
-        return cone - np.exp(np.cos(2.0 * np.pi * z).mean(axis=1)) + 20.0 + np.e
-
-    return objective
 
 
 def search_of(
@@ -69,14 +42,6 @@ def run(search: MultiPopulationSearch) -> SearchResult:
     while search.has_next():
         search.next()
     return search.result()
-
-
-def individuals(seed: int, size: int = 3) -> tuple[FloatArray, FloatArray]:
-    rng = np.random.default_rng(seed)
-    return rng.random((4, 20, size)), rng.random((4, 20))
-
-
-# The search
 
 
 @pytest.mark.parametrize("preset", PRESETS, ids=PRESET_NAMES)
@@ -369,302 +334,9 @@ def test_roles_that_make_no_sense_raise(wrong: dict[str, object], message: str) 
         Role(**wrong)  # type: ignore[arg-type]
 
 
-# Operators
-
-
-@given(seed=seeds, count=st.integers(1, 40), size=st.integers(1, 5))
-def test_stratified_sample_puts_one_point_into_every_slice(
-    seed: int, count: int, size: int
-) -> None:
-    sample = operators.stratified_sample(count, size, np.random.default_rng(seed))
-    slices = np.sort((sample * count).astype(int), axis=0)
-    np.testing.assert_array_equal(slices, np.tile(np.arange(count)[:, None], size))
-
-
-def test_nearest_better_distance_marks_the_bottoms_of_basins() -> None:
-    points = np.array([[0.0], [0.1], [0.2], [0.9], [1.0]])
-    misfit = np.array([1.0, 2.0, 3.0, 1.5, 2.5])
-    distance = operators.nearest_better_distance(points, misfit)
-    np.testing.assert_allclose(distance, [np.inf, 0.1, 0.1, 0.9, 0.1], atol=1e-7)
-
-
-def test_fitness_is_scaled_from_0_to_100_within_each_population() -> None:
-    fitness = np.array([[1.0, 2.0, 5.0], [-3.0, -2.0, -3.0]])
-    np.testing.assert_allclose(
-        operators.scale_fitness(fitness), [[0.0, 25.0, 100.0], [0.0, 100.0, 0.0]]
-    )
-
-
-def test_equal_individuals_all_score_100() -> None:
-    fitness = np.array([[2.0, 2.0, 2.0], [1.0, 2.0, 3.0]])
-    np.testing.assert_allclose(
-        operators.scale_fitness(fitness), [[100.0, 100.0, 100.0], [0.0, 50.0, 100.0]]
-    )
-
-
-@pytest.mark.parametrize("fitness_of", [operators.reciprocal_fitness, operators.contrast_fitness])
-def test_fitness_ranks_like_the_misfit_and_survives_failures(
-    fitness_of: Callable[[FloatArray], FloatArray],
-) -> None:
-    misfit = np.array([[0.0, 1.0, 3.0, np.inf], [np.inf, np.inf, np.inf, np.inf]])
-    scores = operators.scale_fitness(fitness_of(misfit))
-    assert np.isfinite(scores).all()
-    assert (np.diff(scores[0]) <= 0.0).all()
-    assert scores[0, 0] == 100.0
-    np.testing.assert_array_equal(scores[1], 100.0)
-
-
-@given(seed=seeds, offset=st.floats(-1e3, 1e3), scale=st.floats(1e-3, 1e3))
-def test_contrast_does_not_depend_on_offset_or_unit(seed: int, offset: float, scale: float) -> None:
-    _, misfit = individuals(seed)
-    expected = operators.scale_fitness(operators.contrast_fitness(misfit))
-    moved = operators.scale_fitness(operators.contrast_fitness(offset + scale * misfit))
-    np.testing.assert_allclose(moved, expected, rtol=1e-3, atol=1e-3)
-
-
-@given(seed=seeds)
-def test_selection_follows_the_scores_to_within_one(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    scores = operators.scale_fitness(rng.random((4, 20)))
-    chosen = operators.select(scores, rng)
-    assert chosen.shape == scores.shape
-    for row, share in zip(chosen, scores / scores.sum(axis=1, keepdims=True), strict=True):
-        times = np.bincount(row, minlength=20)
-        assert (np.abs(times - 20 * share) < 1.0 + 1e-9).all()
-
-
-@given(seed=seeds)
-def test_shuffling_keeps_everybody(seed: int) -> None:
-    genes, _ = individuals(seed)
-    order = operators.shuffled((4, 20), np.random.default_rng(seed))
-    mixed = operators.take(genes, order)
-    np.testing.assert_array_equal(np.sort(mixed, axis=1), np.sort(genes, axis=1))
-
-
-@given(seed=seeds, size=st.integers(1, 5))
-def test_children_of_every_kind_stay_in_the_unit_box_and_leave_the_parents_alone(
-    seed: int, size: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    genes = np.round(rng.random((4, 22, size)))  # corners: as far out as parents can be
-    before = genes.copy()
-    parents = genes[:, :20]
-    sure = np.ones(4)
-    roles = RoleTable((*DEFAULT_ROLES[:3], Role(pull=1.0, weight=(1.0, 1.0))))
-    for children in (
-        operators.cross_intermediate(parents, sure, rng),
-        operators.mutate(parents, sure, rng),
-        operators.differential_children(genes, parents[:, ::-1], roles, rng),
-    ):
-        assert children.shape == parents.shape
-        assert (children >= 0.0).all()
-        assert (children <= 1.0).all()
-    np.testing.assert_array_equal(genes, before)
-
-
-def test_crossover_and_mutation_of_probability_0_change_nothing() -> None:
-    genes, _ = individuals(3)
-    rng = np.random.default_rng(0)
-    never = np.zeros(4)
-    np.testing.assert_allclose(operators.cross_intermediate(genes, never, rng), genes)
-    np.testing.assert_allclose(operators.mutate(genes, never, rng), genes)
-
-
-def test_crossover_mixes_pairs_only() -> None:
-    genes = np.repeat(np.arange(10.0) / 10.0, 2)[None, :, None] * np.ones(3)
-    children = operators.cross_intermediate(genes, np.ones(1), np.random.default_rng(0))
-    # Both of a pair are alike here, so whoever mates outside the pair would show.
-    np.testing.assert_allclose(children, genes)
-
-
-def test_mutation_changes_about_the_given_part_of_the_genes() -> None:
-    genes = np.full((2, 5000, 3), 0.5)
-    mutants = operators.mutate(genes, np.array([0.02, 0.5]), np.random.default_rng(0))
-    changed = (mutants != genes).mean(axis=(1, 2))
-    np.testing.assert_allclose(changed, [0.02, 0.5], rtol=0.1)
-    assert np.mean(mutants > genes) == pytest.approx(np.mean(mutants < genes), rel=0.05)
-
-
-def test_every_differential_child_differs_from_its_parent() -> None:
-    rng = np.random.default_rng(0)
-    genes = rng.random((4, 22, 3))
-    rare = RoleTable((Role(crossover_rate=1e-9),) * 4)
-    children = operators.differential_children(genes, genes[:, 2:], rare, rng)
-    np.testing.assert_array_equal((children != genes[:, :20]).sum(axis=2), 1)
-
-
-@given(seed=seeds)
-def test_survivors_are_never_worse_than_before(seed: int) -> None:
-    genes, misfit = individuals(seed)
-    children, child_misfit = individuals(seed + 1)
-    kept, kept_misfit = operators.keep_better(genes, misfit, children, child_misfit)
-    np.testing.assert_array_equal(kept_misfit, np.minimum(misfit, child_misfit))
-    elite, elite_misfit = operators.keep_elite(genes, misfit, children, child_misfit)
-    assert kept.shape == elite.shape == genes.shape
-    assert (elite_misfit.min(axis=1) <= misfit.min(axis=1)).all()
-    assert (elite_misfit.min(axis=1) <= child_misfit.min(axis=1)).all()
-
-
-@given(seed=seeds, pair=st.permutations(range(4)))
-def test_immigration_keeps_sizes_and_the_best(seed: int, pair: list[int]) -> None:
-    genes, misfit = individuals(seed)
-    first, second = pair[:2]
-    mixed, mixed_misfit = operators.immigrate(genes, misfit, first, second)
-    assert mixed.shape == genes.shape
-    assert mixed_misfit.shape == misfit.shape
-    # Both now hold the better of the two bests, and nobody else has changed.
-    best = min(misfit[first].min(), misfit[second].min())
-    assert mixed_misfit[first].min() == mixed_misfit[second].min() == best
-    others = [k for k in range(4) if k not in (first, second)]
-    np.testing.assert_array_equal(mixed[others], genes[others])
-    # Each of the two exchanged one individual and kept the other nineteen.
-    assert (mixed_misfit[[first, second]] != misfit[[first, second]]).sum() == 2
-
-
-def test_an_immigrant_brings_its_own_misfit() -> None:
-    genes, _ = individuals(5)
-    misfit = sphere(genes.reshape(-1, 3)).reshape(4, 20)
-    mixed, mixed_misfit = operators.immigrate(genes, misfit, 1, 3)
-    np.testing.assert_allclose(sphere(mixed.reshape(-1, 3)).reshape(4, 20), mixed_misfit)
-
-
 def test_minima_apart_are_the_best_of_each_place() -> None:
     points = np.array([[0.10, 0.1], [0.12, 0.1], [0.9, 0.1], [0.9, 0.9]])
     minima = Minima(points, np.array([2.0, 1.0, 3.0, 4.0]), np.ones(4))
     np.testing.assert_array_equal(minima.apart(2, 0.05).misfits, [1.0, 3.0])
     np.testing.assert_array_equal(minima.apart(9, 0.05).misfits, [1.0, 3.0, 4.0])
     assert len(Minima.none(2).apart(3, 0.05)) == 0
-
-
-# Polish
-
-
-def rotation(seed: int, size: int = 3) -> FloatArray:
-    return np.linalg.qr(np.random.default_rng(seed).standard_normal((size, size)))[0]
-
-
-@pytest.mark.parametrize("power", [1.0, 0.5], ids=["bowl", "cone"])
-@pytest.mark.parametrize("condition", [1.0, 1e6])
-def test_polish_solves_bowls_and_cones_of_any_condition(power: float, condition: float) -> None:
-    turn, place = rotation(2), np.array([0.4, 0.6, 0.3])
-    curvature = condition ** np.array([0.0, 0.5, 1.0])
-
-    def objective(points: FloatArray) -> FloatArray:
-        return (((points - place) @ turn) ** 2 @ curvature) ** power
-
-    best, misfit, used = polish(objective, place + 0.05, np.zeros(3), np.ones(3), 120)
-    assert misfit < 1e-6
-    assert used <= 120
-    np.testing.assert_allclose(best, place, atol=1e-4)
-
-
-def test_polish_follows_a_curved_valley() -> None:
-    def rosenbrock(points: FloatArray) -> FloatArray:
-        x, y = points.T
-        return 100.0 * (y - x**2) ** 2 + (1.0 - x) ** 2
-
-    start = np.array([-0.5, 0.25])
-    _, misfit, _ = polish(rosenbrock, start, np.full(2, -2.0), np.full(2, 2.0), 500)
-    assert misfit < 1e-12
-
-
-def test_polish_ends_on_a_bound() -> None:
-    turn = rotation(4)
-
-    def objective(points: FloatArray) -> FloatArray:
-        z = points - np.array([0.0, 0.5, 0.5])
-        return (z @ turn) ** 2 @ np.array([1.0, 10.0, 100.0]) + 20.0 * z[:, 0]
-
-    best, misfit, _ = polish(objective, np.array([0.05, 0.45, 0.55]), np.zeros(3), np.ones(3), 100)
-    assert misfit < 1e-12
-    assert best[0] == 0.0
-
-
-def test_polish_stops_when_the_minimum_is_found() -> None:
-    start = np.full(3, 0.2)
-    _, misfit, used = polish(sphere, start, -np.ones(3), np.ones(3), 100_000)
-    assert misfit < 1e-20
-    assert used < 300
-
-
-@given(seed=seeds, evaluations=st.integers(1, 60))
-@settings(max_examples=20, deadline=None)
-def test_polish_keeps_bounds_and_budget_and_never_worsens(seed: int, evaluations: int) -> None:
-    rng = np.random.default_rng(seed)
-    slope, start = rng.standard_normal(3), rng.random(3)
-    rows: list[FloatArray] = []
-
-    def objective(points: FloatArray) -> FloatArray:
-        rows.append(points.copy())
-        return np.sin(9.0 * points).sum(axis=1) + points @ slope
-
-    best, misfit, used = polish(objective, start, np.zeros(3), np.ones(3), evaluations)
-    evaluated = np.concatenate(rows)
-    assert len(evaluated) == used <= evaluations
-    assert (evaluated >= 0.0).all()
-    assert (evaluated <= 1.0).all()
-    assert misfit <= objective(start[None])[0]
-    assert objective(best[None])[0] == pytest.approx(misfit)
-
-
-def test_polish_survives_a_region_that_cannot_be_evaluated() -> None:
-    def objective(points: FloatArray) -> FloatArray:
-        return np.where(points[:, 0] > 0.49, np.inf, sphere(points - 0.45))
-
-    _, misfit, _ = polish(objective, np.full(3, 0.48), np.zeros(3), np.ones(3), 400)
-    assert misfit < 1e-9
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_polish_survives_what_no_quadratic_describes(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    place, turn = rng.random(3), rotation(seed)
-    weights = 10.0 ** rng.uniform(-12.0, 12.0, 3)
-    nasty: list[Objective] = [
-        lambda points: np.abs(points - place) @ weights,
-        lambda points: np.sqrt(((points - place) @ turn) ** 2 @ weights),
-        lambda points: np.floor(9.0 * points).sum(axis=1),
-        lambda points: np.sign(points[:, 0] - place[0]) * 1e300,
-        lambda points: 1e15 + sphere(points - place),
-        lambda points: np.where(np.floor(50.0 * points).sum(axis=1) % 3 == 0, np.inf, 1.0),
-        lambda points: sphere(points - place) + 0.01 * rng.random(len(points)),
-    ]
-    for objective in nasty:
-        best, misfit, used = polish(objective, rng.random(3), np.zeros(3), np.ones(3), 2000)
-        assert np.isfinite(best).all()
-        assert not np.isnan(misfit)
-        assert used <= 2000
-
-
-def test_polish_of_a_constant_ends_at_once() -> None:
-    _, misfit, used = polish(
-        lambda points: np.ones(len(points)), np.full(2, 0.5), np.zeros(2), np.ones(2), 1000
-    )
-    assert misfit == 1.0
-    assert used <= 1 + iteration_cost(2)
-
-
-def test_polish_raises_on_a_wrong_shape_and_without_evaluations() -> None:
-    bounds = np.zeros(3), np.ones(3)
-    with pytest.raises(ModelError, match="one number per row"):
-        polish(lambda points: points, np.full(3, 0.5), *bounds, 50)
-    with pytest.raises(ModelError, match="at least one evaluation, came 0"):
-        polish(sphere, np.full(3, 0.5), *bounds, 0)
-
-
-@given(seed=seeds)
-def test_bounded_newton_step_is_the_minimum_of_the_model_in_the_box(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((2, 2))
-    hessian = root @ root.T + 0.1 * np.eye(2)
-    gradient, point = rng.standard_normal(2), rng.random(2)
-    step = bounded_newton_step(gradient[None], hessian[None], point[None])[0]
-    end = point + step
-    assert (end >= -1e-9).all()
-    assert (end <= 1.0 + 1e-9).all()
-    # Downhill, and no better along any single gene that is free.
-    height = gradient @ step + 0.5 * step @ hessian @ step
-    assert height <= 1e-12
-    slope = gradient + hessian @ step
-    inside = (end > 1e-6) & (end < 1.0 - 1e-6)
-    np.testing.assert_allclose(slope[inside], 0.0, atol=1e-6)
