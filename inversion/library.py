@@ -29,8 +29,8 @@ _DAMAGE = (
     ValueError,
     KeyError,
     EOFError,
-    NotImplementedError,
-    RuntimeError,
+    NotImplementedError,  # zipfile's, when a flipped bit names a compression it does not know
+    RuntimeError,  # zipfile's, when one says that the file is encrypted
     zipfile.BadZipFile,
     zlib.error,
 )

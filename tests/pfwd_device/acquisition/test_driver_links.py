@@ -26,6 +26,8 @@ from tests.pfwd_device.acquisition.scripted import (
     tcp_host,
 )
 
+# What a pulled cable does is tried on a pseudo-terminal. On Windows the same driver runs here over
+# TCP, with a network that goes and comes back; test_serial_port.py has what its ports raise.
 posix = pytest.mark.skipif(not POSIX, reason="Windows has no pseudo-terminals")
 
 

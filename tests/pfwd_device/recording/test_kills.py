@@ -35,6 +35,8 @@ with SurveyWriter.open(sys.argv[1], publish=sys.argv[2] == "publish") as writer:
         print(saved, flush=True)
 """
 
+# A limit on files, a small disk to mount and SIGINT are POSIX's. Kills run everywhere, and a disk
+# that is full, fails or forgets is played on every platform by test_faults.py.
 posix = pytest.mark.skipif(os.name == "nt", reason="no such signal or limit on Windows")
 
 

@@ -17,6 +17,7 @@ from pfwd_device.transport.probing import Probe, _is_lines, probe, probe_all
 from pfwd_device.wire.binary import BinaryDialect
 from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
 
+# On Windows the probes of instruments run over TCP; only ports in use and several at once do not.
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
