@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.format import result_lines
-from tui.output import clean, json_line, say
+from tui.output import clean, say
 from tui.progress import counting
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
             refused += 1
             say(failure.reason)
         records = outcome.results
-        lines = map(json_line, records) if args.json else result_lines(records)
+        lines = map(json_text, records) if args.json else result_lines(records)
         for line in lines:
             print(line, flush=True)
     return 1 if refused or _found_none(args, sources) else 0
@@ -89,7 +90,7 @@ def _keep_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Work
 
         summary = invert_archive(args.files, args.archive, options, workers, tell)
     if args.json:
-        print(json_line(summary.as_dict()), flush=True)
+        print(json_text(summary.as_dict()), flush=True)
     else:
         for line in _summary_lines(summary):
             print(clean(line), flush=True)

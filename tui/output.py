@@ -1,12 +1,8 @@
-"""The ways out of a command: lines for machines, lines for people, and messages."""
+"""The ways out of a command: text that is safe to print, and messages."""
 
-import json
-import math
 import os
 import sys
 import unicodedata
-from collections.abc import Mapping
-from typing import Any
 
 
 def clean(text: object) -> str:
@@ -29,40 +25,6 @@ def clean(text: object) -> str:
 
 def _moves(category: str) -> bool:
     return category[0] == "C" or category in ("Zl", "Zp")
-
-
-def json_line(record: Mapping[str, Any]) -> str:
-    """One JSON object on one line, NaN and infinity as null.
-
-    Parameters
-    ----------
-    record : mapping
-        Values that JSON knows, numpy scalars and arrays, and mappings and sequences of these.
-
-    Returns
-    -------
-    str
-        ASCII.
-
-    Examples
-    --------
-    >>> json_line({"modulus_pa": 4e7, "modulus_sd_pa": float("nan")})
-    '{"modulus_pa": 40000000.0, "modulus_sd_pa": null}'
-    """
-    return json.dumps(_plain(record), allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):  # numpy, which this module need not import for it
-        value = value.tolist()
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case Mapping():
-            return {str(key): _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-    return value
 
 
 def say(message: object) -> None:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropAnalysis, result_record
 from pfwd_survey.measuring.events import (
     DropAnalysed,
@@ -22,7 +23,7 @@ from pfwd_survey.measuring.events import (
     TableBuilding,
 )
 from tui.format import drop_line
-from tui.output import json_line, say
+from tui.output import say
 
 log = logging.getLogger("pfwd.session")
 
@@ -159,7 +160,7 @@ class SessionLines:
                 **({} if delay is None else {"delay_s": delay}),
                 **{key: value for key, value in result.items() if key not in ("point", "drop")},
             }
-            print(json_line(line), flush=True)
+            print(json_text(line), flush=True)
             return
         line_text = drop_line(one.point, one.number, result)
         if identical is False:

@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tui.output import clean, json_line, say
+from pfwd_survey.exporting.json_text import json_text
+from tui.output import clean, say
 
 
 def show(record: Mapping[str, Any], remarks: Sequence[str], *, as_json: bool) -> int:
@@ -11,7 +12,7 @@ def show(record: Mapping[str, Any], remarks: Sequence[str], *, as_json: bool) ->
     for remark in remarks:
         say(remark)
     if as_json:
-        print(json_line(record), flush=True)
+        print(json_text(record), flush=True)
     else:
         print(
             f"{clean(record['survey'])}: {record['drops_acknowledged']} drops acknowledged, "

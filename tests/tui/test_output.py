@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from tui.output import clean, json_line
+from pfwd_survey.exporting.json_text import json_text
+from tui.output import clean
 
 
 def test_json_knows_numpy_and_no_infinity() -> None:
@@ -18,7 +19,7 @@ def test_json_knows_numpy_and_no_infinity() -> None:
         "none": None,
         "text": "km 12\n\x1b",
     }
-    line = json_line(record)
+    line = json_text(record)
     assert "\n" not in line
     assert line.isascii()
     assert json.loads(line) == {

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.diagnosis_lines import diagnosis_lines
-from tui.output import json_line, say
+from tui.output import say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,6 +52,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(record: Mapping[str, Any], *, as_json: bool) -> None:
-    lines = [json_line(record)] if as_json else diagnosis_lines(record)
+    lines = [json_text(record)] if as_json else diagnosis_lines(record)
     for line in lines:
         print(line, flush=True)

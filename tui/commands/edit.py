@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
@@ -12,7 +13,7 @@ from pfwd_survey.files.editing import (
     survey_overview,
     target_pa,
 )
-from tui.output import clean, json_line
+from tui.output import clean
 
 
 def run(args: argparse.Namespace) -> int:
@@ -22,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
         edit_survey(args.survey, edits, args.point, args.drop)
     for point in survey_overview(args.survey):
         if args.json:
-            print(json_line(point), flush=True)
+            print(json_text(point), flush=True)
         else:
             for line in _lines(point):
                 print(clean(line), flush=True)

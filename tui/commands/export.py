@@ -3,7 +3,8 @@
 import argparse
 
 from pfwd_survey.exporting.export import export_survey
-from tui.output import clean, json_line, say
+from pfwd_survey.exporting.json_text import json_text
+from tui.output import clean, say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -19,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     for note in done.notes:
         say(f"export: {note}")
     if args.json:
-        print(json_line(done.as_dict()), flush=True)
+        print(json_text(done.as_dict()), flush=True)
     else:
         print(
             clean(f"{done.path}: {done.format}, {done.points} points, {done.drops} drops"),

@@ -4,8 +4,9 @@ import argparse
 import os
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.importing import import_files
-from tui.output import clean, json_line, say
+from tui.output import clean, say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
                 "saved": True,
                 "before": one.before,
             }
-            print(json_line(line), flush=True)
+            print(json_text(line), flush=True)
         else:
             how = "was there before" if one.before else "saved"
             print(clean(f"{one.file}: {one.point}/{one.number} {how}"), flush=True)

@@ -5,10 +5,11 @@ import contextlib
 import os
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
 from tui.format import result_lines
-from tui.output import json_line, say
+from tui.output import say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -77,6 +78,6 @@ def show(outcome: FileOutcome, *, as_json: bool) -> None:
     """Print the results of a file to standard output, and why it was refused to standard error."""
     if outcome.error is not None:
         say(outcome.error)
-    lines = map(json_line, outcome.results) if as_json else result_lines(outcome.results)
+    lines = map(json_text, outcome.results) if as_json else result_lines(outcome.results)
     for line in lines:
         print(line, flush=True)

@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.ports import Port, Probe, list_ports, probe_ports
-from tui.output import clean, json_line, say
+from tui.output import clean, say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
         probes = [*probe_ports([port.url for port in ports])]
     if args.json:
         for port, probe in zip(ports, probes, strict=True):
-            print(json_line(record(port, probe)), flush=True)
+            print(json_text(record(port, probe)), flush=True)
     elif ports:
         print_table([row(port, probe) for port, probe in zip(ports, probes, strict=True)])
     if not ports:

@@ -3,9 +3,10 @@
 import argparse
 import textwrap
 
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.procedures import Procedure, find_procedure, shipped_procedures
 from pfwd_survey.procedures.profile import CHECKS, Number
-from tui.output import clean, json_line
+from tui.output import clean
 
 _SHOWN = {
     "seating": ("seating drops", 1.0, ""),
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     one = find_procedure(args.name) if args.name is not None else None
     for procedure in (one,) if one is not None else shipped_procedures():
         if args.json:
-            print(json_line(_record(procedure)), flush=True)
+            print(json_text(_record(procedure)), flush=True)
             continue
         for line in _lines(procedure) if one is not None else [_summary(procedure)]:
             print(clean(line), flush=True)

@@ -4,8 +4,9 @@ import argparse
 import time
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import target_pa
-from tui.output import clean, json_line, say
+from tui.output import clean, say
 
 
 def _metres(millimetres: float | None) -> float | None:
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         progress = point.progress
         if args.json:
             said = {"point": point.name, "discarded": point.discarded, "report": args.output}
-            print(json_line({**said, **progress.as_dict()}), flush=True)
+            print(json_text({**said, **progress.as_dict()}), flush=True)
         else:
             print(clean(f"point {point.name}: {progress.verdict}, {progress.verdict_reason}"))
     say(f"{args.output} written in {time.monotonic() - begun:.1f} s")

@@ -2,9 +2,10 @@
 
 import argparse
 
+from pfwd_survey.exporting.json_text import json_text
 from simulators.instrument import SimulateOptions, simulate
 from simulators.mesh import SimulationError
-from tui.output import json_line, say
+from tui.output import say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -19,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     def announce(url: str) -> None:
-        print(json_line({"url": url}) if args.json else url, flush=True)
+        print(json_text({"url": url}) if args.json else url, flush=True)
         say(f"simulating {args.scenario}, seed {args.seed}; connect to {url}")
 
     try:
