@@ -33,7 +33,7 @@ marked ``verified = false``: it is shown, and not enforced unless the user says 
 (``enforce_unverified``).
 """
 
-from pfwd_survey.procedures.judging import judge, kind_of
+from pfwd_survey.procedures.judging import judge
 from pfwd_survey.procedures.point import (
     Kind,
     PointDrop,
@@ -45,6 +45,7 @@ from pfwd_survey.procedures.point import (
 from pfwd_survey.procedures.profile import Number, Procedure, Quantity, Target
 from pfwd_survey.procedures.reading import parse_procedure, read_procedure
 from pfwd_survey.procedures.shipped import find_procedure, shipped_names, shipped_procedures
+from pfwd_survey.procedures.sorting import kind_of
 
 __all__ = [
     "Kind",

@@ -73,15 +73,7 @@ def parse_procedure(
         Whether it came with the program.
     enforce_unverified : bool
     """
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
-        raise OptionError(refusal(where, "TOML", str(err))) from err
-    version = table.pop(FORMAT_KEY, None)
-    if type(version) is not int or version != FORMAT_VERSION:
-        hint = "a file of a newer version needs a newer program"
-        came = "none" if version is None else quote(version)
-        raise OptionError(refusal(where, f"{FORMAT_KEY} = {FORMAT_VERSION}", came, hint))
+    table = _table_of(text, where)
     _refuse_unknown(table, (*_TEXTS, *_TABLES, "targets"), where)
     texts = {key: _text(table, key, where) for key in _TEXTS if key in table}
     for key in ("name", "title", "source"):
@@ -97,10 +89,7 @@ def parse_procedure(
     for key, number in checks.items():
         if number.value < 0:
             raise OptionError(refusal(f"{where}, [checks] {key}", "a number >= 0", quote(number)))
-    if quantity in (Quantity.E_VD, Quantity.E_LWD) and "factor" not in formula:
-        raise OptionError(refusal(where, f"[formula] factor for {quantity}", "none"))
-    if quantity is Quantity.E_VD and "nominal_pressure_pa" not in formula:
-        raise OptionError(refusal(where, "[formula] nominal_pressure_pa for E_vd", "none"))
+    _require_formula(quantity, formula, where)
     return Procedure(
         name=texts["name"],
         title=texts["title"],
@@ -121,6 +110,20 @@ def parse_procedure(
         text=text,
         file=None if shipped else where,
     )
+
+
+def _table_of(text: str, where: str) -> dict[str, Any]:
+    """The text as TOML, without the key that says that it is a procedure."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        raise OptionError(refusal(where, "TOML", str(err))) from err
+    version = table.pop(FORMAT_KEY, None)
+    if type(version) is not int or version != FORMAT_VERSION:
+        hint = "a file of a newer version needs a newer program"
+        came = "none" if version is None else quote(version)
+        raise OptionError(refusal(where, f"{FORMAT_KEY} = {FORMAT_VERSION}", came, hint))
+    return table
 
 
 def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
@@ -193,6 +196,13 @@ def _check_formula(formula: Mapping[str, Number], where: str) -> None:
             sound, expected = number.value > 0, "a number > 0"
         if not sound:
             raise OptionError(refusal(f"{where}, [formula] {key}", expected, f"{number.value:g}"))
+
+
+def _require_formula(quantity: Quantity, formula: Mapping[str, Number], where: str) -> None:
+    if quantity in (Quantity.E_VD, Quantity.E_LWD) and "factor" not in formula:
+        raise OptionError(refusal(where, f"[formula] factor for {quantity}", "none"))
+    if quantity is Quantity.E_VD and "nominal_pressure_pa" not in formula:
+        raise OptionError(refusal(where, "[formula] nominal_pressure_pa for E_vd", "none"))
 
 
 def _targets(given: object, quantity: Quantity, where: str) -> tuple[Target, ...]:
