@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+    Parser = argparse._ActionsContainer  # a parser, or a group of one
 
 PLOT_FORMATS = (".pdf", ".png", ".svg")
 
@@ -75,7 +76,7 @@ def _add_demo(commands: "Commands") -> None:
         "--drops", type=_count, metavar="N", help="drops (default: 6; on the screen no end)"
     )
     demo.add_argument("-o", "--output", metavar="SURVEY", help="folder to record into")
-    demo.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(demo)
     demo.add_argument(
         "--scenario", metavar="NAME", default="default", help="as for simulate (default: default)"
     )
@@ -87,7 +88,7 @@ def _add_demo(commands: "Commands") -> None:
     )
     demo.add_argument("--json", action="store_true", help="one JSON object a line")
     demo.add_argument("--lines", action="store_true", help="lines on a terminal too, no screen")
-    demo.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    _add_plot(demo)
 
 
 def _add_invert(commands: "Commands") -> None:
@@ -119,10 +120,8 @@ def _add_invert(commands: "Commands") -> None:
     search = invert.add_argument_group("search")
     search.add_argument("--method", choices=["mpga", "least-squares"])
     search.add_argument("--published", action="store_true", help="the paper's method as a whole")
-    search.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
-    search.add_argument(
-        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
-    )
+    _add_seed(search)
+    _add_jobs(search)
     search.add_argument(
         "--scheduler",
         metavar="ADDRESS",
@@ -135,7 +134,7 @@ def _add_invert(commands: "Commands") -> None:
         metavar="OUT",
         help="keep the results in this folder, as Parquet; what it has already is not done again",
     )
-    output.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    _add_plot(output)
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
 
 
@@ -169,7 +168,7 @@ def _add_simulate(commands: "Commands") -> None:
     simulate.add_argument(
         "--drops", type=_count, metavar="N", help="end after N drops (default: for ever)"
     )
-    simulate.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(simulate)
     simulate.add_argument(
         "--rate",
         type=_not_negative,
@@ -191,21 +190,12 @@ def _add_live(commands: "Commands") -> None:
         "keys. An existing survey is continued, a lost instrument waited for.",
         allow_abbrev=False,
     )
-    live.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
-    live.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
-    live.add_argument("--setup", metavar="FILE.toml", help="what is declared; wins over the device")
+    _add_instrument(live)
     live.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
-    live.add_argument(
-        "--procedure",
-        metavar="NAME",
-        help="how a point is measured: a name of pfwd procedures, or a TOML file",
-    )
-    live.add_argument(
-        "--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own"
-    )
+    _add_procedure_and_gps(live)
     live.add_argument("--target", type=float, metavar="MPA", help="target modulus, MPa")
     live.add_argument("--no-invert", action="store_true", help="record only")
-    live.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(live)
 
 
 def _add_log(commands: "Commands") -> None:
@@ -217,15 +207,8 @@ def _add_log(commands: "Commands") -> None:
         "has no more, or on SIGINT or SIGTERM; a lost instrument is waited for.",
         allow_abbrev=False,
     )
-    log.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
-    log.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
-    log.add_argument("--setup", metavar="FILE.toml", help="what is declared; wins over the device")
-    log.add_argument(
-        "--procedure",
-        metavar="NAME",
-        help="how a point is measured: a name of pfwd procedures, or a TOML file",
-    )
-    log.add_argument("--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own")
+    _add_instrument(log)
+    _add_procedure_and_gps(log)
     log.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
     log.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
     log.add_argument("--no-invert", action="store_true", help="record only")
@@ -237,7 +220,7 @@ def _add_log(commands: "Commands") -> None:
         help="end with status 3 when the instrument is lost for so long (default: wait for ever)",
     )
     log.add_argument("--no-bell", action="store_true", help="no bell for a safe drop")
-    log.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(log)
     log.add_argument("--json", action="store_true", help=_JSON)
 
 
@@ -261,7 +244,7 @@ def _add_replay(commands: "Commands") -> None:
     replay.add_argument("-o", "--output", metavar="SURVEY", help="record into this survey")
     replay.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
     replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
-    replay.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(replay)
     replay.add_argument("--json", action="store_true", help=_JSON)
 
 
@@ -331,25 +314,14 @@ def _add_diagnose(commands: "Commands") -> None:
     diagnose.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
     diagnose.add_argument("--device", metavar="D.toml", help="device effects that are known")
     diagnose.add_argument("--write-device", metavar="D.toml", help="keep the device effects found")
-    diagnose.add_argument(
-        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
-    )
+    _add_jobs(diagnose)
     _add_known(diagnose)
     diagnose.add_argument("--elastic", action="store_true", help="a base model without dashpot")
     diagnose.add_argument(
         "--load", choices=("measured", "half-sine"), help="what the model is loaded with"
     )
-    diagnose.add_argument("--plot", type=_plot_file, metavar="FILE", help=_PLOT_HELP)
+    _add_plot(diagnose)
     diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
-
-
-def _add_known(parser: argparse.ArgumentParser) -> None:
-    known = parser.add_argument_group("what is known, over the files' headers")
-    known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
-    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
-    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
-    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
-    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
 
 
 def _add_edit(commands: "Commands") -> None:
@@ -409,7 +381,7 @@ def _add_report(commands: "Commands") -> None:
     report.add_argument(
         "--diagnose", action="store_true", help="ask what is behind the residuals (slow)"
     )
-    report.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    _add_seed(report)
     report.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 
@@ -450,7 +422,47 @@ def _add_bench(commands: "Commands") -> None:
     bench.add_argument("arguments", nargs=argparse.REMAINDER)
 
 
-_PLOT_HELP = f"write a plot ({', '.join(PLOT_FORMATS)})"
+def _add_instrument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("url", metavar="URL", help="/dev/ttyUSB0, COM3, socket://host:port, ...")
+    parser.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
+    parser.add_argument(
+        "--setup", metavar="FILE.toml", help="what is declared; wins over the device"
+    )
+
+
+def _add_procedure_and_gps(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--procedure",
+        metavar="NAME",
+        help="how a point is measured: a name of pfwd procedures, or a TOML file",
+    )
+    parser.add_argument(
+        "--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own"
+    )
+
+
+def _add_known(parser: argparse.ArgumentParser) -> None:
+    known = parser.add_argument_group("what is known, over the files' headers")
+    known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
+    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
+    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
+    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
+    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
+
+
+def _add_seed(parser: "Parser") -> None:
+    parser.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+
+
+def _add_jobs(parser: "Parser") -> None:
+    parser.add_argument(
+        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
+    )
+
+
+def _add_plot(parser: "Parser") -> None:
+    formats = ", ".join(PLOT_FORMATS)
+    parser.add_argument("--plot", type=_plot_file, metavar="FILE", help=f"write a plot ({formats})")
 
 
 def _count(text: str) -> int:
