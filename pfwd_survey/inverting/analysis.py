@@ -21,10 +21,10 @@ from inversion import (
     SurrogateLibrary,
     invert_joint,
 )
-from inversion.forward import Instrument
+from inversion.forward.library import BuildProgress
+from inversion.forward.model import Instrument
 from inversion.invert import surrogate_request
-from inversion.library import BuildProgress
-from inversion.record import Sensor
+from inversion.measured.record import Sensor
 from pfwd_device import Drop
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import Setup

@@ -25,12 +25,8 @@ def run(args: argparse.Namespace) -> int:
         elastic=args.elastic,
         load=args.load,
     )
-    from pfwd_survey.inverting.diagnosis import (
-        device_of,
-        diagnose_files,
-        read_device_file,
-        write_device_file,
-    )
+    from pfwd_survey.inverting.device_file import device_of, read_device_file, write_device_file
+    from pfwd_survey.inverting.diagnosis import diagnose_files
 
     device = read_device_file(args.device) if args.device else None
     found = list(diagnose_files(args.files, options, device, args.jobs))

@@ -1,0 +1,105 @@
+"""The file of a device: its effects, kept by ``--write-device`` and given with ``--device``."""
+
+import datetime
+import importlib.metadata
+import math
+import os
+import tomllib
+from collections.abc import Sequence
+
+from inversion.diagnosis import FoundEffect
+from inversion.effects import BY_NAME
+from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.toml import toml_line
+from pfwd_survey.inverting.diagnosis import DeviceValues, Diagnosed
+
+_SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
+"""Of a key, by the unit of its value."""
+
+
+def device_of(diagnosed: Sequence[Diagnosed]) -> str | None:
+    """The one device of diagnoses.
+
+    Raises
+    ------
+    OptionError
+        If they are of several.
+    """
+    names = {str(one.record["device"]) for one in diagnosed if one.record and one.record["device"]}
+    if len(names) > 1:
+        raise OptionError(
+            refusal("--write-device", "files of one device", f"of {', '.join(sorted(names))}")
+        )
+    return names.pop() if names else None
+
+
+def write_device_file(
+    path: str | os.PathLike[str], diagnosed: Sequence[Diagnosed], device: str | None
+) -> None:
+    """Keep the device effects that were found, for ``--device``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    effects: dict[str, list[FoundEffect]] = {}
+    drops: dict[str, int] = {}
+    for one in diagnosed:
+        for effect in one.diagnosis.effects if one.diagnosis else ():
+            if effect.scope == "device" and one.diagnosis is not None:
+                effects.setdefault(effect.name, []).append(effect)
+                drops[effect.name] = drops.get(effect.name, 0) + len(one.diagnosis.numbers)
+    lines = [
+        toml_line("device", device or ""),
+        toml_line("date", datetime.date.today().isoformat()),
+        toml_line("software_version", importlib.metadata.version("pfwd")),
+    ]
+    for name, found in effects.items():
+        best = min(found, key=lambda effect: effect.parameters[0].deviation)
+        lines += ["", f"[{name}]", toml_line("drops", drops[name])]
+        for p in best.parameters:
+            key = p.name + _SUFFIX.get(p.unit, "")
+            lines.append(toml_line(key, p.value))
+            if math.isfinite(p.deviation):
+                lines.append(toml_line(f"{p.name}_sd{_SUFFIX.get(p.unit, '')}", p.deviation))
+    text = "\n".join(lines) + "\n"
+    draft = f"{os.fspath(path)}.{os.getpid()}.tmp"
+    with open(draft, "w", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)
+    os.replace(draft, path)
+
+
+def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
+    """Device effects of a file that ``--write-device`` made.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be read, or names an effect or a parameter that is not known.
+    """
+    where = f"--device {os.fspath(path)}"
+    try:
+        with open(path, "rb") as stream:
+            table = tomllib.load(stream)
+    except OSError as err:
+        raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
+    except (ValueError, RecursionError) as err:
+        raise OptionError(refusal(where, "TOML", str(err))) from err
+    values: DeviceValues = {}
+    for name, entries in table.items():
+        if not isinstance(entries, dict):
+            continue
+        effect = BY_NAME.get(name)
+        if effect is None or effect.scope != "device":
+            raise OptionError(refusal(where, "device effects of the catalogue", repr(name)))
+        for p in effect.parameters:
+            key = p.name + _SUFFIX.get(p.unit, "")
+            value = entries.get(key)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise OptionError(refusal(where, f"[{name}] {key} as a number", repr(value)))
+            if not p.lower <= value <= p.upper:
+                expected = f"[{name}] {key} from {p.lower:g} to {p.upper:g}"
+                raise OptionError(refusal(where, expected, f"{value:g}"))
+            values.setdefault(name, {})[p.name] = float(value)
+    return values

@@ -1,0 +1,62 @@
+"""The points of files on their way to a diagnosis: which drops take part, and as what records."""
+
+from dataclasses import dataclass
+
+from inversion.diagnosis import PointRecords
+from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.analysis import record_of
+from pfwd_survey.inverting.missing import whole_part
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening import screen_point
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A point on its way through the diagnosis."""
+
+    file: str
+    device: str | None
+    """Name of the device that measured it."""
+    records: PointRecords | None
+    """None: no drop of it was measured."""
+    rejected: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def entries_of(file: str, options: AnalysisOptions) -> list[Entry]:
+    """The points of a file, read and screened."""
+    return [
+        _entry(file, p, options) for p in read_points(file, options.header, options.overrides())
+    ]
+
+
+def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> Entry:
+    screenings = screen_point(point)
+    chosen = [
+        (whole_part(drop)[0], found)
+        for drop, found in zip(point.drops, screenings, strict=True)
+        if found.status == "measured"
+    ]
+    rejected = tuple(
+        f"drop {drop.number}: {found.reason}"
+        for drop, found in zip(point.drops, screenings, strict=True)
+        if found.status == "rejected"
+    )
+    warnings = (*point.warnings, *(w for _, found in chosen for w in found.warnings))
+    device = point.setup.device
+    name = None if device is None else str(device)
+    if not chosen:
+        return Entry(file, name, None, rejected, warnings)
+    dead = {offset for _, found in chosen for offset in found.dead}
+    records = tuple(record_of(drop, point.setup, options, dead) for drop, _ in chosen)
+    numbers = tuple(drop.number for drop, _ in chosen)
+    # Only what was declared is held; the search for effects needs the rest free.
+    made = PointRecords(
+        file,
+        records,
+        numbers,
+        elastic=options.elastic,
+        half_sine=options.load == "half-sine",
+    )
+    return Entry(file, name, made, rejected, warnings)
