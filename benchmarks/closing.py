@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks import loop, measured
 from benchmarks.output import Reporter
 from inversion import Record, Sensor, Settings, SurrogateLibrary, invert
-from inversion.forward import Instrument
+from inversion.forward.model import Instrument
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 

@@ -31,10 +31,10 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
-from inversion.forward import ForwardModel
-from inversion.kernel import FloatArray
-from inversion.laplace import FULL_BAND_HZ
-from inversion.record import CONTACT_END_FRACTION
+from inversion.forward.kernel import FloatArray
+from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.forward.model import ForwardModel
+from inversion.measured.record import CONTACT_END_FRACTION
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop

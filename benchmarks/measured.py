@@ -23,7 +23,7 @@ from inversion.diagnosis.model import PointRecords, Scope
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import Search
 from inversion.effects import BY_NAME
-from inversion.record import Record
+from inversion.measured.record import Record
 from inversion.threads import single_threaded_blas
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.inverting.analysis import record_of

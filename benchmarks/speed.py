@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.output import Reporter
 from inversion import Grounds, PlateProblem, Record, Settings, SurrogateLibrary, invert
-from inversion.forward import ForwardModel
-from inversion.laplace import SEARCH_BAND_HZ
-from inversion.published import published_displacement
-from inversion.record import prepare
+from inversion.forward.laplace import SEARCH_BAND_HZ
+from inversion.forward.model import ForwardModel
+from inversion.forward.published import published_displacement
+from inversion.measured.record import prepare
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
 

@@ -1,13 +1,13 @@
-"""Builds the surrogates that ship with the package, into inversion/tables."""
+"""Builds the surrogates that ship with the package, into inversion/forward/tables."""
 
 from pathlib import Path
 
 from benchmarks.output import Reporter
 from inversion import PlateProblem
-from inversion.library import dump_surrogate, surrogate_key
-from inversion.surrogate import build_surrogate
+from inversion.forward.library import dump_surrogate, surrogate_key
+from inversion.forward.surrogate import build_surrogate
 
-_FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "tables"
+_FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
 _CENTRE = (0.0,)
 # Plates and Poisson's ratios of the centre sensor, and the layouts with sensors at 2, 4 and 6
 # radii (0.3, 0.6 and 0.9 m of the usual plate) for the usual ratio.

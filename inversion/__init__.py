@@ -8,19 +8,19 @@ The public names, usable on plain arrays::
     result.modulus_interval              # Pa, 95 %, the model's own error included
 """
 
-from inversion.contact import PLATE_MODELS, PlateProblem, plate_compliance
 from inversion.errors import InversionError, ModelError, RecordError
-from inversion.forward import ForwardModel, Grounds, Instrument
-from inversion.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.forward.contact import PLATE_MODELS, PlateProblem, plate_compliance
+from inversion.forward.library import SurrogateLibrary
+from inversion.forward.model import ForwardModel, Grounds, Instrument
 from inversion.invert import Settings, invert, invert_joint
-from inversion.library import SurrogateLibrary
-from inversion.peak_method import (
+from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+from inversion.measured.peak_method import (
     PLATE_FACTORS,
     PeakModulus,
     dynamic_modulus_evd,
     peak_modulus,
 )
-from inversion.record import Record, Sensor
+from inversion.measured.record import Record, Sensor
 from inversion.result import Histories, InversionResult, Subgrade, Value
 
 __all__ = [

@@ -10,21 +10,28 @@ from typing import Literal
 
 import numpy as np
 
-from inversion.contact import PlateModel, PlateProblem
 from inversion.errors import ModelError, RecordError
-from inversion.fitting import GroundFit, Method, fit_ground
-from inversion.half_sine import fit_half_sine, fit_half_sine_equal_area
-from inversion.kernel import FloatArray
-from inversion.laplace import FULL_BAND_HZ
-from inversion.library import SurrogateLibrary
-from inversion.misfit import WeighedDrop, model_floor
-from inversion.parameters import DENSITY, DEPTH, MODULUS, VISCOSITY, ParameterSpace, parameter_space
-from inversion.peak_method import PeakModulus, peak_modulus
-from inversion.record import PreparedDrop, Record, prepare
+from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
+from inversion.fitting.misfit import WeighedDrop, model_floor
+from inversion.fitting.parameters import (
+    DENSITY,
+    DEPTH,
+    MODULUS,
+    VISCOSITY,
+    ParameterSpace,
+    parameter_space,
+)
+from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
+from inversion.forward.contact import PlateModel, PlateProblem
+from inversion.forward.kernel import FloatArray
+from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.forward.library import SurrogateLibrary
+from inversion.forward.surrogate import Surrogate
+from inversion.measured.half_sine import fit_half_sine, fit_half_sine_equal_area
+from inversion.measured.peak_method import PeakModulus, peak_modulus
+from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.result import Histories, InversionResult, Subgrade, Value
-from inversion.surrogate import Surrogate
 from inversion.threads import single_threaded_blas
-from inversion.uncertainty import Uncertainty, estimate_uncertainty
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from inversion.half_sine import HalfSineFit
-from inversion.kernel import FloatArray
-from inversion.peak_method import PeakModulus
+from inversion.forward.kernel import FloatArray
+from inversion.measured.half_sine import HalfSineFit
+from inversion.measured.peak_method import PeakModulus
 
 
 @dataclass(frozen=True)

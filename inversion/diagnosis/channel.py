@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from inversion.kernel import FloatArray
-from inversion.record import ChannelNoise, Sensor
+from inversion.forward.kernel import FloatArray
+from inversion.measured.record import ChannelNoise, Sensor
 
 # Part of the mean variance that keeps a covariance positive.
 _JITTER = 1e-6

@@ -12,7 +12,7 @@ from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
-from inversion.library import SurrogateLibrary
+from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
 

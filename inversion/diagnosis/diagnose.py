@@ -21,7 +21,7 @@ from inversion.diagnosis.prediction import held_out_errors, predict, residual_ov
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import EXPLAINED, Candidate, Search
 from inversion.effects.base import Ground
-from inversion.library import SurrogateLibrary
+from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
 # So many effects at once can be told from one record, and from several: more would fit anything.

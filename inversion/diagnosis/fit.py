@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from inversion.diagnosis.problem import Problem, Unknown
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 _MOST_ITERATIONS = 30
 _SMALLEST_GAIN = 1e-5

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from inversion.kernel import FloatArray
-from inversion.record import Sensor
+from inversion.forward.kernel import FloatArray
+from inversion.measured.record import Sensor
 
 # A top is flat within so many times the noise, or this part of it, over at least so many samples;
 # it is cut off when it is left so much more steeply than a rounded one.

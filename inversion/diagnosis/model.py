@@ -12,13 +12,13 @@ from inversion.diagnosis.channel import Channel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.effects.parallel import Bending, effective_force, hat_response
-from inversion.forward import Grounds, transfer_function
-from inversion.half_sine import fit_half_sine
-from inversion.kernel import ComplexArray, FloatArray
-from inversion.laplace import DampedTransform
-from inversion.misfit import model_floor
-from inversion.record import PreparedDrop, Record, prepare
-from inversion.surrogate import Surrogate
+from inversion.fitting.misfit import model_floor
+from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.forward.laplace import DampedTransform
+from inversion.forward.model import Grounds, transfer_function
+from inversion.forward.surrogate import Surrogate
+from inversion.measured.half_sine import fit_half_sine
+from inversion.measured.record import PreparedDrop, Record, prepare
 
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
 MOST_SAMPLES = 180

@@ -12,8 +12,8 @@ from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem
 from inversion.diagnosis.search import Candidate, Search
-from inversion.kernel import FloatArray
-from inversion.library import SurrogateLibrary
+from inversion.forward.kernel import FloatArray
+from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
 _STEPS_OF_HELD_OUT = 10

@@ -16,14 +16,14 @@ import numpy as np
 
 from inversion.diagnosis.model import WHOLE, DropModel, PointRecords, Scope
 from inversion.effects.base import Effect, EffectParameter, Ground
-from inversion.kernel import FloatArray
-from inversion.library import SurrogateLibrary
-from inversion.peak_method import peak_modulus
+from inversion.forward.kernel import FloatArray
+from inversion.forward.library import SurrogateLibrary
+from inversion.measured.peak_method import peak_modulus
 
 _STEP = 1e-4
 
 SOIL = (
-    # E over the peak-method value, within what the inversion allows (inversion.parameters)
+    # E over the peak-method value, within what the inversion allows (inversion.fitting.parameters)
     EffectParameter("modulus_ratio", "-", 0.12, 6.0, (0.8,), logarithmic=True),
     EffectParameter("relaxation", "s", 0.0, 0.02, (1.0e-3,)),
     EffectParameter("density", "kg/m3", 1000.0, 2800.0, (1800.0,), logarithmic=True),

@@ -20,7 +20,7 @@ from inversion.diagnosis.model import WHOLE, Scope
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import CATALOGUE
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 # Mean square over the noise below which residuals are not told apart. The noise holds the model's
 # own error, which is a bound and usually a generous one.

@@ -7,7 +7,7 @@ Butterworth of order N and corner :math:`\omega_c`: poles
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values, shift
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 ORDER = 4
 """The records tell orders hardly apart; 4 stands for 2 to 6."""

@@ -20,7 +20,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from inversion.effects.parallel import Bending
-from inversion.kernel import ComplexArray, FloatArray
+from inversion.forward.kernel import ComplexArray, FloatArray
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]

@@ -1,7 +1,7 @@
 """Offset or slow drift of a channel, integrated."""
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class BaselineDrift(Effect):

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
-from inversion.parameters import DEEPEST
-from inversion.surrogate import SHALLOWEST
+from inversion.fitting.parameters import DEEPEST
+from inversion.forward.surrogate import SHALLOWEST
 
 
 class Bedrock(Effect):

@@ -1,7 +1,7 @@
 """The second-order high-pass of a geophone, left in the record."""
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values, geophone
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class GeophoneResponse(Effect):

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import j0
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.kernel import ComplexArray, FloatArray
+from inversion.forward.kernel import ComplexArray, FloatArray
 
 # Doubt in the modulus per unit of the logarithm of the ratio, beyond what was seen to be safe.
 _DOUBT, _SAFE = 0.9, 0.5

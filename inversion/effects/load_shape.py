@@ -10,7 +10,7 @@ from inversion.effects.base import (
     Values,
     respond,
 )
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class LoadShape(Effect):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class MainsHum(Effect):

@@ -7,7 +7,7 @@ lies under the plate; the ground beside it comes back.
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class PermanentSet(Effect):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 GRAVITY = 9.80665
 

@@ -1,7 +1,7 @@
 """Slip between plate and ground other than the base model's."""
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.kernel import ComplexArray
+from inversion.forward.kernel import ComplexArray
 
 
 class RoughContact(Effect):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 # A load within this part of its level is cut off.
 _CUT = 0.99

@@ -1,7 +1,7 @@
 """The channels are not simultaneous."""
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values, shift
-from inversion.kernel import FloatArray
+from inversion.forward.kernel import FloatArray
 
 
 class SensorLag(Effect):

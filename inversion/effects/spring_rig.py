@@ -3,7 +3,7 @@
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.kernel import ComplexArray
+from inversion.forward.kernel import ComplexArray
 
 
 class SpringRig(Effect):

@@ -1,7 +1,7 @@
 """The response tables of a worker, no more of them than memory is meant for."""
 
 from inversion import PlateProblem, SurrogateLibrary
-from inversion.surrogate import Surrogate
+from inversion.forward.surrogate import Surrogate
 
 
 class BoundedLibrary(SurrogateLibrary):

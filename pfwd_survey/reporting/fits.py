@@ -18,9 +18,9 @@ from inversion import (
     SurrogateLibrary,
     fit_half_sine_equal_area,
 )
+from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.invert import surrogate_request
-from inversion.laplace import FULL_BAND_HZ
-from inversion.record import prepare
+from inversion.measured.record import prepare
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.analysis import record_of

@@ -17,7 +17,7 @@ def library(
     pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory
 ) -> SurrogateLibrary:
     """Surrogates built by the code as it stands, kept from one run of the tests to the next."""
-    package = Path(inversion.__file__).parent
+    package = Path(inversion.__file__).parent / "forward"
     digest = hashlib.sha256()
     for name in _SOURCES:
         digest.update((package / f"{name}.py").read_bytes())

@@ -8,7 +8,7 @@ import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
-from inversion.forward import Instrument
+from inversion.forward.model import Instrument
 from pfwd_survey.files.traces import TracePoint, read_traces
 from pfwd_survey.inverting.analysis import record_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from inversion.diagnosis.channel import Channel
-from inversion.record import ChannelNoise, NoiseModel, Sensor
+from inversion.measured.record import ChannelNoise, NoiseModel, Sensor
 from inversion.threads import single_threaded_blas
 
 STEP, FIRST, COUNT = 1e-4, 200, 700

@@ -8,7 +8,7 @@ from inversion.diagnosis.flat_tops import flat_level, flat_velocity
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
 from inversion.effects.parallel import Bending, _march, effective_force, hat_response
-from inversion.record import Sensor
+from inversion.measured.record import Sensor
 
 TIME = np.arange(600) * 1e-4
 PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)

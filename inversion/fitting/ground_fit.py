@@ -1,0 +1,244 @@
+"""The fit of one ground to one or several drops: search, profile over depth, polish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.fitting.misfit import Misfit, WeighedDrop
+from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
+from inversion.forward.kernel import FloatArray
+from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
+from inversion.forward.published import published_fitness
+from inversion.search.least_squares import fit_batch
+from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
+
+Method = Literal["mpga", "least-squares", "published"]
+
+_SEARCH_SAMPLES = 64
+_FULL_SAMPLES = 400
+# Depths, in steps of the unit box, at which the other parameters are fitted on their own: the
+# misfit has a minimum of its own for every few of them, shallow ones above all.
+_PROFILE_DEPTHS = 14
+# Minima closer than this, in units of the box, are one.
+_SAME_PLACE = 0.02
+# Grounds that fit the contact within the model's error beyond the best one are tried on the whole
+# record, the most promising of them refined; the whole record is kept when the residual of all of
+# it is within 1.5 times the model's error.
+_CONTACT_ALLOWS = 1.0
+_TAIL_CANDIDATES = 5
+_TAIL_WORTH_POLISHING = 9.0
+_TAIL_EXPLAINED = 2.25
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """One minimum of the misfit.
+
+    Parameters
+    ----------
+    point : (d,) ndarray of float in the unit box
+    cost : float, mean square of the weighted residuals
+    """
+
+    point: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class GroundFit:
+    """The best ground and what else would do.
+
+    Parameters
+    ----------
+    best : Minimum, at the full band
+    others : tuple of Minimum, further minima, best first
+    profile : tuple of Minimum, best fits at given depths; empty where the depth is not fitted
+    converged : bool
+    solves : int, forward solves, everything included
+    misfit : Misfit at the full band
+    drops : tuple of WeighedDrop, with the window that was fitted
+    """
+
+    best: Minimum
+    others: tuple[Minimum, ...]
+    profile: tuple[Minimum, ...]
+    converged: bool
+    solves: int
+    misfit: Misfit
+    drops: tuple[WeighedDrop, ...]
+
+
+def fit_ground(
+    drops: tuple[WeighedDrop, ...],
+    space: ParameterSpace,
+    method: Method,
+    rng: np.random.Generator,
+) -> GroundFit:
+    """The ground that fits the drops best, searched coarsely and polished at the full band."""
+    if method == "published":
+        return _fit_published(drops, space, rng)
+    solves = 0
+    coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
+    fine = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    profile: tuple[Minimum, ...] = ()
+    if space.index(DEPTH) is not None:
+        profile = _depth_profile(coarse, space)
+        starts = _local_minima(profile)
+    else:
+        starts = _plain_starts(space)
+    if method == "mpga":
+        rapid = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
+        starts = np.concatenate([_search(rapid, len(space.fitted), rng)[None], starts])
+        solves += rapid.solves
+    rough = fit_batch(coarse.residual, starts, iterations=12, tolerance=1e-3)
+    chosen = _promising(_distinct(rough.points, rough.cost))
+    polished = fit_batch(fine.residual, np.stack([m.point for m in chosen]), iterations=20)
+    found = _distinct(polished.points, polished.cost)
+    fit = GroundFit(
+        best=found[0],
+        others=found[1:],
+        profile=profile,
+        converged=bool(polished.converged[polished.best]),
+        solves=solves + coarse.solves + fine.solves,
+        misfit=fine,
+        drops=drops,
+    )
+    return _with_tail(fit)
+
+
+def _with_tail(fit: GroundFit) -> GroundFit:
+    """The fit of the whole record, where the model explains all of it; otherwise as it was.
+
+    After the contact the plate of a real device may bounce and tip, which the load cell does not
+    tell; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
+    also predicts the tail, the tail decides between them: a deep base shows itself late.
+    """
+    longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
+    if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
+        return fit
+    space = fit.misfit.space
+    rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
+    allowed = fit.best.cost + _CONTACT_ALLOWS
+    points = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
+    order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
+    # A lone candidate is polished at once; several are brought to their minima first.
+    several = 8 if order.size > 1 else 0
+    tried = fit_batch(rough.residual, points[order], iterations=several, tolerance=1e-3)
+    solves = fit.solves + rough.solves
+    if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
+        return replace(fit, solves=solves)
+    whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    chosen = _promising(_distinct(tried.points, tried.cost))
+    polished = fit_batch(whole.residual, np.stack([m.point for m in chosen]), iterations=15)
+    found = _distinct(polished.points, polished.cost)
+    if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
+        return replace(fit, solves=solves + whole.solves)
+    profile = _profile_again(fit, rough)
+    return replace(
+        fit,
+        best=found[0],
+        others=found[1:],
+        profile=profile,
+        converged=bool(polished.converged[polished.best]),
+        solves=fit.solves + rough.solves + whole.solves,
+        misfit=whole,
+        drops=longer,
+    )
+
+
+def _profile_again(fit: GroundFit, misfit: Misfit) -> tuple[Minimum, ...]:
+    """The depths of a profile, fitted to another window: what it allows may be another part."""
+    if not fit.profile:
+        return ()
+    column = misfit.space.index(DEPTH)
+    starts = np.stack([m.point for m in fit.profile])
+    again = fit_batch(misfit.residual, starts, iterations=5, tolerance=1e-3, frozen=column)
+    return tuple(
+        Minimum(point, float(cost)) for point, cost in zip(again.points, again.cost, strict=True)
+    )
+
+
+def _fit_published(
+    drops: tuple[WeighedDrop, ...], space: ParameterSpace, rng: np.random.Generator
+) -> GroundFit:
+    """The paper's search: its operators, its fitness (Eq. 16), no polish."""
+    misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
+
+    def inverse_fitness(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        observed, predicted = misfit.centre(points)
+        return np.asarray(1.0 / published_fitness(observed, predicted, tempered=True))
+
+    size = len(space.fitted)
+    search = MultiPopulationSearch(
+        inverse_fitness,
+        np.zeros(size),
+        np.ones(size),
+        rng,
+        settings=paper_settings(),
+        fitness=lambda inverse: 1.0 / inverse,
+    )
+    while search.has_next():
+        search.next()
+    point = np.asarray(search.result().parameters)
+    cost = float(misfit.objective(point[None])[0])
+    return GroundFit(Minimum(point, cost), (), (), True, misfit.solves, misfit, drops)
+
+
+def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
+    settings = SearchSettings(polish_evaluations=0)
+
+    def objective(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(misfit.objective(points), dtype=np.float64)
+
+    search = MultiPopulationSearch(objective, np.zeros(size), np.ones(size), rng, settings=settings)
+    while search.has_next():
+        search.next()
+    return np.asarray(search.result().parameters)
+
+
+def _plain_starts(space: ParameterSpace) -> FloatArray:
+    """Two starts around the peak-method modulus, with little and with much viscosity."""
+    middle = np.full((2, len(space.fitted)), 0.6)
+    for name, factors in ((MODULUS, (0.5, 0.4)), (VISCOSITY, (0.06, 0.25))):
+        column = space.index(name)
+        if column is not None:
+            middle[:, column] = factors
+    return middle
+
+
+def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]:
+    column = space.index(DEPTH)
+    assert column is not None
+    starts = np.repeat(_plain_starts(space)[:1], _PROFILE_DEPTHS, axis=0)
+    starts[:, column] = np.linspace(0.02, 0.98, _PROFILE_DEPTHS)
+    fit = fit_batch(misfit.residual, starts, iterations=7, tolerance=1e-3, frozen=column)
+    return tuple(
+        Minimum(point, float(cost)) for point, cost in zip(fit.points, fit.cost, strict=True)
+    )
+
+
+def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> FloatArray:
+    cost = np.array([m.cost for m in profile])
+    padded = np.concatenate([[np.inf], cost, [np.inf]])
+    lowest = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
+    best = lowest[np.argsort(cost[lowest])][:most]
+    return np.stack([profile[int(index)].point for index in best])
+
+
+def _promising(minima: tuple[Minimum, ...], most: int = 3) -> tuple[Minimum, ...]:
+    """Minima worth polishing: those that may become the best, or may pass for it."""
+    limit = max(4.0 * minima[0].cost, minima[0].cost + 2.0)
+    return tuple(m for m in minima if m.cost <= limit)[:most]
+
+
+def _distinct(points: FloatArray, cost: FloatArray) -> tuple[Minimum, ...]:
+    """Minima, best first, without those that ended in the same place."""
+    kept: list[Minimum] = []
+    for index in np.argsort(cost):
+        if all(np.max(np.abs(points[index] - other.point)) > _SAME_PLACE for other in kept):
+            kept.append(Minimum(points[index].copy(), float(cost[index])))
+    return tuple(kept)

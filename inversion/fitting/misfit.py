@@ -1,0 +1,118 @@
+"""Weighted residuals of drops against a batch of grounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.fitting.parameters import ParameterSpace
+from inversion.forward.kernel import FloatArray
+from inversion.forward.model import ForwardModel, Instrument
+from inversion.forward.surrogate import Surrogate
+from inversion.measured.record import PreparedDrop
+
+# The model's own error, as a fraction of the peak displacement: what is left of the whole model
+# against finite elements at their true parameters (docs/validation.md).
+MODEL_FLOOR_FRACTION = 0.003
+# A far sensor that hardly moves is held to this fraction of the plate's floor instead.
+_FAR_SENSOR_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class WeighedDrop:
+    """A prepared drop with what its fit needs beside the ground.
+
+    Parameters
+    ----------
+    drop : PreparedDrop
+    surrogate : Surrogate, for offset 0 first and then every sensor of the drop
+    instrument : Instrument
+    model_load : (n,) ndarray of float, N: the load the model sees (measured, or a half-sine)
+    model_floor : (n_sensors,) ndarray of float, m
+    """
+
+    drop: PreparedDrop
+    surrogate: Surrogate
+    instrument: Instrument
+    model_load: FloatArray
+    model_floor: FloatArray
+
+    @property
+    def scale(self) -> FloatArray:
+        """Displacement error a residual is measured in, per sensor (n_sensors,), m."""
+        drop = self.drop
+        result: FloatArray = np.sqrt(drop.noise**2 + drop.quantisation**2 + self.model_floor**2)
+        return result
+
+    def model(self, wanted: FloatArray, band: float, single: bool = False) -> ForwardModel:
+        """Forward model of this drop for the displacement at ``wanted`` times."""
+        return ForwardModel(
+            self.surrogate, self.instrument, self.drop.time, self.model_load, wanted, band, single
+        )
+
+
+def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
+    """Displacement error of the model per sensor, m: as granted, or the default fraction."""
+    plate = float(drop.peak_displacement[int(np.argmin(drop.offsets))])
+    share = np.hypot(drop.peak_displacement, _FAR_SENSOR_SHARE * plate)
+    if granted is not None:
+        return np.asarray(granted * share / plate)
+    return MODEL_FLOOR_FRACTION * share
+
+
+class Misfit:
+    """Residuals (predicted - observed over the scale) of one or several drops on one ground.
+
+    Parameters
+    ----------
+    drops : tuple of WeighedDrop
+    space : ParameterSpace
+    band : float, Hz
+    most_samples : int, samples of the window kept per drop (an even stride)
+    single : bool, single precision in the surrogate: for the search
+    """
+
+    def __init__(
+        self,
+        drops: tuple[WeighedDrop, ...],
+        space: ParameterSpace,
+        band: float,
+        most_samples: int,
+        single: bool = False,
+    ) -> None:
+        self.space = space
+        self.solves = 0
+        self.rows: list[FloatArray] = []
+        self._models: list[tuple[ForwardModel, FloatArray, FloatArray]] = []
+        for item in drops:
+            window = item.drop.window
+            stride = max(1, -(-(window.stop - window.start) // most_samples))
+            rows = np.arange(window.start, window.stop)[::-stride][::-1]
+            model = item.model(item.drop.time[rows], band, single)
+            self._models.append((model, item.drop.displacement[:, rows], 1.0 / item.scale))
+            self.rows.append(rows)
+
+    def residual(self, points: FloatArray) -> FloatArray:
+        """Weighted residuals (m, n) at points (m, d) of the unit box."""
+        self.solves += points.shape[0]
+        grounds = self.space.grounds(points)
+        parts = []
+        for model, observed, weight in self._models:
+            predicted = model.displacement(grounds)[:, -observed.shape[0] :]
+            left = (predicted - observed) * weight[:, None]
+            parts.append(left.reshape(points.shape[0], -1))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def objective(self, points: FloatArray) -> FloatArray:
+        """Mean square of the weighted residuals, (m,)."""
+        left = self.residual(points)
+        result: FloatArray = np.einsum("mn,mn->m", left, left) / left.shape[1]
+        return result
+
+    def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Observed (n,) and predicted (m, n) displacement of the first sensor and drop, m."""
+        self.solves += points.shape[0]
+        model, observed, _ = self._models[0]
+        predicted = model.displacement(self.space.grounds(points))
+        return observed[0], predicted[:, -observed.shape[0]]

@@ -1,0 +1,182 @@
+r"""How well the fitted parameters are known.
+
+With weighted residuals r, their Jacobian J and :math:`P = (J^T J)^{-1} J^T`, an error n of the
+data moves the parameters by P n.  The random part takes n from the noise before the pulse with
+its own correlation, carried through baseline and integration (:func:`record.native_rows`), and
+from the noise of the load, carried through the model.  The model's part takes n of the size of
+its stated error, correlated over a third of the pulse, because an error of the model is a
+smooth history.  Where the residual is larger than noise and model error together, the model's
+error is taken to be as large as the residual says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.misfit import WeighedDrop
+from inversion.fitting.parameters import DEPTH, MODULUS
+from inversion.forward.kernel import FloatArray
+from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
+from inversion.forward.model import transfer_function
+from inversion.measured.record import NoiseModel, native_rows
+from inversion.search.least_squares import jacobian
+
+# Two-sided 95 % of a normal distribution.
+_NORMAL_95 = 1.96
+# Drop of the misfit (in effectively independent samples) below which two minima are the same to
+# the data: 95 % of chi-square with two degrees of freedom.
+_SAME_MINIMUM = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Standard deviations and intervals.
+
+    Parameters
+    ----------
+    standard_deviation : dict of fitted names to SI values, random part
+    model_deviation : dict of fitted names to SI values, from the model's stated error
+    correlation : (d, d) ndarray, of both parts together
+    modulus_interval : (float, float), Pa, 95 %, both parts, and every minimum the data allow
+    depth_interval : (float, float), m, or None where the depth is not fitted
+    depth_unique : bool
+    """
+
+    standard_deviation: dict[str, float]
+    model_deviation: dict[str, float]
+    correlation: FloatArray
+    modulus_interval: tuple[float, float]
+    depth_interval: tuple[float, float] | None
+    depth_unique: bool
+
+
+def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
+    """Uncertainty of the best ground of a fit."""
+    space = fit.misfit.space
+    point = fit.best.point
+    values, slope = jacobian(fit.misfit.residual, point)
+    pseudo = np.linalg.pinv(slope, rcond=1e-9)
+    random, model = _covariances(fit, pseudo, values)
+    steps = np.array([p.slope(float(u)) for p, u in zip(space.fitted, point, strict=True)])
+    both = random + model
+    spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
+    interval = _modulus_interval(fit, both)
+    depth, unique = _depth_interval(fit, both)
+    return Uncertainty(
+        dict(zip(space.names, np.sqrt(np.diag(random)) * steps, strict=True)),
+        dict(zip(space.names, np.sqrt(np.diag(model)) * steps, strict=True)),
+        both / np.outer(spread, spread),
+        interval,
+        depth,
+        unique,
+    )
+
+
+def _covariances(
+    fit: GroundFit, pseudo: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Random and model covariance of the unit parameters, each (d, d)."""
+    size = pseudo.shape[0]
+    random, model = np.zeros((size, size)), np.zeros((size, size))
+    first = 0
+    for item, rows in zip(fit.drops, fit.misfit.rows, strict=True):
+        time = item.drop.time[rows]
+        lag = np.abs(time[:, None] - time) / (item.drop.contact_end / 3.0)
+        smooth = np.exp(-(lag**2))
+        on_displacement = []
+        for sensor, scale in enumerate(item.scale):
+            part = slice(first, first + rows.size)
+            first += rows.size
+            weights = pseudo[:, part] / scale
+            on_displacement.append(weights)
+            random += _sensor_noise(item, sensor, rows, weights, values[part] * scale)
+            floor = item.model_floor[sensor] ** 2 * max(1.0, fit.best.cost)
+            model += weights @ smooth @ weights.T * floor
+        random += _load_noise(fit, item, rows, np.stack(on_displacement, axis=1))
+    return random, model
+
+
+def _sensor_noise(
+    item: WeighedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
+) -> FloatArray:
+    drop = item.drop
+    channel = drop.channels[sensor]
+    quantum: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
+    full = np.zeros((weights.shape[0], int(rows[-1]) + 1))
+    full[:, rows] = weights
+    if channel.model.samples:
+        quantum += channel.model.quadratic_form(native_rows(full, channel, drop.step))
+        return quantum
+    # No record before the pulse: what is rough in the residual of the channel itself is taken for
+    # white noise; a velocity over several steps is the mean of as many samples.
+    stride = int(rows[1] - rows[0])
+    native = np.diff(left) / (stride * drop.step) if channel.integrates else left
+    white = float(np.mean(np.diff(native, 2) ** 2)) / 6.0 * (stride if channel.integrates else 1)
+    model = NoiseModel(np.array([white]), native.size)
+    quantum += model.quadratic_form(
+        native_rows(full, replace(channel, baseline_samples=0), drop.step)
+    )
+    return quantum
+
+
+def _load_noise(
+    fit: GroundFit, item: WeighedDrop, rows: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Noise of the load through the model, for weights (d, n_sensors, n) on the displacement."""
+    drop = item.drop
+    if drop.load_noise.samples == 0:
+        return np.zeros((weights.shape[0], weights.shape[0]))
+    wanted = drop.time[rows]
+    transform = DampedTransform(float(wanted[-1]), min(FULL_BAND_HZ, 0.5 / drop.step))
+    grounds = fit.misfit.space.grounds(fit.best.point[None])
+    transfer = transfer_function(item.surrogate, item.instrument, transform.s, grounds)[0]
+    transfer = transfer[-drop.offsets.size :] * item.instrument.response(transform.s)
+    spectrum = np.einsum("st,dkt,ks->ds", transform.synthesis(wanted), weights, transfer)
+    native = transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
+    return drop.load_noise.quadratic_form(native)
+
+
+def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, float]:
+    space = fit.misfit.space
+    column = space.index(MODULUS)
+    assert column is not None
+    parameter = space.fitted[column]
+    reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
+    places = [m.point[column] for m in (fit.best, *_equivalent(fit))]
+    # Nothing is claimed outside of what was searched.
+    ends = np.clip([min(places) - reach, max(places) + reach], 0.0, 1.0)
+    low, high = parameter.value(ends)
+    return float(low), float(high)
+
+
+def _depth_interval(
+    fit: GroundFit, covariance: FloatArray
+) -> tuple[tuple[float, float] | None, bool]:
+    space = fit.misfit.space
+    column = space.index(DEPTH)
+    if column is None:
+        return None, True
+    parameter = space.fitted[column]
+    reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
+    own = float(fit.best.point[column])
+    places = [float(m.point[column]) for m in _equivalent(fit)]
+    spread = max(reach, 1.0 / 14.0)
+    unique = all(abs(place - own) <= 1.5 * spread for place in places) and reach < 0.25
+    ends = np.clip([min([own, *places]) - reach, max([own, *places]) + reach], 0.0, 1.0)
+    low, high = parameter.value(ends)
+    return (float(low), float(high)), unique
+
+
+def _equivalent(fit: GroundFit) -> list[Minimum]:
+    """Other minima, and points of the depth profile, that the data do not tell from the best."""
+    independent = _independent_samples(fit)
+    allowed = fit.best.cost + _SAME_MINIMUM / independent * max(1.0, fit.best.cost)
+    return [m for m in (*fit.others, *fit.profile) if m.cost <= allowed]
+
+
+def _independent_samples(fit: GroundFit) -> float:
+    """Errors of the model are smooth: about six independent ones a sensor and drop."""
+    return 6.0 * len(fit.misfit.rows)

@@ -1,0 +1,346 @@
+r"""The plate on the ground: displacement per force, computed to convergence.
+
+.. math:: \frac{w}{F} = \frac{\Phi(z; h_0/a, \nu, r/a)}{G^* a}, \qquad z = \rho a^2 s^2 / G^*
+
+The contact pressure is expanded in :math:`P_{2n}(t)/t`, :math:`t = \sqrt{1 - r^2/a^2}`, whose
+Hankel transform is the spherical Bessel function :math:`j_{2n}(\xi a)`; a bonded plate adds a
+shear whose transform is :math:`j_{2n+1}`.  Galerkin's conditions (the plate moves as one, and
+without radial displacement where it is bonded) with
+
+.. math:: A = \int \xi j_{2m} j_{2n} F_{ww}, \quad B = \int \xi j_{2m} j_{2n+1} F_{wu}, \quad
+          C = \int \xi j_{2m+1} j_{2n+1} F_{uu}
+
+give the coefficients; the force is :math:`2 \pi` times the first one.  The static half-space is
+taken off the integrands at all wavenumbers and put back in closed form.
+
+This module is the converged reference of the project: the surrogate is fitted to it and checked
+against it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gamma, hyp2f1, j0, spherical_jn
+
+from inversion.errors import ModelError
+from inversion.forward.kernel import ComplexArray, FloatArray, layer_compliance
+
+PlateModel = Literal["rigid-rough", "rigid-smooth", "published", "averaged"]
+
+PLATE_MODELS: tuple[PlateModel, ...] = ("rigid-rough", "rigid-smooth", "published", "averaged")
+
+# Terms of the pressure: four smooth ones reach 1e-9; eight rough ones 6e-5, because the bonded
+# edge is singular like r^(-1/2 +- i eps).  "published" and "averaged" keep the static pressure.
+_TERMS: dict[PlateModel, int] = {
+    "rigid-rough": 8,
+    "rigid-smooth": 4,
+    "published": 1,
+    "averaged": 1,
+}
+
+_NODES_PER_PANEL = 12
+
+
+@dataclass(frozen=True)
+class QuadratureRule:
+    """How the wavenumber integrals are taken (units of 1/plate radius).
+
+    Gauss panels on the real axis: equal ones over ``[0, 2.2 sqrt|z|]``, where waves travel, then
+    growing ones.  The path stays on the real axis because a layer on rock has backward waves
+    for every Poisson's ratio, whose poles a lifted path would cross.
+    """
+
+    # Number of equal panels below 2.2 sqrt|z|; 40 hold 3e-5 up to nu = 0.45, 80 up to 0.49.
+    travelling_panels: int = 40
+    # The integrands fall like xi^-4 beyond; their end scales with sqrt|z| for short waves.
+    least_end: float = 120.0
+    end_over_root: float = 14.0
+    growth: float = 1.4
+
+    @staticmethod
+    def for_poisson_ratio(poisson_ratio: float, refine: int = 1) -> QuadratureRule:
+        """The rule for this Poisson's ratio: fast P waves put poles closer to the path."""
+        panels = 40 if poisson_ratio <= 0.45 else 80
+        return QuadratureRule(travelling_panels=panels * refine)
+
+    def nodes(self, root: float, largest_offset: float) -> tuple[FloatArray, FloatArray]:
+        """Nodes and weights, each (n,), ascending, for sqrt|z| up to ``root``.
+
+        A panel of 12 nodes takes about eight radians of the fastest oscillation, which comes
+        from the product of two spherical Bessel functions or from J0(xi r).
+        """
+        travelling = 2.2 * root
+        widest = 8.0 / (2.0 + largest_offset)
+        count = max(self.travelling_panels, int(np.ceil(travelling / widest)))
+        edges = list(np.linspace(0.0, travelling, count + 1))
+        width = edges[1]
+        end = max(self.least_end, self.end_over_root * root)
+        while edges[-1] < end:
+            width = min(width * self.growth, widest)
+            edges.append(edges[-1] + width)
+        return _gauss_panels(np.asarray(edges))
+
+
+@cache
+def _gauss() -> tuple[FloatArray, FloatArray]:
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES_PER_PANEL)
+    return nodes, weights
+
+
+def _gauss_panels(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    nodes, weights = _gauss()
+    half = 0.5 * np.diff(edges)[:, None]
+    middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
+    return (middle + half * nodes).ravel(), (half * weights).ravel()
+
+
+@dataclass(frozen=True)
+class PlateProblem:
+    """What of the plate and the sensors the compliance depends on.
+
+    Parameters
+    ----------
+    plate : one of PLATE_MODELS
+    poisson_ratio : float, 0 <= value < 0.5
+    offsets : tuple of float, distance from the centre over the plate radius; 0 to 1 is on the
+        plate
+    """
+
+    plate: PlateModel
+    poisson_ratio: float
+    offsets: tuple[float, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        if self.plate not in _TERMS:
+            raise ModelError(
+                f"plate model: expected one of {', '.join(PLATE_MODELS)}, got {self.plate!r}"
+            )
+        if not 0.0 <= self.poisson_ratio < 0.5:
+            raise ModelError(
+                "Poisson's ratio: expected 0 <= value < 0.5 (0.5 is incompressible and has no "
+                f"P wave; try 0.49), got {self.poisson_ratio:g}"
+            )
+        if not self.offsets or min(self.offsets) < 0.0:
+            raise ModelError(f"sensor offsets: expected values >= 0, got {self.offsets}")
+
+    @property
+    def terms(self) -> int:
+        """Number of pressure terms, and of shear terms for a bonded plate."""
+        return _TERMS[self.plate]
+
+    @property
+    def driving_point(self) -> bool:
+        """True where the displacement is that of the force itself, so Phi is a Stieltjes sum."""
+        return self.plate != "published"
+
+
+# Points that share a set of nodes differ by at most this factor in sqrt|z|.
+_LAYOUT_STEP = 1.25
+# Rows of the kernel evaluated together: the intermediate arrays stay in the cache.
+_ROWS_AT_ONCE = 32
+
+
+def plate_compliance(
+    problem: PlateProblem,
+    z: ComplexArray,
+    depths: FloatArray,
+    rule: QuadratureRule | None = None,
+) -> ComplexArray:
+    r"""Dimensionless compliance :math:`\Phi = G^* a w / F`.
+
+    Parameters
+    ----------
+    problem : PlateProblem
+    z : (k,) ndarray of complex, rho a^2 s^2 / G*, off the negative real axis, not 0
+    depths : (k,) ndarray of float, bedrock depth over plate radius, > 0; inf: half-space
+    rule : QuadratureRule, optional; the default holds for every depth and undamped ground
+
+    Returns
+    -------
+    (k, n_offsets) ndarray of complex
+    """
+    result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
+    for layout, rows in layouts(z):
+        result[rows] = compliance_of_layout(problem, layout, z[rows], depths[rows], rule)
+    return result
+
+
+def layouts(z: ComplexArray) -> list[tuple[int, NDArray[np.intp]]]:
+    """Groups of points that share nodes: the index of the layout and the rows in it."""
+    index = np.ceil(np.log(np.abs(z)) * (0.5 / np.log(_LAYOUT_STEP))).astype(int)
+    return [(int(k), np.flatnonzero(index == k)) for k in np.unique(index)]
+
+
+def compliance_of_layout(
+    problem: PlateProblem,
+    layout: int,
+    z: ComplexArray,
+    depths: FloatArray,
+    rule: QuadratureRule | None = None,
+) -> ComplexArray:
+    """:func:`plate_compliance` for points of one group of :func:`layouts`."""
+    rule = rule or QuadratureRule.for_poisson_ratio(problem.poisson_ratio)
+    moments = _moments(problem, rule, layout)
+    result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
+    order = np.argsort(depths)
+    for first in range(0, z.size, _ROWS_AT_ONCE):
+        rows = order[first : first + _ROWS_AT_ONCE]
+        result[rows] = moments.solve(z[rows], depths[rows])
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Moments:
+    """Everything of the integrals that does not depend on z and depth within a layout.
+
+    ``pressure``, ``coupling``, ``radial`` are (nodes, pairs): weight xi j_k j_l for the upper
+    triangle of A, all of B and the upper triangle of C; ``ring_even`` and ``ring_odd`` are
+    (nodes, offsets outside the plate * terms): weight xi J0(xi r) j_k.
+    """
+
+    problem: PlateProblem
+    xi: FloatArray
+    pressure: FloatArray
+    coupling: FloatArray
+    radial: FloatArray
+    ring_even: FloatArray
+    ring_odd: FloatArray
+
+    @staticmethod
+    def of(problem: PlateProblem, rule: QuadratureRule, root: float) -> _Moments:
+        n = problem.terms
+        outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
+        xi, weights = rule.nodes(root, float(np.max(outside, initial=0.0)))
+        bessel = _spherical_bessel(2 * n, xi)
+        even, odd = bessel[0::2], bessel[1::2]
+        upper = np.triu_indices(n)
+        base = weights * xi
+        rings = j0(xi * outside[:, None]) * base
+        return _Moments(
+            problem,
+            xi,
+            np.ascontiguousarray((even[upper[0]] * even[upper[1]] * base).T),
+            np.ascontiguousarray((even[:, None] * odd[None] * base).reshape(n * n, -1).T),
+            np.ascontiguousarray((odd[upper[0]] * odd[upper[1]] * base).T),
+            np.ascontiguousarray((rings[:, None] * even[None]).reshape(-1, xi.size).T),
+            np.ascontiguousarray((rings[:, None] * odd[None]).reshape(-1, xi.size).T),
+        )
+
+    def solve(self, z: ComplexArray, depths: FloatArray) -> ComplexArray:
+        """Phi, (k, n_offsets), from the Galerkin system at each point."""
+        nu = self.problem.poisson_ratio
+        bonded = self.problem.plate == "rigid-rough"
+        parts = layer_compliance(self.xi, z, nu, depths, shear=bonded)
+        normal = (1.0 - nu) / self.xi
+        ww = parts.ww - normal
+        if not self.problem.driving_point:
+            return self._published(ww)
+        n = self.problem.terms
+        system = _symmetric(ww @ self.pressure, n) + (1.0 - nu) * _static_products(n, 0, 0)
+        coupling_static = -0.5 * (1.0 - 2.0 * nu)
+        shear, wu = None, None
+        if parts.wu is not None and parts.uu is not None:
+            wu = parts.wu - coupling_static / self.xi
+            coupling = (wu @ self.coupling).reshape(-1, n, n)
+            coupling = coupling + coupling_static * _static_products(n, 0, 1)
+            radial = _symmetric((parts.uu - normal) @ self.radial, n)
+            radial = radial + (1.0 - nu) * _static_products(n, 1, 1)
+            # d = -C^-1 B^T c, so the plate sees A - B C^-1 B^T.
+            shear = -np.linalg.solve(radial, np.swapaxes(coupling, 1, 2))
+            system = system + coupling @ shear
+        unit = np.zeros((z.size, n, 1))
+        unit[:, 0, 0] = 1.0
+        pressure = np.linalg.solve(system, unit)
+        force = 2.0 * np.pi * pressure[:, 0, 0]
+        return self._sensors(ww, wu, pressure, shear, force)
+
+    def _sensors(
+        self,
+        ww: ComplexArray,
+        wu: ComplexArray | None,
+        pressure: ComplexArray,
+        shear: ComplexArray | None,
+        force: ComplexArray,
+    ) -> ComplexArray:
+        n = self.problem.terms
+        outside = [r for r in self.problem.offsets if r > 1.0]
+        result = np.repeat((1.0 / force)[:, None], len(self.problem.offsets), axis=1)
+        if not outside:
+            return result
+        static = np.array([[_static_tail(2 * k, r) for k in range(n)] for r in outside])
+        response = (ww @ self.ring_even).reshape(-1, len(outside), n)
+        response = response + (1.0 - self.problem.poisson_ratio) * static
+        moved = (response @ pressure)[:, :, 0]
+        if shear is not None and wu is not None:
+            # The static tail of the shear's own part vanishes outside the plate.
+            response = (wu @ self.ring_odd).reshape(-1, len(outside), n)
+            moved = moved + (response @ (shear @ pressure))[:, :, 0]
+        columns = [i for i, r in enumerate(self.problem.offsets) if r > 1.0]
+        result[:, columns] = moved / force[:, None]
+        return result
+
+    def _published(self, ww: ComplexArray) -> ComplexArray:
+        """Deflection at each offset under the pressure of the static rigid plate (Eq. 3)."""
+        static = np.array([_static_tail(0, r) for r in self.problem.offsets])
+        moved = ww @ self.ring_even + (1.0 - self.problem.poisson_ratio) * static
+        result: ComplexArray = moved / (2.0 * np.pi)
+        return result
+
+
+# Enough for the layouts of one surrogate, a megabyte or two each.
+@lru_cache(maxsize=48)
+def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> _Moments:
+    return _Moments.of(problem, rule, _LAYOUT_STEP**layout)
+
+
+def forget_layouts() -> None:
+    """Free what is kept of the layouts, some hundred megabytes for many offset sensors."""
+    _moments.cache_clear()
+
+
+def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
+    """Full symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
+    rows, columns = np.triu_indices(n)
+    result = np.empty((upper.shape[0], n, n), dtype=np.complex128)
+    result[:, rows, columns] = upper
+    result[:, columns, rows] = upper
+    return result
+
+
+def _spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
+    """Spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,): (count, n)."""
+    return np.stack([spherical_jn(order, xi) for order in range(count)])
+
+
+@cache
+def _static_products(n: int, first: int, second: int) -> FloatArray:
+    r"""Closed form of :math:`\int_0^\infty j_k j_l d\xi`, k = 2m + first, l = 2n + second."""
+    table = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            k, m = 2 * i + first, 2 * j + second
+            if k == m:
+                table[i, j] = np.pi / (2.0 * (2 * k + 1))
+            elif (k - m) % 2:
+                table[i, j] = np.sin(0.5 * np.pi * (k - m)) / (k * (k + 1) - m * (m + 1))
+    return table
+
+
+@cache
+def _static_tail(order: int, offset: float) -> float:
+    r"""Closed form of :math:`\int_0^\infty j_n(\xi) J_0(\xi r) d\xi` for even n.
+
+    Weber-Schafheitlin integral: for n = 0 it is pi/2 on the plate and arcsin(1/r) outside.
+    """
+    if offset <= 1.0:
+        if order:
+            raise ModelError("only the first term is needed on the plate")
+        return 0.5 * np.pi
+    half = 0.5 * (order + 1)
+    front = np.sqrt(np.pi) / 2.0 * gamma(half) / (gamma(0.5 - order / 2) * gamma(order + 1.5))
+    return float(front * offset ** -(order + 1) * hyp2f1(half, half, order + 1.5, offset**-2))

@@ -1,0 +1,115 @@
+r"""Damped Fourier transforms between sampled histories and the Laplace domain.
+
+.. math:: W(s_k) = \int_0^\infty w(t) e^{-s_k t} dt, \quad s_k = \sigma + 2 \pi i k / T, \qquad
+          w(t) = \frac{e^{\sigma t}}{T} \Big[ \Re W(s_0) + 2 \sum_{k \ge 1} \Re
+          \big( W(s_k) e^{2 \pi i k t / T} \big) \Big]
+
+which is Durbin's method (paper, Eq. 15) read as an inverse Fourier series: what lies at t + T
+comes back as :math:`e^{-\sigma T} w(t + T)`.
+
+The rule that ties window, damping and band together: the period is 1.25 times the record,
+sigma T = 7 (aliasing below 1e-3 of a tail that itself has decayed), and the highest 40 % of the
+band are tapered, because a sharp end of the band leaves a ripple that :math:`e^{\sigma t}` would
+raise 270 times towards the end of the record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from inversion.errors import ModelError
+from inversion.forward.kernel import ComplexArray, FloatArray
+
+_PERIOD_OVER_RECORD = 1.25
+_DAMPING_TIMES_PERIOD = 7.0
+_TAPER_FROM = 0.6
+
+# Band of the final fit and of the search, Hz.  A pulse of 8 ms has 3 % of its spectrum left at
+# 640 Hz and 0.5 % at 1600 Hz, of which the ground passes a tenth.
+FULL_BAND_HZ = 1600.0
+SEARCH_BAND_HZ = 640.0
+
+
+@dataclass(frozen=True)
+class DampedTransform:
+    """Frequencies of a damped transform over a record of ``duration`` seconds.
+
+    Parameters
+    ----------
+    duration : float, s, > 0, latest time wanted
+    band : float, Hz, highest frequency kept
+    """
+
+    duration: float
+    band: float = FULL_BAND_HZ
+
+    def __post_init__(self) -> None:
+        if not (self.duration > 0.0 and self.band * self.duration > 1.0):
+            raise ModelError(
+                "damped transform: expected a duration above 0 and a band above 1/duration, got "
+                f"{self.duration:g} s and {self.band:g} Hz"
+            )
+
+    @property
+    def period(self) -> float:
+        """Period T of the Fourier series, s."""
+        return _PERIOD_OVER_RECORD * self.duration
+
+    @property
+    def damping(self) -> float:
+        """Real part sigma of the Laplace variable, 1/s."""
+        return _DAMPING_TIMES_PERIOD / self.period
+
+    @cached_property
+    def s(self) -> ComplexArray:
+        """Laplace variables, (n,), 1/s."""
+        count = int(np.ceil(self.band * self.period)) + 1
+        return self.damping + 2j * np.pi / self.period * np.arange(count)
+
+    @cached_property
+    def taper(self) -> FloatArray:
+        """Weights of the frequencies, (n,): one, then a cosine to zero at the end of the band."""
+        place = np.arange(self.s.size) / self.s.size
+        fall = np.clip((place - _TAPER_FROM) / (1.0 - _TAPER_FROM), 0.0, 1.0)
+        result: FloatArray = 0.5 * (1.0 + np.cos(np.pi * fall))
+        return result
+
+    def of_samples(self, time: FloatArray, values: FloatArray) -> ComplexArray:
+        """Transform of the straight lines through samples at uniform ``time`` (m,).
+
+        The hat function of one sample has the transform
+        :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; what came before
+        the first sample and comes after the last one counts as zero.
+        """
+        damped = values * np.exp(-self.damping * time)
+        result: ComplexArray = self._hat(time) * (self._turns(time).conj() @ damped)
+        return result
+
+    def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
+        """Real part of the weights (k, n) on the spectrum as weights (k, m) on the samples."""
+        turned = (weights * self._hat(time)) @ self._turns(time).conj()
+        result: FloatArray = turned.real * np.exp(-self.damping * time)
+        return result
+
+    def _hat(self, time: FloatArray) -> ComplexArray:
+        step = time[1] - time[0]
+        half = 0.5 * step * self.s
+        result: ComplexArray = step * (np.sinh(half) / half) ** 2
+        return result
+
+    def synthesis(self, time: FloatArray) -> ComplexArray:
+        """Matrix M (n, m) with w(time) = Re(W @ M); the taper is inside."""
+        scale = np.full(self.s.size, 2.0 / self.period)
+        scale[0] *= 0.5
+        result: ComplexArray = self._turns(time) * np.exp(self.damping * time)
+        return (scale * self.taper)[:, None] * result
+
+    def _turns(self, time: FloatArray) -> ComplexArray:
+        """exp(i omega_k t), (n, m), as powers of one turn: a tenth of the time of exponentials."""
+        result = np.empty((self.s.size, time.size), dtype=np.complex128)
+        result[0] = 1.0
+        result[1:] = np.exp(2j * np.pi / self.period * time)
+        return np.cumprod(result, axis=0, out=result)

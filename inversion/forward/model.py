@@ -1,0 +1,155 @@
+r"""From ground parameters to displacement histories.
+
+.. math:: \frac{w_r}{F_{cell}} = \frac{\Phi_r / (G^* a)}{1 + m s^2 \, \Phi_0 / (G^* a)} \,
+          R_{geophone}(s), \qquad \Phi = \Phi(p), \quad p = s a \sqrt{\rho / G^*}
+
+with the plate's mass m between load cell and ground (F_cell = F_contact + m a), and the responses
+of the instrument applied to the model, never taken off the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.errors import ModelError
+from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.forward.laplace import DampedTransform
+from inversion.forward.surrogate import Surrogate
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Geometry and declared responses of the device.
+
+    Parameters
+    ----------
+    plate_radius : float, m, > 0
+    plate_mass : float, kg, mass that moves between load cell and ground
+    geophone_natural_frequency, geophone_damping : float, Hz and -, or None: corrected data
+    load_filter : float, Hz, or None: corner of a second-order Butterworth low-pass left in the
+        load channel
+    load_delay : float, s, how much the load channel lags
+    """
+
+    plate_radius: float
+    plate_mass: float = 0.0
+    geophone_natural_frequency: float | None = None
+    geophone_damping: float | None = None
+    load_filter: float | None = None
+    load_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.plate_radius > 0.0:
+            raise ModelError(f"plate radius: expected a value > 0 m, got {self.plate_radius:g}")
+        if self.plate_mass < 0.0:
+            raise ModelError(f"plate mass: expected a value >= 0 kg, got {self.plate_mass:g}")
+
+    def response(self, s: ComplexArray) -> ComplexArray:
+        """What the instrument does to displacement over load, (n,) at Laplace variables (n,)."""
+        result: ComplexArray = np.exp(s * self.load_delay)
+        if self.geophone_natural_frequency is not None and self.geophone_damping is not None:
+            natural = 2.0 * np.pi * self.geophone_natural_frequency
+            result = result * s**2 / (s**2 + 2.0 * self.geophone_damping * natural * s + natural**2)
+        if self.load_filter is not None:
+            corner = 2.0 * np.pi * self.load_filter
+            result = result * (1.0 + np.sqrt(2.0) * s / corner + (s / corner) ** 2)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Grounds:
+    """Parameters of m grounds, each array (m,).
+
+    Parameters
+    ----------
+    modulus : Pa, viscosity : Pa s, density : kg/m3
+    inverse_depth : 1/m, one over the bedrock depth; 0: half-space
+    """
+
+    modulus: FloatArray
+    viscosity: FloatArray
+    density: FloatArray
+    inverse_depth: FloatArray
+
+
+class ForwardModel:
+    """Displacement histories of one drop for many grounds at once.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Built for the offsets, the first of which is the plate (0).
+    instrument : Instrument
+    time : (n,) ndarray of float, s, uniform samples of the load
+    load : (n,) ndarray of float, N, without its offset
+    wanted : (m,) ndarray of float, s, times at which the displacement is wanted, >= 0
+    band : float, Hz
+    single : bool, single precision inside the surrogate
+    """
+
+    def __init__(
+        self,
+        surrogate: Surrogate,
+        instrument: Instrument,
+        time: FloatArray,
+        load: FloatArray,
+        wanted: FloatArray,
+        band: float,
+        single: bool = False,
+    ) -> None:
+        self.surrogate = surrogate
+        self.instrument = instrument
+        self.single = single
+        if instrument.load_filter is not None:
+            # Beyond twice its corner a low-pass has taken what no model can put back.
+            band = min(band, 2.0 * instrument.load_filter)
+        transform = DampedTransform(float(wanted[-1]), min(band, 0.5 / (time[1] - time[0])))
+        self.s = transform.s
+        spectrum = transform.of_samples(time, load) * instrument.response(self.s)
+        synthesis = spectrum[:, None] * transform.synthesis(wanted)
+        # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
+        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+
+    def transfer(self, grounds: Grounds) -> ComplexArray:
+        """Displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
+        return transfer_function(self.surrogate, self.instrument, self.s, grounds, self.single)
+
+    def displacement(self, grounds: Grounds) -> FloatArray:
+        """Displacement at the wanted times, (m, n_sensors, n_times), m."""
+        transfer = self.transfer(grounds)
+        count, sensors, width = transfer.shape
+        parts = np.concatenate([transfer.real, transfer.imag], axis=2).reshape(-1, 2 * width)
+        return (parts @ self._synthesis).reshape(count, sensors, -1)
+
+
+def transfer_function(
+    surrogate: Surrogate,
+    instrument: Instrument,
+    s: ComplexArray,
+    grounds: Grounds,
+    single: bool = False,
+) -> ComplexArray:
+    """Displacement at each sensor over the load above the plate, m/N.
+
+    Parameters
+    ----------
+    s : (n,) ndarray of complex, Laplace variables, Re s > 0, 1/s
+    grounds : Grounds of m grounds
+
+    Returns
+    -------
+    (m, n_sensors, n) ndarray of complex
+    """
+    a, nu = instrument.plate_radius, surrogate.problem.poisson_ratio
+    complex_modulus = grounds.modulus[:, None] + grounds.viscosity[:, None] * s
+    shear = complex_modulus * (0.5 / (1.0 + nu))
+    p = s * (a * np.sqrt(grounds.density[:, None] / shear))
+    ratio = a * grounds.inverse_depth
+    phi = surrogate.compliance(p, ratio, single)
+    compliance = phi / (a * shear)[:, None, :]
+    if instrument.plate_mass > 0.0:
+        inertia = 1.0 + instrument.plate_mass * s**2 * compliance[:, :1, :]
+        compliance = compliance / inertia
+    return compliance

@@ -1,0 +1,1 @@
+"""What a recorded drop says before any ground is fitted to it."""

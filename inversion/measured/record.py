@@ -1,0 +1,370 @@
+"""From a recorded drop to what the fit needs: baseline, integration, noise, contact, window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from inversion.errors import RecordError
+from inversion.forward.kernel import FloatArray
+from inversion.forward.model import Instrument
+
+Quantity = Literal["velocity", "displacement"]
+
+# The load has ended when it has fallen to this fraction of its peak.
+CONTACT_END_FRACTION = 0.03
+# A later load above this fraction of the peak is a second contact and ends the usable window.
+_SECOND_CONTACT_FRACTION = 0.08
+# How long after the contact the ground still counts, in contact durations: later, real plates
+# bounce and tip, and nothing the load cell says describes their motion.
+_TAIL_IN_CONTACTS = 0.0
+# The pulse starts where the load last passed this fraction of the peak before it.
+_ONSET_FRACTION = 0.01
+_MARGIN_BEFORE_ONSET_S = 1.0e-3
+_LEAST_BASELINE_SAMPLES = 8
+_SETTLED_S = 2.0e-3
+# A sensor whose downward motion is less than this part of its largest is one that rises.
+_SINKS = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """One motion channel.
+
+    Parameters
+    ----------
+    offset : float, m, distance from the plate centre, >= 0
+    quantity : "velocity" (m/s) or "displacement" (m), downward positive
+    values : (n,) ndarray of float
+    """
+
+    offset: float
+    quantity: Quantity
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One recorded drop and what is known about device and ground.
+
+    Parameters
+    ----------
+    time : (n,) ndarray of float, s, uniform; 0 = trigger
+    load : (n,) ndarray of float, N, downward positive
+    sensors : tuple of Sensor
+    instrument : Instrument
+    poisson_ratio : float, 0 <= value < 0.5
+    density : float, kg/m3, or None: fitted
+    bedrock_depth : float, m; inf: none; None: unknown
+    model_floor : float, m, or None: displacement error of the model that the user grants
+    """
+
+    time: FloatArray
+    load: FloatArray
+    sensors: tuple[Sensor, ...]
+    instrument: Instrument
+    poisson_ratio: float = 0.35
+    density: float | None = None
+    bedrock_depth: float | None = None
+    model_floor: float | None = None
+
+    def __post_init__(self) -> None:
+        count = self.time.size
+        if count < 16:
+            raise RecordError(f"record: expected at least 16 samples, got {count}")
+        if not self.sensors:
+            raise RecordError("record: expected at least one motion sensor, got none")
+        for name, values in (
+            ("load", self.load),
+            *((f"sensor at {s.offset:g} m", s.values) for s in self.sensors),
+        ):
+            if values.shape != (count,):
+                raise RecordError(f"{name}: expected {count} samples, got shape {values.shape}")
+            if not np.all(np.isfinite(values)):
+                raise RecordError(f"{name}: expected finite values, got NaN or infinity")
+        steps = np.diff(self.time)
+        if not (steps[0] > 0.0 and np.all(np.abs(steps - steps[0]) <= 0.011 * steps[0])):
+            raise RecordError("time: expected uniform, rising steps (within 1 %)")
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedDrop:
+    """A record made ready for the fit.
+
+    Parameters
+    ----------
+    time : (n,) ndarray of float, s, from 0 at the start (a little before the pulse)
+    start : float, s, recorded time of that start
+    load : (n,) ndarray of float, N, without offset
+    displacement : (n_sensors, n) ndarray of float, m, zero before the pulse
+    offsets : (n_sensors,) ndarray of float, m
+    noise : (n_sensors,) ndarray of float, m: rms of the displacement noise over the window,
+        from the record before the pulse (integrated and correlated as it is)
+    quantisation : (n_sensors,) ndarray of float, m: rms error of the displacement from it
+    peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
+    contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
+    window_end : float, s, on ``time``: last sample the fit uses
+    tail_end : float, s, on ``time``: last sample before a second contact or the record's end
+    trigger : float, s, on ``time``
+    channels : tuple of the native channels with their noise, for the uncertainty
+    load_noise : NoiseModel of the load, N
+    """
+
+    time: FloatArray
+    start: float
+    load: FloatArray
+    displacement: FloatArray
+    offsets: FloatArray
+    noise: FloatArray
+    quantisation: FloatArray
+    peak_load: float
+    peak_displacement: FloatArray
+    contact_end: float
+    window_end: float
+    tail_end: float
+    trigger: float
+    channels: tuple[ChannelNoise, ...]
+    load_noise: NoiseModel
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        return float(self.time[1] - self.time[0])
+
+    def with_tail(self) -> PreparedDrop:
+        """The same drop with the fit's window to the end of the record, or to a second contact."""
+        count = int(np.searchsorted(self.time, self.tail_end * (1 + 1e-9)))
+        noise = np.array([displacement_rms(c, count, self.step) for c in self.channels])
+        return replace(self, window_end=self.tail_end, noise=noise)
+
+    @property
+    def window(self) -> slice:
+        """Samples of the fit: from the start to the end of the usable window."""
+        return slice(1, int(np.searchsorted(self.time, self.window_end * (1 + 1e-9))))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Autocovariance of a channel before the pulse.
+
+    Parameters
+    ----------
+    autocovariance : (m,) ndarray, lag 0 first, in the channel's unit squared
+    samples : int, number of samples it was estimated from; 0: none, the noise is not known
+    """
+
+    autocovariance: FloatArray
+    samples: int
+
+    @property
+    def rms(self) -> float:
+        """Root of the variance, in the channel's unit."""
+        return float(np.sqrt(self.autocovariance[0]))
+
+    def quadratic_form(self, rows: FloatArray) -> FloatArray:
+        """Covariance rows C rows^T, (k, k), for ``rows`` (k, n) applied to the noise."""
+        size = 1 << int(np.ceil(np.log2(rows.shape[1] + self.autocovariance.size)))
+        circulant = np.zeros(size)
+        lags = min(self.autocovariance.size, size // 2)
+        circulant[:lags] = self.autocovariance[:lags]
+        circulant[size - lags + 1 :] = self.autocovariance[1:lags][::-1]
+        spectrum = np.fft.rfft(circulant).real.clip(min=0.0)
+        shaped = np.fft.irfft(np.fft.rfft(rows, size, axis=1) * np.sqrt(spectrum), size, axis=1)
+        result: FloatArray = shaped @ shaped.T
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelNoise:
+    """How the noise of one native channel reaches the displacement.
+
+    Parameters
+    ----------
+    model : NoiseModel in m/s or m
+    integrates : bool, True for a velocity channel
+    baseline_samples : int, samples before the pulse whose mean was taken off
+    """
+
+    model: NoiseModel
+    integrates: bool
+    baseline_samples: int = field(default=0)
+
+
+def prepare(record: Record) -> PreparedDrop:
+    """The drop with offsets removed, velocities integrated, noise and windows found.
+
+    Raises
+    ------
+    RecordError
+        If the load has no positive pulse.
+    """
+    time, step = record.time, float(record.time[1] - record.time[0])
+    baseline = _baseline_samples(time, record.load)
+    load = record.load - (record.load[:baseline].mean() if baseline else 0.0)
+    peak = int(np.argmax(load))
+    if not load[peak] > 0.0:
+        raise RecordError("load: expected a positive pulse (downward is positive), found none")
+    first = _start_index(load, peak, step)
+    displacement = np.stack([_displacement(s, baseline, first, step) for s in record.sensors])
+    own_time = step * np.arange(time.size - first)
+    contact_end, window_end, tail_end = _windows(load[first:], peak - first, step)
+    window = slice(0, int(np.searchsorted(own_time, window_end)))
+    channels = tuple(
+        ChannelNoise(
+            # Nothing moves before the pulse: the more of it, the better known is slow noise.
+            _noise(s.values[: max(baseline, first) if baseline else 0]),
+            s.quantity == "velocity",
+            baseline if s.quantity == "velocity" else _settled_samples(first, step),
+        )
+        for s in record.sensors
+    )
+    count = max(2, window.stop)
+    noise = np.array([displacement_rms(c, count, step) for c in channels])
+    quantum = np.array(
+        [_quantum(s.values) * (np.sqrt(count) * step / 2 if s.quantity == "velocity" else 1.0)
+         for s in record.sensors]
+    )  # fmt: skip
+    return PreparedDrop(
+        time=own_time,
+        start=float(time[first]),
+        load=load[first:],
+        displacement=displacement,
+        offsets=np.array([s.offset for s in record.sensors]),
+        noise=noise,
+        quantisation=quantum / np.sqrt(12.0),
+        peak_load=float(load[peak]),
+        # Downward and before a second contact; a far sensor peaks after the load has ended.
+        peak_displacement=_peaks(displacement[:, : round(tail_end / step) + 1]),
+        contact_end=contact_end,
+        window_end=window_end,
+        tail_end=tail_end,
+        trigger=max(0.0, -float(time[first])),
+        channels=channels,
+        load_noise=_noise(record.load[:baseline]),
+    )
+
+
+def displacement_rms(channel: ChannelNoise, count: int, step: float) -> float:
+    """Rms displacement noise over ``count`` samples, m, given the native noise.
+
+    A velocity is integrated by trapezoids after its mean over the baseline was taken off, so
+    white noise becomes a random walk and the error of the mean a ramp.
+    """
+    if channel.model.samples == 0:
+        return 0.0
+    picks = np.linspace(1, count - 1, min(16, count - 1)).astype(int)
+    rows = np.zeros((picks.size, count))
+    rows[np.arange(picks.size), picks] = 1.0
+    native = native_rows(rows, channel, step)
+    return float(np.sqrt(np.mean(np.diag(channel.model.quadratic_form(native)))))
+
+
+def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatArray:
+    """Weights on the native samples for weights ``rows`` (k, n) on the displacement.
+
+    The adjoint of baseline removal and trapezoidal integration: (k, baseline + n).
+    """
+    weights = rows
+    if channel.integrates:
+        # w_j = step * (v_0/2 + v_1 + ... + v_j/2): each v_i collects what lies behind it.
+        behind = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
+        weights = step * (behind - 0.5 * rows)
+        weights[:, 0] = 0.5 * step * (behind[:, 0] - rows[:, 0])
+    before = channel.baseline_samples
+    result = np.zeros((rows.shape[0], before + rows.shape[1]))
+    result[:, before:] = weights
+    if before:
+        result[:, :before] = -weights.sum(axis=1, keepdims=True) / before
+    return result
+
+
+def _baseline_samples(time: FloatArray, load: FloatArray) -> int:
+    """Samples before the pulse that are surely quiet: the first half of the pre-trigger.
+
+    The trigger is a threshold, so the pulse itself begins some milliseconds before time 0.
+    """
+    before = int(np.searchsorted(time, 0.0))
+    quiet = before // 2
+    return quiet if quiet >= _LEAST_BASELINE_SAMPLES else 0
+
+
+def _start_index(load: FloatArray, peak: int, step: float) -> int:
+    below = np.flatnonzero(load[: peak + 1] < _ONSET_FRACTION * load[peak])
+    onset = int(below[-1]) if below.size else 0
+    return max(0, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
+
+
+def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> FloatArray:
+    if sensor.quantity == "displacement":
+        # An integrated channel may have drifted: it is zero just before the pulse begins.
+        settled = _settled_samples(first, step)
+        rest = sensor.values[first - settled : first].mean() if settled else sensor.values[first]
+        return np.asarray(sensor.values[first:] - rest)
+    values = sensor.values - (sensor.values[:baseline].mean() if baseline else 0.0)
+    moving = values[first:]
+    result = np.zeros(moving.size)
+    result[1:] = np.cumsum(0.5 * step * (moving[1:] + moving[:-1]))
+    return result
+
+
+def _settled_samples(first: int, step: float) -> int:
+    """Samples before the start over which a displacement channel's zero is averaged."""
+    return min(first, max(1, round(_SETTLED_S / step)))
+
+
+def _peaks(displacement: FloatArray) -> FloatArray:
+    """Largest downward displacement of each sensor.
+
+    Far from the plate on shallow rock the ground rises and hardly sinks: there the largest of any
+    sign.
+    """
+    downward = displacement.max(axis=1)
+    largest: FloatArray = np.abs(displacement).max(axis=1)
+    return np.where(downward > _SINKS * largest, downward, largest)
+
+
+def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:
+    level = load[peak]
+    after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * level)
+    end = peak + int(after[0]) if after.size else load.size - 1
+    begin = np.flatnonzero(load[: peak + 1] < CONTACT_END_FRACTION * level)
+    begun = int(begin[-1]) if begin.size else 0
+    again = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * level)
+    tail = max(end, end + int(again[0]) - 1) if again.size else load.size - 1
+    last = min(tail, end + round(_TAIL_IN_CONTACTS * (end - begun)))
+    return end * step, last * step, tail * step
+
+
+def _noise(quiet: FloatArray) -> NoiseModel:
+    r"""First-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of the quiet part.
+
+    A straight line is taken off first, because drift is an effect, not noise.  That takes slow
+    noise along, so variance and correlation are corrected for it (Kendall's bias of a detrended
+    series, :math:`\rho - (2 + 4 \rho)/n`; variance lost to two parameters that each average
+    :math:`(1 + \rho)/(1 - \rho)` correlated samples).  A sample autocovariance instead would lose
+    the slow part that integration raises most.
+    """
+    count = quiet.size
+    if count < _LEAST_BASELINE_SAMPLES:
+        return NoiseModel(np.zeros(1), 0)
+    place = np.arange(count) - 0.5 * (count - 1)
+    left = quiet - quiet.mean() - place * (place @ quiet) / (place @ place)
+    power = float(left @ left)
+    if power == 0.0:
+        return NoiseModel(np.zeros(1), count)
+    found = float(left[1:] @ left[:-1]) / power
+    correlation = float(np.clip((found + 2.0 / count) / (1.0 - 4.0 / count), 0.0, 0.98))
+    memory = (1.0 + correlation) / (1.0 - correlation)
+    variance = power / count / max(0.3, 1.0 - 2.0 * memory / count)
+    lags = 1 if correlation == 0.0 else 1 + int(np.ceil(np.log(1e-3) / np.log(correlation)))
+    return NoiseModel(variance * correlation ** np.arange(lags), count)
+
+
+def _quantum(values: FloatArray) -> float:
+    """Smallest step between the values that occur: the resolution of the converter or text."""
+    distinct = np.unique(values)
+    if distinct.size < 3:
+        return 0.0
+    return float(np.min(np.diff(distinct)))

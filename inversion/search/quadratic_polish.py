@@ -1,0 +1,367 @@
+r"""Local polish of a minimum by full quadratic models, a few batches of evaluations each.
+
+One iteration evaluates a small design around the best point (batch one), reads gradient and
+Hessian off it, and tries Newton points at several lengths (batch two).  Two models are read from
+the same values: one of f and one of f^2.  A root-mean-square misfit without noise is a cone at
+its minimum, where a quadratic model of f is of no use and one of f^2 is exact; with noise the
+first is.  The directions of the next design are the principal axes of the model, so a long
+curved valley is followed along its bottom.
+
+With three genes an iteration takes 16 evaluations; four to eight iterations reach machine
+precision on what is smooth, whatever its condition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.errors import ModelError
+from inversion.search.minima import Minima
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Objective = Callable[[FloatArray], FloatArray]
+
+# Newton steps tried: of the model of f (the full step, shorter ones where it was too bold, twice
+# of it where the valley opens) and of the model of f^2.
+_STEPS = np.array([1.0, 0.5, 0.2, 2.0])
+_STEPS_SQUARED = np.array([1.0, 0.5])
+
+# A step goes at most this many design lengths away: further out the model means nothing.
+_LONGEST_STEP = 8.0
+
+# Next design: this part of the move just made, within bounds, or a quarter after no progress.
+_DESIGN_PER_MOVE = 0.3
+_SMALLEST_DESIGN, _LARGEST_DESIGN = 0.05, 2.0
+_DESIGN_AFTER_FAILURE = 0.25
+
+# Most by which one iteration may stretch one axis of the design against another.
+_LARGEST_STRETCH = 30.0
+
+# Thinnest design, in parts of its length.
+_THINNEST = 1e-8
+
+# Widest design, and the one at which the minimum counts as found, in parts of the box.
+_WIDEST_RADIUS = 0.1
+_FINEST_RADIUS = 1e-10
+
+# Curvatures below these parts of the steepest and of the slope are rounding.
+_SMALLEST_CURVATURE = 1e-10
+_SMALLEST_CURVATURE_OF_SLOPE = 1e-12
+
+# Differences of a design smaller than this part of the misfit are rounding.
+_FLAT = 1e-14
+
+
+def iteration_cost(size: int) -> int:
+    """Evaluations of one iteration for one minimum of ``size`` genes."""
+    design = 1 + 2 * size + size * (size - 1) // 2
+    return design + len(_STEPS) + len(_STEPS_SQUARED)
+
+
+class QuadraticPolish:
+    """Several minima of the unit box being polished; asks for points and is told their misfits.
+
+    All advance together, so that they share the batches of the objective.
+
+    Parameters
+    ----------
+    starts : Minima
+        Each first design is as large as the radius of its place.
+
+    Attributes
+    ----------
+    points, misfits : (k, d) and (k,) ndarray of float, best so far
+    converged : (k,) ndarray of bool
+        The design has shrunk to nothing or is flat to rounding; no more points are asked for it.
+    """
+
+    def __init__(self, starts: Minima) -> None:
+        self.points = starts.points.copy()
+        self.misfits = starts.misfits.copy()
+        self.converged = np.zeros(len(starts), dtype=bool)
+        size = self.points.shape[1]
+        unit = np.eye(size)
+        self._pairs = np.triu_indices(size, 1)
+        # Centre, both ways along each direction, and the sum of each pair of directions.
+        sums = unit[self._pairs[0]] + unit[self._pairs[1]]
+        self._design = np.concatenate([np.zeros((1, size)), unit, -unit, sums])
+        # Columns of each matrix are the directions of that design.
+        self._directions = starts.radii[:, None, None] * unit
+        self._active = np.arange(len(starts))
+        self._asked = np.empty((0, 0, size))
+        self._iteration: _Iteration | None = None
+
+    @property
+    def minima(self) -> Minima:
+        """The best points so far; their radii are the sizes of the present designs."""
+        return Minima(self.points, self.misfits, np.abs(self._directions).max(axis=(1, 2)))
+
+    @property
+    def iteration_cost(self) -> int:
+        """Evaluations that the next iteration asks for, in its two batches."""
+        return iteration_cost(self.points.shape[1]) * int(np.count_nonzero(~self.converged))
+
+    @property
+    def between_iterations(self) -> bool:
+        """The next batch begins an iteration."""
+        return self._iteration is None
+
+    def keep_best(self) -> None:
+        """Go on with the best minimum only; between iterations."""
+        best = np.array([self.misfits.argmin()])
+        self.points, self.misfits = self.points[best], self.misfits[best]
+        self.converged, self._directions = self.converged[best], self._directions[best]
+
+    def ask(self) -> FloatArray:
+        """Points (m, d) of the unit box to evaluate next."""
+        if self._iteration is None:
+            self._active = np.flatnonzero(~self.converged)
+            self._asked = self._design_points()
+        else:
+            self._asked = self._iteration.newton_points()
+        return self._asked.reshape(-1, self.points.shape[1])
+
+    def tell(self, misfits: FloatArray) -> None:
+        """Take the misfits (m,) of the points asked for; infinite ones are allowed."""
+        values = misfits.reshape(self._asked.shape[:2])
+        if self._iteration is None:
+            self._begin_iteration(values)
+        else:
+            self._take_best(values)
+            self._resize(self._iteration)
+            self._iteration = None
+
+    def _design_points(self) -> FloatArray:
+        offsets = np.einsum("mj,kij->kmi", self._design, self._directions[self._active])
+        # The design moves away from a face it would cross; a step may still end on it.
+        margin = np.minimum(np.abs(offsets).max(axis=1), 0.5)
+        centres = np.clip(self.points[self._active], margin, 1.0 - margin)
+        points: FloatArray = np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
+        return points
+
+    def _begin_iteration(self, values: FloatArray) -> None:
+        starts, start_misfits = self.points.copy(), self.misfits.copy()
+        self._take_best(values)
+        usable = np.isfinite(values).all(axis=1)
+        failed = self._active[~usable]
+        self._directions[failed] *= _DESIGN_AFTER_FAILURE
+        self.converged[failed] = self.minima.radii[failed] < _FINEST_RADIUS
+        with np.errstate(invalid="ignore"):
+            flat = np.ptp(values, axis=1) <= _FLAT * np.abs(self.misfits[self._active])
+        self.converged[self._active[usable & flat]] = True
+        modelled = usable & ~flat
+        self._active = self._active[modelled]
+        if len(self._active):
+            heights = values[modelled] / np.abs(values[modelled]).max(axis=1, keepdims=True)
+            self._iteration = _Iteration(
+                starts=starts[self._active],
+                start_misfits=start_misfits[self._active],
+                centres=self._asked[modelled, 0],
+                directions=self._directions[self._active],
+                heights=heights,
+                pairs=self._pairs,
+            )
+
+    def _take_best(self, values: FloatArray) -> None:
+        rows = np.arange(len(values))
+        best = values.argmin(axis=1)
+        better = values[rows, best] < self.misfits[self._active]
+        index = self._active[better]
+        self.points[index] = self._asked[rows, best][better]
+        self.misfits[index] = values[rows, best][better]
+
+    def _resize(self, iteration: _Iteration) -> None:
+        index = self._active
+        moves = self.points[index] - iteration.starts
+        lengths = np.abs(np.einsum("kij,kj->ki", iteration.inverse, moves)).max(axis=1)
+        factors = np.where(
+            self.misfits[index] < iteration.start_misfits,
+            np.clip(_DESIGN_PER_MOVE * lengths, _SMALLEST_DESIGN, _LARGEST_DESIGN),
+            _DESIGN_AFTER_FAILURE,
+        )
+        directions = factors[:, None, None] * iteration.axes
+        radii = np.abs(directions).max(axis=(1, 2))
+        directions *= np.minimum(1.0, _WIDEST_RADIUS / radii)[:, None, None]
+        self._directions[index] = directions
+        self.converged[index] = radii < _FINEST_RADIUS
+
+
+class _Iteration:
+    """Models of f and f^2 from one design of each of k minima, and what follows from them."""
+
+    def __init__(
+        self,
+        starts: FloatArray,
+        start_misfits: FloatArray,
+        centres: FloatArray,
+        directions: FloatArray,
+        heights: FloatArray,
+        pairs: tuple[IntArray, IntArray],
+    ) -> None:
+        self.starts = starts
+        self.start_misfits = start_misfits
+        self._centres = centres
+        self.inverse = np.linalg.inv(directions)
+        # The square keeps its sign, so that lower stays lower below zero.
+        both = np.stack([heights, heights * np.abs(heights)])
+        self._gradients, self._hessians = _derivatives(both, pairs)
+        self.axes = _principal_axes(directions, self._hessians[0])
+
+    def newton_points(self) -> FloatArray:
+        """Points (k, m, d) towards the minima of both models."""
+        turned = np.swapaxes(self.inverse, 1, 2)
+        gradients = np.einsum("kij,qkj->qki", turned, self._gradients)
+        hessians = turned @ self._hessians @ self.inverse
+        size = self._centres.shape[1]
+        ways = bounded_newton_step(
+            gradients.reshape(-1, size),
+            hessians.reshape(-1, size, size),
+            np.concatenate([self._centres, self._centres]),
+        ).reshape(gradients.shape)
+        lengths = np.abs(np.einsum("kij,qkj->qki", self.inverse, ways)).max(axis=2, keepdims=True)
+        ways = ways * np.minimum(1.0, _LONGEST_STEP / np.maximum(lengths, 1e-300))
+        offsets = np.concatenate(
+            [
+                _STEPS[:, None] * ways[0][:, None, :],
+                _STEPS_SQUARED[:, None] * ways[1][:, None, :],
+            ],
+            axis=1,
+        )
+        points: FloatArray = np.clip(self._centres[:, None, :] + offsets, 0.0, 1.0)
+        return points
+
+
+def _derivatives(
+    heights: FloatArray, pairs: tuple[IntArray, IntArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradients (..., d) and Hessians (..., d, d) along the directions, exact for a quadratic."""
+    size = (heights.shape[-1] - 1 - len(pairs[0])) // 2
+    here, ahead, behind, sums = np.split(heights, [1, 1 + size, 1 + 2 * size], axis=-1)
+    gradient = 0.5 * (ahead - behind)
+    curvature = ahead + behind - 2.0 * here
+    hessian = curvature[..., None] * np.eye(size)
+    i, j = pairs
+    # f(e_i + e_j) - f(0) holds both slopes, half of both curvatures and the mixed derivative.
+    alone = gradient + 0.5 * curvature
+    hessian[..., i, j] = hessian[..., j, i] = sums - here - alone[..., i] - alone[..., j]
+    return gradient, hessian
+
+
+def _principal_axes(directions: FloatArray, hessians: FloatArray) -> FloatArray:
+    """Directions (k, d, d) along each model's axes that all change it alike.
+
+    The middle axis keeps its length, none becomes longer than the shortest by more than the
+    largest stretch.
+    """
+    curvature, axes = np.linalg.eigh(hessians)
+    curvature = np.abs(curvature)
+    steepest = curvature.max(axis=1, keepdims=True)
+    least = np.where(steepest > 0.0, steepest / _LARGEST_STRETCH**2, 1.0)
+    lengths = 1.0 / np.sqrt(np.maximum(curvature, least))
+    middle = np.sort(lengths, axis=1)[:, lengths.shape[1] // 2, None]
+    stretched = directions @ (axes * (lengths / middle)[:, None, :])
+    # The same ellipsoid by its own axes, which stay at right angles however often it is
+    # stretched, so that the directions can always be inverted.
+    own_axes, own_lengths, _ = np.linalg.svd(stretched)
+    own_lengths = np.maximum(own_lengths, _THINNEST * own_lengths[:, :1])
+    return np.asarray(own_axes * own_lengths[:, None, :])
+
+
+def bounded_newton_step(
+    gradients: FloatArray, hessians: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Steps (n, d) to the minima of quadratic models within the unit box.
+
+    Negative curvature counts by its size, so that a step always descends.  Where the way leaves
+    the box, the gene that meets its face first stays there and the others go on.
+
+    Parameters
+    ----------
+    gradients, points : (n, d) ndarray of float
+    hessians : (n, d, d) ndarray of float
+    """
+    count, size = points.shape
+    unit = np.eye(size)
+    curvature, axes = np.linalg.eigh(hessians)
+    curvature = np.abs(curvature)
+    # On a plain slope the step is long, not infinite.
+    least = np.maximum(
+        _SMALLEST_CURVATURE * curvature.max(axis=1, keepdims=True),
+        _SMALLEST_CURVATURE_OF_SLOPE * np.abs(gradients).max(axis=1, keepdims=True),
+    )
+    curvature = np.maximum(curvature, np.maximum(least, np.finfo(float).tiny))
+    hessians = (axes * curvature[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    rows = np.arange(count)
+    steps = np.zeros_like(points)
+    free = np.ones((count, size), dtype=bool)
+    for _ in range(size):
+        slope = gradients + np.einsum("nij,nj->ni", hessians, steps)
+        matrix = np.where(free[:, :, None] & free[:, None, :], hessians, unit)
+        way = np.linalg.solve(matrix, np.where(free, -slope, 0.0)[:, :, None])[:, :, 0]
+        faces = np.where(way > 0.0, 1.0, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            room = np.where(way == 0.0, np.inf, (faces - points - steps) / way)
+        first = room.argmin(axis=1)
+        steps += np.minimum(room[rows, first], 1.0)[:, None] * way
+        hit = room[rows, first] < 1.0
+        if not hit.any():
+            break
+        met = first[hit]
+        steps[hit, met] = faces[hit, met] - points[hit, met]
+        free[hit, met] = False
+    return steps
+
+
+def polish(
+    objective: Objective,
+    start: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    evaluations: int,
+    radius: float = 0.01,
+) -> tuple[FloatArray, float, int]:
+    """Best point near a start, its misfit, and the number of evaluations used.
+
+    Parameters
+    ----------
+    objective : callable, (n, d) ndarray -> (n,) ndarray
+        Misfit to be minimised; infinite or not a number where it cannot be evaluated.
+    start : (d,) ndarray of float
+    lower, upper : (d,) ndarray of float
+        Bounds, kept by every point that is evaluated.
+    evaluations : int
+        At most this many; fewer when the minimum is found earlier.
+    radius : float, size of the first design in parts of the box
+
+    Raises
+    ------
+    ModelError
+        If there are no evaluations to spend or the objective returns a wrong shape.
+    """
+    if evaluations < 1:
+        raise ModelError(f"polish: expected at least one evaluation, came {evaluations}")
+    lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+
+    def misfit_of(points: FloatArray) -> FloatArray:
+        values = np.asarray(objective(np.minimum(lower + (upper - lower) * points, upper)))
+        if values.shape != (len(points),):
+            raise ModelError(
+                f"polish: expected misfits of shape ({len(points)},) from the objective, came "
+                f"{values.shape}; it must return one number per row"
+            )
+        return np.where(np.isfinite(values), values, np.inf)
+
+    point = np.clip((np.asarray(start, dtype=np.float64) - lower) / (upper - lower), 0.0, 1.0)
+    work = QuadraticPolish(Minima(point[None], misfit_of(point[None]), np.array([radius])))
+    used = 1
+    while not (work.between_iterations and used + work.iteration_cost > evaluations):
+        points = work.ask()
+        if not len(points):
+            break
+        work.tell(misfit_of(points))
+        used += len(points)
+    return np.minimum(lower + (upper - lower) * work.points[0], upper), float(work.misfits[0]), used

@@ -1,0 +1,133 @@
+"""The box of the search and the ground that a place in it stands for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inversion.errors import ModelError
+from inversion.fitting.parameters import (
+    DENSITY,
+    DEPTH,
+    MODULUS,
+    VISCOSITY,
+    Parameter,
+    ParameterSpace,
+    parameter_space,
+)
+from inversion.forward.surrogate import SHALLOWEST
+
+RADIUS = 0.15
+PLAIN = Parameter("viscosity", 0.0, 4e5, logarithmic=False)
+LOGARITHMIC = Parameter("modulus", 5e6, 3e8, logarithmic=True)
+
+
+def space(
+    density: float | None = None, bedrock_depth: float | None = None, elastic: bool = False
+) -> ParameterSpace:
+    return parameter_space(40e6, RADIUS, density, bedrock_depth, elastic)
+
+
+@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
+@given(unit=st.floats(0, 1))
+def test_places_and_values_are_inverse(parameter: Parameter, unit: float) -> None:
+    value = float(parameter.value(np.array(unit)))
+    assert parameter.lower * (1 - 1e-12) <= value <= parameter.upper * (1 + 1e-12)
+    assert parameter.place(value) == pytest.approx(unit, abs=1e-12)
+
+
+@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
+@pytest.mark.parametrize("unit", [0.1, 0.5, 0.9])
+def test_slope_is_the_derivative(parameter: Parameter, unit: float) -> None:
+    high, low = (float(parameter.value(np.array(unit + d))) for d in (1e-6, -1e-6))
+    assert parameter.slope(unit) == pytest.approx((high - low) / 2e-6, rel=1e-8)
+
+
+def test_middle_of_the_box() -> None:
+    assert PLAIN.value(np.array(0.5)) == pytest.approx(2e5)
+    assert LOGARITHMIC.value(np.array(0.5)) == pytest.approx(math.sqrt(5e6 * 3e8))
+
+
+def test_values_outside_are_pulled_to_the_bounds() -> None:
+    assert LOGARITHMIC.place(1e6) == 0.0
+    assert LOGARITHMIC.place(1e9) == 1.0
+    assert PLAIN.place(-3.0) == 0.0
+
+
+def test_difference_steps_below_zero_viscosity_stay_physical() -> None:
+    assert PLAIN.value(np.array(-1e-4)) >= 0
+
+
+@pytest.mark.parametrize(
+    ("density", "bedrock_depth", "elastic", "names"),
+    [
+        (None, None, False, (MODULUS, VISCOSITY, DENSITY, DEPTH)),
+        (None, 1.0, False, (MODULUS, VISCOSITY, DENSITY)),
+        (2000.0, math.inf, False, (MODULUS, VISCOSITY)),
+        (2000.0, 1.0, True, (MODULUS,)),
+        (None, None, True, (MODULUS, DENSITY, DEPTH)),
+    ],
+)
+def test_what_is_not_given_is_fitted(
+    density: float | None, bedrock_depth: float | None, elastic: bool, names: tuple[str, ...]
+) -> None:
+    found = space(density, bedrock_depth, elastic)
+    assert found.names == names
+    every = {MODULUS, VISCOSITY, DENSITY, DEPTH}
+    assert set(found.names) | set(found.fixed) == every
+    assert not set(found.names) & set(found.fixed)
+
+
+def test_given_values_reach_the_grounds() -> None:
+    points = np.array([[0.2], [0.9]])
+    grounds = space(1950.0, 1.25, True).grounds(points)
+    assert grounds.density == pytest.approx([1950.0, 1950.0])
+    assert grounds.inverse_depth == pytest.approx([0.8, 0.8])
+    assert grounds.viscosity == pytest.approx([0.0, 0.0])
+    assert grounds.modulus[0] < 40e6 < grounds.modulus[1]
+    assert space(1950.0, math.inf, True).grounds(points).inverse_depth == pytest.approx([0, 0])
+
+
+def test_bounds_hold_the_grounds_of_the_field() -> None:
+    found = space()
+    low, high = found.grounds(np.zeros((1, 4))), found.grounds(np.ones((1, 4)))
+    # Inertia, viscosity and rock bend the peak method by less than a factor of three.
+    assert low.modulus < 40e6 / 3 < 40e6 * 3 < high.modulus
+    assert low.viscosity == 0
+    assert high.viscosity >= 3e5
+    assert low.density <= 1200 < 2600 <= high.density
+    assert SHALLOWEST * RADIUS < 1 / low.inverse_depth[0] < 2 * RADIUS
+    assert 1 / high.inverse_depth[0] == pytest.approx(60 * RADIUS)
+
+
+def test_stiff_ground_may_be_as_viscous_for_its_modulus() -> None:
+    stiff = parameter_space(400e6, RADIUS, None, None, False)
+    high = stiff.grounds(np.ones((1, 4)))
+    assert high.viscosity[0] > space().grounds(np.ones((1, 4))).viscosity[0]
+
+
+def test_values_on_a_bound_are_named() -> None:
+    found = space()
+    assert found.at_bound(np.array([0.5, 0.0, 0.3, 0.99995])) == (VISCOSITY, DEPTH)
+    assert found.at_bound(np.full(4, 0.5)) == ()
+
+
+def test_names_and_columns() -> None:
+    found = space(density=2000.0)
+    assert found.index(DEPTH) == 2
+    assert found.index(DENSITY) is None
+    points = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    assert found.values(DENSITY, points) == pytest.approx([2000.0, 2000.0])
+    assert found.values(DEPTH, points) == pytest.approx(found.fitted[2].value(points[:, 2]))
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan])
+def test_depth_must_be_positive(depth: float) -> None:
+    with pytest.raises(
+        ModelError, match=f"bedrock depth: expected a value > 0 m or inf.*{depth:g}"
+    ):
+        space(bedrock_depth=depth)

@@ -1,0 +1,167 @@
+"""Damped transforms against closed forms."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from inversion.errors import ModelError
+from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
+
+Array = NDArray[Any]
+
+PULSE = 0.0133
+
+
+def half_sine(time: Array, duration: float = PULSE) -> Array:
+    """Half-sine of unit peak from time 0."""
+    inside = (time > 0) & (time < duration)
+    return np.where(inside, np.sin(np.pi * time / duration), 0.0)
+
+
+def half_sine_transform(s: Array, duration: float = PULSE) -> Array:
+    """pi T0 (1 + exp(-s T0)) / (s^2 T0^2 + pi^2)."""
+    result: Array = np.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + np.pi**2)
+    return result
+
+
+def oscillator_response(
+    time: Array, mass: float, frequency: float, damping: float, duration: float = PULSE
+) -> Array:
+    """Displacement of m (w'' + 2 d w0 w' + w0^2 w) = half-sine, in closed form.
+
+    The half-sine is a sine from 0 plus one from its end; the answer to a sine from 0 is its
+    steady state plus the free oscillation that starts from rest.
+    """
+    omega0, omega = 2 * np.pi * frequency, np.pi / duration
+    damped = omega0 * math.sqrt(1 - damping**2)
+    size = 1 / (mass * (omega0**2 - omega**2 + 2j * damping * omega0 * omega))
+
+    def from_zero(t: Array) -> Array:
+        steady = (size * np.exp(1j * omega * t)).imag
+        place, speed = -size.imag, -(1j * omega * size).imag
+        free = np.exp(-damping * omega0 * t) * (
+            place * np.cos(damped * t)
+            + (speed + damping * omega0 * place) / damped * np.sin(damped * t)
+        )
+        return np.where(t > 0, steady + free, 0.0)
+
+    return from_zero(time) + from_zero(time - duration)
+
+
+def test_closed_form_of_the_oscillator_is_right() -> None:
+    time = np.linspace(0, 0.05, 200_001)
+    w = oscillator_response(time, 2.0, 40.0, 0.3)
+    omega0, step = 2 * np.pi * 40.0, time[1]
+    speed, acceleration = np.gradient(w, step), np.gradient(np.gradient(w, step), step)
+    force = 2.0 * (acceleration + 0.6 * omega0 * speed + omega0**2 * w)
+    assert np.max(np.abs(force - half_sine(time))[5:-5]) < 1e-3
+
+
+# --- samples to spectrum -------------------------------------------------------------------------
+
+
+def test_straight_lines_are_exact() -> None:
+    # A triangle of base 2 tau: (1 - e^(-s tau))^2 / (s^2 tau), from a sample in each kink.
+    transform = DampedTransform(0.08)
+    step, tau = 5e-4, 4e-3
+    time = step * np.arange(150)
+    values = np.clip(1 - np.abs(time - tau) / tau, 0, None)
+    s = transform.s
+    right = (1 - np.exp(-s * tau)) ** 2 / (s**2 * tau)
+    size = np.abs(right).max()
+    assert np.max(np.abs(transform.of_samples(time, values) - right)) < 1e-12 * size
+
+
+def test_half_sine_converges_with_the_square_of_the_step() -> None:
+    transform = DampedTransform(0.08)
+    right = half_sine_transform(transform.s)
+    errors = []
+    for count in (32, 64, 128):
+        time = PULSE / count * np.arange(2 * count)
+        found = transform.of_samples(time, half_sine(time))
+        errors.append(np.max(np.abs(found - right)) / np.abs(right[0]))
+    assert errors[0] < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+
+
+def test_time_shift_of_the_samples_is_a_phase() -> None:
+    transform = DampedTransform(0.08)
+    time = 1e-4 * np.arange(300)
+    values = half_sine(time)
+    shifted = transform.of_samples(time + 3.21e-3, values)
+    right = transform.of_samples(time, values) * np.exp(-3.21e-3 * transform.s)
+    assert np.max(np.abs(shifted - right)) < 1e-14
+
+
+def test_adjoint() -> None:
+    # Re <G, F x> = <F* G, x> for any samples x and any weights G on the spectrum.
+    transform = DampedTransform(0.05)
+    rng = np.random.default_rng(1)
+    time = 2e-4 * np.arange(200)
+    samples = rng.standard_normal(time.size)
+    weights = rng.standard_normal((3, transform.s.size)) + 1j * rng.standard_normal(
+        (3, transform.s.size)
+    )
+    left = (weights @ transform.of_samples(time, samples)).real
+    assert transform.adjoint_of_samples(time, weights) @ samples == pytest.approx(left, rel=1e-10)
+
+
+# --- spectrum to history -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(25.0, 0.2), (60.0, 0.05), (10.0, 0.7)])
+@pytest.mark.parametrize("duration", [0.03, 0.06, 0.1])
+def test_round_trip_of_an_oscillator(frequency: float, damping: float, duration: float) -> None:
+    transform = DampedTransform(duration)
+    s, omega0 = transform.s, 2 * np.pi * frequency
+    time = np.linspace(0, duration, 301)[1:]
+    load_time = 1e-4 * np.arange(round(duration / 1e-4) + 1)
+    spectrum = transform.of_samples(load_time, half_sine(load_time))
+    transfer = 1 / (3.0 * (s**2 + 2 * damping * omega0 * s + omega0**2))
+    found = ((spectrum * transfer) @ transform.synthesis(time)).real
+    right = oscillator_response(time, 3.0, frequency, damping)
+    # What lies one period later comes back smaller by exp(-7) = 1e-3.
+    assert np.max(np.abs(found - right)) < 1e-3 * np.max(np.abs(right))
+
+
+def test_what_lies_a_period_later_comes_back_small() -> None:
+    transform = DampedTransform(0.05)
+    late = transform.period + 0.01
+    time = np.linspace(1e-4, 0.05, 500)
+    spectrum = half_sine_transform(transform.s) * np.exp(-late * transform.s)
+    found = (spectrum @ transform.synthesis(time)).real
+    ghost = math.exp(-transform.damping * transform.period) * half_sine(time - 0.01)
+    assert np.max(np.abs(found - ghost)) < 0.02 * np.max(ghost)
+    assert np.max(ghost) < 1.5e-3
+
+
+def test_period_damping_and_band() -> None:
+    transform = DampedTransform(0.04, 490.0)
+    assert transform.period == pytest.approx(0.05)
+    assert transform.damping * transform.period == pytest.approx(7.0)
+    assert transform.s[0] == transform.damping
+    assert np.diff(transform.s) == pytest.approx(2j * np.pi / 0.05)
+    assert transform.s[-2].imag / (2 * np.pi) < 490.0 <= transform.s[-1].imag / (2 * np.pi)
+    assert DampedTransform(0.04).band == FULL_BAND_HZ
+
+
+def test_taper_falls_from_one() -> None:
+    taper = DampedTransform(0.04, 500.0).taper
+    assert np.all(taper[: taper.size // 2] == 1)
+    assert np.all(np.diff(taper) <= 0)
+    assert 0 < taper[-1] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("duration", "band"),
+    [(0.0, 1600.0), (-0.05, 1600.0), (math.nan, 1600.0), (0.05, 20.0), (0.05, -1.0)],
+)
+def test_errors(duration: float, band: float) -> None:
+    with pytest.raises(ModelError, match="damped transform: expected a duration above 0"):
+        DampedTransform(duration, band)

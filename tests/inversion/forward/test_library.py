@@ -1,0 +1,289 @@
+"""Where surrogates are kept, and that nothing wrong with that place stops an inversion."""
+
+from __future__ import annotations
+
+import logging
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inversion.forward import library as library_module
+from inversion.forward.contact import PLATE_MODELS, PlateProblem
+from inversion.forward.library import (
+    SurrogateLibrary,
+    default_cache_folder,
+    dump_surrogate,
+    load_surrogate,
+    surrogate_key,
+)
+from inversion.forward.surrogate import SHALLOWEST, Progress, Surrogate, build_surrogate
+
+CENTRE = PlateProblem("rigid-rough", 0.35)
+THREE = PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0))
+
+
+class Builder:
+    """Stands for :func:`build_surrogate`: builds in no time and remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[PlateProblem, float | None]] = []
+
+    def __call__(
+        self, problem: PlateProblem, depth: float | None = None, progress: Progress | None = None
+    ) -> Surrogate:
+        self.asked.append((problem, depth))
+        if progress is not None:
+            progress(0.5)
+            progress(1.0)
+        sensors = len(problem.offsets)
+        nodes = np.array([0.6, 0.3, 0.0]) if depth is None else np.array([1 / depth])
+        return Surrogate(
+            problem,
+            np.array([-1 + 2j]),
+            np.full((sensors, 2), float(len(self.asked))),
+            np.array([-0.1 + 3j, -0.2 + 4j]),
+            nodes,
+            np.ones((nodes.size, sensors, 4)),
+            1e-4,
+        )
+
+
+@pytest.fixture
+def shipped(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty folder in place of the tables that come with the program."""
+    folder = tmp_path_factory.mktemp("tables")
+    monkeypatch.setattr(library_module, "_SHIPPED", folder)
+    return folder
+
+
+@pytest.fixture
+def builder(monkeypatch: pytest.MonkeyPatch, shipped: Path) -> Builder:
+    """Builds in the library are counted and cost nothing; no tables come with the program."""
+    made = Builder()
+    monkeypatch.setattr(library_module, "build_surrogate", made)
+    return made
+
+
+def same(one: Surrogate, other: Surrogate) -> bool:
+    """Whether two surrogates hold the same numbers."""
+    return one.problem == other.problem and dump_surrogate(one) == dump_surrogate(other)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def test_a_surrogate_is_built_once_and_then_read(tmp_path: Path, builder: Builder) -> None:
+    folder = tmp_path / "made" / "on" / "demand"
+    first = SurrogateLibrary(folder)
+    built = first.get(CENTRE, None)
+    assert first.get(CENTRE, None) is built
+    assert [path.suffix for path in folder.iterdir()] == [".npz"]
+    read = SurrogateLibrary(folder).get(CENTRE, None)
+    assert same(read, built)
+    assert len(builder.asked) == 1
+
+
+def test_numbers_survive_the_file() -> None:
+    built = build_surrogate(PlateProblem("averaged", 0.3), 20.0)
+    read = load_surrogate(dump_surrogate(built), built.problem)
+    assert same(read, built)
+    p = np.array([[0.1 + 0.5j, 0.3 + 2j]])
+    ratio = np.array([0.05])
+    assert np.array_equal(read.compliance(p, ratio), built.compliance(p, ratio))
+    assert read.largest_error == built.largest_error
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"\x93NUMPY", bytes(2000)])
+def test_a_damaged_file_is_built_again(
+    content: bytes, tmp_path: Path, builder: Builder, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
+    path.write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        found = SurrogateLibrary(tmp_path).get(CENTRE, None)
+    assert len(builder.asked) == 1
+    assert "cannot be read" in caplog.text
+    assert path.name in caplog.text
+    # The damaged file has been replaced.
+    assert same(SurrogateLibrary(tmp_path).get(CENTRE, None), found)
+    assert len(builder.asked) == 1
+
+
+def test_a_file_cut_or_flipped_anywhere_is_built_again(tmp_path: Path, builder: Builder) -> None:
+    SurrogateLibrary(tmp_path).get(CENTRE, None)
+    path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
+    whole = path.read_bytes()
+    for length in range(0, len(whole), len(whole) // 12):
+        path.write_bytes(whole[:length])
+        assert SurrogateLibrary(tmp_path).get(CENTRE, None).half_space_poles == [-1 + 2j]
+    for place in range(0, len(whole), len(whole) // 40):
+        flipped = bytearray(whole)
+        flipped[place] ^= 0xFF
+        path.write_bytes(bytes(flipped))
+        assert SurrogateLibrary(tmp_path).get(CENTRE, None).half_space_poles == [-1 + 2j]
+
+
+def test_a_file_of_another_sensor_layout_is_built_again(tmp_path: Path, builder: Builder) -> None:
+    other = dump_surrogate(builder(THREE, None))
+    (tmp_path / f"{surrogate_key(CENTRE, None)}.npz").write_bytes(other)
+    found = SurrogateLibrary(tmp_path).get(CENTRE, None)
+    assert found.half_space_coefficients.shape[0] == 1
+    assert len(builder.asked) == 2
+
+
+def test_a_file_that_lacks_a_part_is_built_again(tmp_path: Path, builder: Builder) -> None:
+    path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
+    with path.open("wb") as file:
+        np.savez(file, half_space_poles=np.array([-1 + 2j]), largest_error=np.array(0.0))
+    assert SurrogateLibrary(tmp_path).get(CENTRE, None).echo_poles.size == 2
+    assert len(builder.asked) == 1
+
+
+def test_a_folder_that_cannot_be_made_is_survived(
+    tmp_path: Path, builder: Builder, caplog: pytest.LogCaptureFixture
+) -> None:
+    occupied = tmp_path / "file"
+    occupied.write_text("not a folder")
+    library = SurrogateLibrary(occupied)
+    with caplog.at_level(logging.WARNING):
+        built = library.get(CENTRE, None)
+    assert "cannot be written" in caplog.text
+    assert library.get(CENTRE, None) is built
+    assert len(builder.asked) == 1
+    assert occupied.read_text() == "not a folder"
+
+
+def test_a_folder_that_cannot_be_written_is_survived(
+    tmp_path: Path,
+    builder: Builder,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("inversion.forward.library.tempfile.mkstemp", refuse)
+    with caplog.at_level(logging.WARNING):
+        SurrogateLibrary(tmp_path).get(CENTRE, None)
+    assert "cannot be written" in caplog.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing_behind(
+    tmp_path: Path, builder: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("inversion.forward.library.os.replace", refuse)
+    SurrogateLibrary(tmp_path).get(CENTRE, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_may_be_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PFWD_CACHE", str(tmp_path))
+    assert default_cache_folder() == tmp_path
+    monkeypatch.delenv("PFWD_CACHE")
+    assert "pfwd" in default_cache_folder().parts
+
+
+# --- which surrogate -----------------------------------------------------------------------------
+
+
+def test_keys_differ_wherever_the_surrogate_does() -> None:
+    problems = [
+        PlateProblem(plate, ratio, offsets)
+        for plate in PLATE_MODELS
+        for ratio in (0.0, 0.35, 0.35 + 1e-9, 0.49)
+        for offsets in ((0.0,), (0.0, 2.0), (0.0, 2.0 + 1e-9), (0.0, 2.0, 4.0), (0.0, 0.0))
+    ]
+    depths = (None, 1.6, 5.0, 5.0 + 1e-8, 60.0, math.inf)
+    keys = {surrogate_key(problem, depth) for problem in problems for depth in depths}
+    assert len(keys) == len(problems) * len(depths)
+    assert all(key.isascii() and "/" not in key and len(key) < 60 for key in keys)
+
+
+def test_keys_do_not_change_from_run_to_run() -> None:
+    # Frozen: kept files would be lost otherwise, without a change of the format's number.
+    assert surrogate_key(CENTRE, None) == surrogate_key(PlateProblem("rigid-rough", 0.35), None)
+    assert surrogate_key(CENTRE, None).startswith("rigid-rough-0.35-")
+
+
+def test_centre_at_a_known_depth_uses_the_tables_of_all_depths(
+    tmp_path: Path, builder: Builder
+) -> None:
+    library = SurrogateLibrary(tmp_path)
+    every = library.get(CENTRE, None)
+    assert library.get(CENTRE, 5.0) is every
+    assert library.get(CENTRE, math.inf) is every
+    # Shallower than they reach: on its own.
+    library.get(CENTRE, 0.9 * SHALLOWEST)
+    assert [depth for _, depth in builder.asked] == [None, 0.9 * SHALLOWEST]
+
+
+def test_sensors_beside_the_plate_get_a_fit_of_their_depth(
+    tmp_path: Path, builder: Builder
+) -> None:
+    library = SurrogateLibrary(tmp_path)
+    library.get(THREE, 5.0)
+    library.get(THREE, None)
+    found = library.get(THREE, 5.0)
+    assert [depth for _, depth in builder.asked] == [5.0, None]
+    assert found.inverse_depths.size == 1
+
+
+def test_tables_of_the_program_come_first(tmp_path: Path, builder: Builder, shipped: Path) -> None:
+    tables = builder(CENTRE, None)
+    (shipped / f"{surrogate_key(CENTRE, None)}.npz").write_bytes(dump_surrogate(tables))
+    assert same(SurrogateLibrary(tmp_path).get(CENTRE, 5.0), tables)
+    assert len(builder.asked) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_build_is_told(tmp_path: Path, builder: Builder) -> None:
+    told: list[tuple[str, float]] = []
+    library = SurrogateLibrary(tmp_path, lambda what, fraction: told.append((what, fraction)))
+    library.get(THREE, None)
+    assert [fraction for _, fraction in told] == [0.5, 1.0]
+    assert told[0][0] == "rigid-rough plate, Poisson's ratio 0.35, 3 sensors, all depths"
+    library.get(THREE, None)
+    assert len(told) == 2
+
+
+# --- the tables of the program -------------------------------------------------------------------
+
+SHIPPED = sorted(library_module._SHIPPED.glob("*.npz"))
+LAYOUTS = ((0.0,), (0.0, 2.0, 4.0), (0.0, 2.0, 4.0, 6.0))
+
+
+def problem_of(path: Path) -> PlateProblem:
+    """The problem whose tables of all depths have this name."""
+    (plate,) = (name for name in PLATE_MODELS if path.name.startswith(f"{name}-"))
+    ratio = float(path.stem.removeprefix(f"{plate}-").split("-")[0])
+    problems = (PlateProblem(plate, ratio, offsets) for offsets in LAYOUTS)
+    (found,) = (problem for problem in problems if surrogate_key(problem, None) == path.stem)
+    return found
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_tables_can_be_read(path: Path) -> None:
+    surrogate = load_surrogate(path.read_bytes(), problem_of(path))
+    assert surrogate.inverse_depths.size >= 20
+    assert np.all(surrogate.half_space_poles.real < 0)
+    assert np.all(surrogate.echo_poles.real < 0)
+    if surrogate.problem.driving_point and len(surrogate.problem.offsets) == 1:
+        assert 0 < surrogate.largest_error < 2e-3
+
+
+def test_usual_plate_needs_no_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("nothing should be built")
+
+    monkeypatch.setattr(library_module, "build_surrogate", refuse)
+    library = SurrogateLibrary(tmp_path)
+    for problem in (CENTRE, THREE):
+        assert library.get(problem, None).inverse_depths.size >= 20
+    assert library.get(CENTRE, math.inf) is library.get(CENTRE, 4.0)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,238 @@
+"""The forward model on a ground that is one oscillator, so that every answer has a closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+
+from inversion.errors import ModelError
+from inversion.forward.contact import PlateProblem
+from inversion.forward.model import ForwardModel, Grounds, Instrument, transfer_function
+from inversion.forward.surrogate import Surrogate
+
+Array = NDArray[Any]
+
+RADIUS = 0.15
+POISSON_RATIO = 0.35
+BAND = 1600.0
+PULSE = 0.0133
+PEAK = 8000.0
+STEP = 1e-4
+TIME = STEP * np.arange(601)
+WANTED = TIME[1:]
+
+# Phi = STATIC |q|^2 / (p^2 - 2 Re q p + |q|^2) under the plate and SHARE of it beside; the echo
+# of a base takes a part of it away.
+POLE = complex(-1.2, 1.1)
+STATIC, SHARE, ECHO = 0.16, 0.25, -0.02
+
+
+@pytest.fixture(scope="module")
+def oscillator() -> Surrogate:
+    """A surrogate with a single resonance, for the plate and one sensor beside it."""
+    own = np.array([[STATIC, 0.0], [SHARE * STATIC, 0.0]])
+    return Surrogate(
+        PlateProblem("rigid-smooth", POISSON_RATIO, (0.0, 2.0)),
+        np.array([POLE]),
+        own,
+        np.array([-0.8 + 2j]),
+        np.array([0.6, 0.3, 0.01]),
+        np.repeat(ECHO * own[None] / STATIC, 3, axis=0),
+        0.0,
+    )
+
+
+def grounds(*rows: tuple[float, float, float, float]) -> Grounds:
+    """Grounds of rows (modulus, viscosity, density, bedrock depth)."""
+    modulus, viscosity, density, depth = np.array(rows, dtype=float).T
+    return Grounds(modulus, viscosity, density, 1 / depth)
+
+
+ELASTIC = grounds((40e6, 0.0, 2000.0, math.inf))
+SEVERAL = grounds(
+    (40e6, 0.0, 2000.0, math.inf), (25e6, 54e3, 1800.0, 0.7), (90e6, 20e3, 2100.0, 0.7)
+)
+
+
+def half_sine(time: Array, duration: float = PULSE) -> Array:
+    inside = (time > 0) & (time < duration)
+    return np.where(inside, PEAK * np.sin(np.pi * time / duration), 0.0)
+
+
+def displacement(
+    surrogate: Surrogate,
+    ground: Grounds = ELASTIC,
+    load: Array | None = None,
+    wanted: Array = WANTED,
+    **instrument: float,
+) -> Array:
+    """Displacement (m, 2, n) under a half-sine or another load."""
+    model = ForwardModel(
+        surrogate,
+        Instrument(RADIUS, **instrument),
+        TIME,
+        half_sine(TIME) if load is None else load,
+        wanted,
+        BAND,
+    )
+    return model.displacement(ground)
+
+
+def oscillator_constants() -> tuple[float, float, float]:
+    """Mass, damping and stiffness of the elastic ground: w/F = 1 / (M s^2 + C s + K)."""
+    shear = 40e6 / (2 * (1 + POISSON_RATIO))
+    delay = RADIUS * math.sqrt(2000.0 / shear)
+    stiffness = shear * RADIUS / STATIC
+    size = abs(POLE)
+    return (
+        stiffness * (delay / size) ** 2,
+        stiffness * -2 * POLE.real * delay / size**2,
+        stiffness,
+    )
+
+
+@pytest.mark.parametrize("plate_mass", [0.0, 15.0, 60.0])
+def test_plate_mass_adds_to_the_ground_s(plate_mass: float, oscillator: Surrogate) -> None:
+    mass, damping, stiffness = oscillator_constants()
+    fine = np.linspace(0, 0.06, 12_001)
+    system = signal.TransferFunction([1.0], [mass + plate_mass, damping, stiffness])
+    right = signal.lsim(system, half_sine(fine), fine)[1][20::20]
+    found = displacement(oscillator, plate_mass=plate_mass)[0]
+    assert np.max(np.abs(found[0] - right)) < 1e-3 * np.max(right)
+    assert found[1] == pytest.approx(SHARE * found[0], rel=1e-9, abs=1e-12)
+
+
+def test_plate_mass_changes_the_plain_result(oscillator: Surrogate) -> None:
+    light, heavy = (displacement(oscillator, plate_mass=mass)[0, 0] for mass in (0.0, 60.0))
+    assert np.max(np.abs(heavy - light)) > 0.05 * np.max(light)
+
+
+def test_heavy_plate_is_moved_by_the_load_alone(oscillator: Surrogate) -> None:
+    # m w'' = F: twice the integral of a half-sine, in closed form.
+    mass, rate = 1e8, np.pi / PULSE
+    inside = np.minimum(WANTED, PULSE)
+    during = PEAK / (mass * rate) * (inside - np.sin(rate * inside) / rate)
+    after = 2 * PEAK / (mass * rate) * np.maximum(WANTED - PULSE, 0)
+    found = displacement(oscillator, plate_mass=mass)[0, 0]
+    # It goes on for ever, so what lies a period later comes back with exp(-7).
+    assert np.max(np.abs(found - during - after)) < 4e-3 * np.max(during + after)
+
+
+def test_stiffness_grows_by_mass_times_s_squared(oscillator: Surrogate) -> None:
+    s = np.array([60.0 + 0j, 60 + 400j, 60 + 3000j])
+    bare, loaded = (
+        transfer_function(oscillator, Instrument(RADIUS, mass), s, SEVERAL) for mass in (0.0, 12.0)
+    )
+    assert 1 / loaded[:, 0] - 1 / bare[:, 0] == pytest.approx(
+        np.broadcast_to(12.0 * s**2, (3, 3)), rel=1e-6
+    )
+    # Beside the plate the ground moves as it did, per motion of the plate.
+    assert loaded[:, 1] / loaded[:, 0] == pytest.approx(bare[:, 1] / bare[:, 0], rel=1e-12)
+
+
+def test_base_takes_its_echo_at_its_own_time(oscillator: Surrogate) -> None:
+    # Phi = Phi_halfspace(p) + a/h0 echo(p h0/a).
+    s = np.array([80.0 + 500j])
+    shear = 40e6 / (2 * (1 + POISSON_RATIO))
+    p = s * RADIUS * math.sqrt(2000.0 / shear)
+    y, pole = p * 0.9 / RADIUS, -0.8 + 2j
+    echo = ECHO * abs(pole) ** 2 / (y**2 - 2 * pole.real * y + abs(pole) ** 2)
+    half_space, layer = (
+        transfer_function(oscillator, Instrument(RADIUS), s, grounds((40e6, 0, 2000.0, depth)))
+        for depth in (math.inf, 0.9)
+    )
+    right = RADIUS / 0.9 * echo / (shear * RADIUS)
+    assert (layer - half_space)[0, 0] == pytest.approx(right, rel=1e-6)
+
+
+# --- instrument ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("natural", "damping"), [(4.5, 0.56), (10.0, 0.7), (2.0, 1.0)])
+def test_geophone(natural: float, damping: float, oscillator: Surrogate) -> None:
+    # A mass on a spring in the case: what it shows obeys y'' + 2 d w0 y' + w0^2 y = w''.
+    plain = displacement(oscillator)[0, 0]
+    omega = 2 * np.pi * natural
+    system = signal.TransferFunction([1.0, 0, 0], [1.0, 2 * damping * omega, omega**2])
+    right = signal.lsim(system, np.concatenate([[0.0], plain]), TIME)[1][1:]
+    found = displacement(oscillator, geophone_natural_frequency=natural, geophone_damping=damping)[
+        0, 0
+    ]
+    assert np.max(np.abs(found - right)) < 1.5e-3 * np.max(plain)
+    assert np.max(np.abs(found - plain)) > 0.05 * np.max(plain)
+
+
+def test_load_cell_that_lags(oscillator: Surrogate) -> None:
+    delay = 12 * STEP
+    late = half_sine(TIME - delay)
+    found = displacement(oscillator, load=late, load_delay=delay)
+    assert np.max(np.abs(found - displacement(oscillator))) < 1e-4 * np.max(found)
+    uncorrected = displacement(oscillator, load=late)
+    assert np.max(np.abs(uncorrected - found)) > 0.1 * np.max(found)
+
+
+def test_load_cell_behind_a_low_pass(oscillator: Surrogate) -> None:
+    corner = 300.0
+    numerator, denominator = signal.butter(2, 2 * np.pi * corner, analog=True)
+    filtered = signal.lsim(signal.TransferFunction(numerator, denominator), half_sine(TIME), TIME)[
+        1
+    ]
+    plain = displacement(oscillator)
+    found = displacement(oscillator, load=filtered, load_filter=corner)
+    assert np.max(np.abs(found - plain)) < 2e-3 * np.max(plain)
+    uncorrected = displacement(oscillator, load=filtered)
+    assert np.max(np.abs(uncorrected - plain)) > 0.02 * np.max(plain)
+
+
+def test_declared_values_out_of_range_are_named() -> None:
+    with pytest.raises(ModelError, match="plate radius: expected a value > 0 m, got 0"):
+        Instrument(0.0)
+    with pytest.raises(ModelError, match="plate radius: expected a value > 0 m, got nan"):
+        Instrument(math.nan)
+    with pytest.raises(ModelError, match="plate mass: expected a value >= 0 kg, got -1"):
+        Instrument(0.15, -1.0)
+
+
+# --- batches -------------------------------------------------------------------------------------
+
+
+def test_grounds_together_are_grounds_one_by_one(oscillator: Surrogate) -> None:
+    together = displacement(oscillator, SEVERAL, plate_mass=10.0)
+    for row in range(3):
+        alone = Grounds(
+            SEVERAL.modulus[[row]],
+            SEVERAL.viscosity[[row]],
+            SEVERAL.density[[row]],
+            SEVERAL.inverse_depth[[row]],
+        )
+        right = displacement(oscillator, alone, plate_mass=10.0)[0]
+        assert np.max(np.abs(together[row] - right)) < 1e-9 * np.max(right)
+
+
+def test_single_precision_is_enough_for_a_search(oscillator: Surrogate) -> None:
+    double, single = (
+        ForwardModel(
+            oscillator, Instrument(RADIUS, 10.0), TIME, half_sine(TIME), WANTED, BAND, single
+        ).displacement(SEVERAL)
+        for single in (False, True)
+    )
+    assert np.max(np.abs(single - double)) < 1e-4 * np.max(double)
+
+
+@pytest.mark.parametrize("factor", [-0.5, 3.0])
+def test_displacement_is_linear_in_the_load(factor: float, oscillator: Surrogate) -> None:
+    plain = displacement(oscillator, SEVERAL, plate_mass=10.0)
+    scaled = displacement(oscillator, SEVERAL, load=factor * half_sine(TIME), plate_mass=10.0)
+    assert scaled == pytest.approx(factor * plain, rel=1e-9, abs=1e-15)
+
+
+def test_wanted_times_do_not_change_the_answer(oscillator: Surrogate) -> None:
+    # Another end of the record means other frequencies and another damping.
+    whole = displacement(oscillator)[0, 0]
+    part = displacement(oscillator, wanted=WANTED[9:300:10])[0, 0]
+    assert np.max(np.abs(part - whole[9:300:10])) < 1e-3 * np.max(whole)

@@ -1,0 +1,341 @@
+"""The surrogate against the converged rule it stands for, and what any linear ground must obey."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from inversion import SurrogateLibrary
+from inversion.errors import ModelError
+from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, plate_compliance
+from inversion.forward.laplace import DampedTransform
+from inversion.forward.model import Grounds, Instrument, transfer_function
+from inversion.forward.rational import basis, evaluate
+from inversion.forward.surrogate import SHALLOWEST, Surrogate, build_surrogate
+from tests import reference
+
+Array = NDArray[Any]
+
+RADIUS = 0.15
+TRANSFORM = DampedTransform(0.1, 1600.0)
+TIME = np.linspace(2.5e-4, 0.1, 400)
+SYNTHESIS = TRANSFORM.synthesis(TIME)
+
+
+@pytest.fixture(scope="module")
+def every_depth(library: SurrogateLibrary) -> Surrogate:
+    """Smooth plate, nu = 0.35, all depths."""
+    return library.get(PlateProblem("rigid-smooth", 0.35), None)
+
+
+@pytest.fixture(scope="module")
+def progress() -> list[float]:
+    """What the build of ``one_depth`` tells."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def one_depth(progress: list[float]) -> Surrogate:
+    """Rough plate, nu = 0.25, rock at 5 radii, built afresh."""
+    return build_surrogate(PlateProblem("rigid-rough", 0.25), 5.0, progress.append)
+
+
+# --- against the converged rule ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """A ground (Pa, Pa s, kg/m3, plate radii) and the duration of a half-sine, s."""
+
+    modulus: float
+    viscosity: float
+    density: float
+    depth: float
+    pulse: float
+
+
+def draw_cases(count: int, viscosities: tuple[float, float], seed: int) -> list[Case]:
+    """Random grounds and pulses of the whole range a survey meets."""
+    rng = random.Random(seed)
+
+    def spread(low: float, high: float) -> float:
+        return low * (high / low) ** rng.random()
+
+    return [
+        Case(
+            modulus=spread(10e6, 300e6),
+            viscosity=rng.uniform(*viscosities),
+            density=spread(1000.0, 2800.0),
+            depth=spread(1.02 * SHALLOWEST, 60.0),
+            pulse=rng.uniform(8e-3, 30e-3),
+        )
+        for _ in range(count)
+    ]
+
+
+def half_sine(duration: float, start: float = 0.0) -> Array:
+    """Transform of a half-sine of unit peak, on the frequencies of TRANSFORM."""
+    s = TRANSFORM.s
+    pulse = math.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + math.pi**2)
+    result: Array = pulse * np.exp(-s * start)
+    return result
+
+
+def shear_and_p(case: Case, poisson_ratio: float) -> tuple[Array, Array]:
+    shear = (case.modulus + case.viscosity * TRANSFORM.s) / (2 * (1 + poisson_ratio))
+    return shear, TRANSFORM.s * RADIUS * np.sqrt(case.density / shear)
+
+
+def error_of(surrogate: Surrogate, case: Case) -> Array:
+    """Largest difference over 100 ms to the converged rule, over the plate's peak, per offset."""
+    problem = surrogate.problem
+    shear, p = shear_and_p(case, problem.poisson_ratio)
+    rule = QuadratureRule.for_poisson_ratio(problem.poisson_ratio, refine=2)
+    exact = plate_compliance(problem, p**2, np.full(p.size, case.depth), rule).T
+    fast = surrogate.compliance(p[None], np.array([1 / case.depth]))[0]
+    spectrum = half_sine(case.pulse) / shear
+    right, found = (((phi * spectrum) @ SYNTHESIS).real for phi in (exact, fast))
+    difference: Array = np.abs(found - right).max(axis=1) / np.abs(right[0]).max()
+    return difference
+
+
+DAMPED = (5e3, 130e3)
+
+
+def test_every_depth_of_damped_ground(every_depth: Surrogate) -> None:
+    errors = [error_of(every_depth, case)[0] for case in draw_cases(30, DAMPED, seed=1)]
+    assert max(errors) < 1e-3
+    assert np.median(errors) < 1e-4
+
+
+def test_every_depth_of_undamped_ground(every_depth: Surrogate) -> None:
+    errors = [error_of(every_depth, case)[0] for case in draw_cases(20, (0.0, 0.0), seed=2)]
+    assert max(errors) < 1e-3
+
+
+def test_one_depth(one_depth: Surrogate) -> None:
+    cases = [replace(case, depth=5.0) for case in draw_cases(12, DAMPED, seed=3)]
+    errors = [error_of(one_depth, case)[0] for case in cases]
+    assert max(errors) < 1e-3
+    assert np.median(errors) < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plate", "poisson_ratio"),
+    [
+        ("rigid-rough", 0.35),
+        ("rigid-rough", 0.25),
+        ("rigid-rough", 0.45),
+        pytest.param(
+            "published",
+            0.35,
+        ),
+    ],
+)
+def test_every_depth_of_other_plates(plate: PlateModel, poisson_ratio: float) -> None:
+    surrogate = build_surrogate(PlateProblem(plate, poisson_ratio))
+    errors = [error_of(surrogate, case)[0] for case in draw_cases(40, DAMPED, seed=4)]
+    assert max(errors) < 1e-3
+    assert np.median(errors) < 1e-4
+    assert surrogate.largest_error < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [SHALLOWEST, 4.0, 20.0])
+def test_sensors_beside_the_plate(depth: float) -> None:
+    surrogate = build_surrogate(PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0, 6.0)), depth)
+    cases = [replace(case, depth=depth) for case in draw_cases(10, DAMPED, seed=5)]
+    errors = [error_of(surrogate, case) for case in cases]
+    assert np.max(errors) < 1e-3
+    assert np.median(errors) < 1e-4
+
+
+def test_the_comparison_can_fail(every_depth: Surrogate) -> None:
+    case = Case(40e6, 54e3, 2000.0, 5.0, 0.0133)
+    wrong = replace(every_depth, echo_coefficients=0.9 * every_depth.echo_coefficients)
+    assert error_of(wrong, case)[0] > 1e-3
+
+
+def test_own_check_is_finite_and_small(every_depth: Surrogate, one_depth: Surrogate) -> None:
+    # It asks for more than a drop does: undamped ground, 8 ms.
+    for surrogate in (every_depth, one_depth):
+        assert 0 < surrogate.largest_error < 2e-3
+
+
+def test_progress_of_the_build(one_depth: Surrogate, progress: list[float]) -> None:
+    assert one_depth.inverse_depths == pytest.approx([0.2])
+    assert progress == sorted(progress)
+    assert progress[0] > 0
+    assert progress[-1] == 1
+
+
+@pytest.fixture(scope="module")
+def shallow() -> Surrogate:
+    """Rock shallower than the tables of all depths hold."""
+    return build_surrogate(PlateProblem("rigid-smooth", 0.35), 1.3)
+
+
+def test_one_shallow_depth(shallow: Surrogate) -> None:
+    cases = [replace(case, depth=1.3) for case in draw_cases(6, DAMPED, seed=6)]
+    assert max(error_of(shallow, case)[0] for case in cases) < 1e-3
+
+
+def test_own_check_of_one_shallow_depth(shallow: Surrogate) -> None:
+    assert 0 < shallow.largest_error < 2e-3
+
+
+def test_half_space_alone() -> None:
+    surrogate = build_surrogate(PlateProblem("rigid-smooth", 0.35), math.inf)
+    case = Case(40e6, 54e3, 2000.0, math.inf, 0.0133)
+    assert error_of(surrogate, case)[0] < 1e-4
+    assert 0 < surrogate.largest_error < 2e-3
+
+
+# --- what any linear, causal ground obeys --------------------------------------------------------
+
+
+def test_every_pole_is_in_the_left_half_plane(every_depth: Surrogate, one_depth: Surrogate) -> None:
+    for surrogate in (every_depth, one_depth):
+        assert np.all(surrogate.half_space_poles.real < 0)
+        assert np.all(surrogate.echo_poles.real < 0)
+
+
+@pytest.mark.parametrize("viscosity", [0.0, 20e3])
+@pytest.mark.parametrize("depth", [2.0, 8.0, math.inf])
+def test_nothing_moves_before_the_load(
+    viscosity: float, depth: float, every_depth: Surrogate
+) -> None:
+    start = 0.03
+    shear, p = shear_and_p(Case(40e6, viscosity, 2000.0, depth, 0.0133), 0.35)
+    phi = every_depth.compliance(p[None], np.array([1 / depth]))[0]
+    moved = ((phi * half_sine(0.0133, start) / shear) @ SYNTHESIS).real[0]
+    # A band of 1600 Hz blurs the start itself over about a millisecond.
+    before = np.abs(moved[start - 1.5e-3 > TIME])
+    assert np.max(before) < 1e-4 * np.max(moved)
+
+
+@pytest.mark.parametrize("depth", [15.0, 30.0])
+def test_deep_rock_is_not_felt_before_its_echo(depth: float, every_depth: Surrogate) -> None:
+    shear, p = shear_and_p(Case(40e6, 0.0, 2000.0, depth, 0.0133), 0.35)
+    echo = 2 * depth * RADIUS / reference.p_wave_velocity(40e6, 0.35, 2000.0)
+    spectrum = half_sine(0.0133) / shear
+    layer, half_space = (
+        ((every_depth.compliance(p[None], ratio)[0] * spectrum) @ SYNTHESIS).real[0]
+        for ratio in (np.array([1 / depth]), None)
+    )
+    difference = np.abs(layer - half_space) / np.max(half_space)
+    assert 0.02 < echo < 0.07
+    assert np.max(difference[echo > TIME]) < 1e-3
+    assert np.max(difference[(echo < TIME) & (echo + 0.02 > TIME)]) > 5e-3
+
+
+@pytest.mark.parametrize("factor", [0.3, 5.0])
+def test_stiffer_and_heavier_ground_moves_less_in_proportion(
+    factor: float, every_depth: Surrogate
+) -> None:
+    ground = Grounds(*(np.array([value]) for value in (40e6, 54e3, 2000.0, 1.0)))
+    scaled = Grounds(
+        factor * ground.modulus,
+        factor * ground.viscosity,
+        factor * ground.density,
+        ground.inverse_depth,
+    )
+    instrument = Instrument(RADIUS)
+    one, other = (
+        transfer_function(every_depth, instrument, TRANSFORM.s, g) for g in (ground, scaled)
+    )
+    assert factor * other == pytest.approx(one, rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [0.5, 3.0])
+def test_larger_plates_scale_with_everything_else(factor: float, every_depth: Surrogate) -> None:
+    # Radius and depth times k, frequency over k: displacement per force over k.
+    s = TRANSFORM.s
+    one = transfer_function(
+        every_depth,
+        Instrument(RADIUS),
+        s,
+        Grounds(np.array([40e6]), np.array([0.0]), np.array([2000.0]), np.array([1.0])),
+    )
+    other = transfer_function(
+        every_depth,
+        Instrument(factor * RADIUS),
+        s / factor,
+        Grounds(np.array([40e6]), np.array([0.0]), np.array([2000.0]), np.array([1 / factor])),
+    )
+    assert factor * other == pytest.approx(one, rel=1e-12)
+
+
+# --- depths --------------------------------------------------------------------------------------
+
+
+def test_interpolation_meets_its_nodes(every_depth: Surrogate) -> None:
+    nodes = every_depth.inverse_depths
+    for node, coefficients in zip(nodes, every_depth.echo_coefficients, strict=True):
+        assert np.array_equal(every_depth.echo_at(np.array([node]))[0], coefficients)
+
+
+def test_interpolation_is_the_polynomial_through_the_nodes(every_depth: Surrogate) -> None:
+    nodes, place = every_depth.inverse_depths, 0.1234
+    lagrange = [math.prod((place - b) / (a - b) for b in nodes if b != a) for a in nodes]
+    right = np.tensordot(lagrange, every_depth.echo_coefficients, axes=1)
+    size = np.abs(every_depth.echo_coefficients).max()
+    found = every_depth.echo_at(np.array([place]))[0]
+    assert np.max(np.abs(found - right)) < 1e-10 * size
+
+
+def test_depths_together_are_depths_one_by_one(every_depth: Surrogate) -> None:
+    _, p = shear_and_p(Case(40e6, 54e3, 2000.0, 0.0, 0.0133), 0.35)
+    ratios = np.array([0.5, 0.0, 0.1, 0.1])
+    together = every_depth.compliance(np.repeat(p[None], 4, axis=0), ratios)
+    for row, ratio in enumerate(ratios):
+        alone = every_depth.compliance(p[None], np.array([ratio]))[0]
+        assert together[row] == pytest.approx(alone, rel=1e-9)
+    half_space = every_depth.compliance(p[None], None)[0]
+    assert np.array_equal(together[1], half_space)
+
+
+def test_depths_outside_the_tables_are_refused(
+    every_depth: Surrogate, one_depth: Surrogate
+) -> None:
+    p = np.array([[0.1 + 0.5j]])
+    with pytest.raises(ModelError, match=r"bedrock depth: expected at least 1\.6 .*got 1\.5"):
+        every_depth.compliance(p, np.array([1 / 1.5]))
+    with pytest.raises(ModelError, match=r"built for 5 plate radii alone, got 5\.1"):
+        one_depth.compliance(p, np.array([1 / 5.1]))
+
+
+# --- sums of resonances --------------------------------------------------------------------------
+
+
+def resonances(y: complex, poles: Array, coefficients: Array) -> complex:
+    """The sum, term by term: first the a, then the b of each pole."""
+    a, b = np.split(coefficients, 2)
+    return sum(
+        abs(q) ** 2 * (own + other * y / abs(q)) / ((y - q) * (y - q.conjugate()))
+        for q, own, other in zip(poles, a, b, strict=True)
+    )
+
+
+def test_sums_of_resonances() -> None:
+    rng = np.random.default_rng(1)
+    poles = -rng.random(7) + 1j * rng.random(7) * 9
+    y = rng.random((5, 11)) + 1j * rng.random((5, 11)) * 9
+    shared, own = rng.standard_normal((3, 14)), rng.standard_normal((5, 3, 14))
+    for coefficients in (shared, own):
+        found = evaluate(y, poles, coefficients)
+        rough = evaluate(y, poles, coefficients, single=True)
+        assert np.max(np.abs(rough - found)) < 1e-4 * np.max(np.abs(found))
+        for row in range(5):
+            for channel in range(3):
+                values = coefficients[channel] if coefficients is shared else own[row, channel]
+                right = [resonances(complex(place), poles, values) for place in y[row]]
+                assert found[row, channel] == pytest.approx(right, rel=1e-10)
+                assert basis(y[row], poles) @ values == pytest.approx(right, rel=1e-10)

@@ -1,0 +1,363 @@
+"""From a recorded drop to displacement, windows and noise, on signals with closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+
+from inversion.errors import RecordError
+from inversion.forward.model import Instrument
+from inversion.measured.record import (
+    ChannelNoise,
+    NoiseModel,
+    PreparedDrop,
+    Quantity,
+    Record,
+    Sensor,
+    displacement_rms,
+    native_rows,
+    prepare,
+)
+
+Array = NDArray[Any]
+
+RATE = 5000.0
+PULSE = 0.0133
+PEAK = 8000.0
+PRE_TRIGGER = 0.02
+RECORD_END = 0.08
+
+
+def time_axis(pre_trigger: float = PRE_TRIGGER, end: float = RECORD_END) -> Array:
+    """Uniform times, s, with 0 at the trigger."""
+    return np.arange(-round(pre_trigger * RATE), round(end * RATE)) / RATE
+
+
+def half_sine(time: Array, start: float = 0.0, duration: float = PULSE) -> Array:
+    phase = (time - start) / duration
+    return np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase), 0.0)
+
+
+def swing(time: Array) -> tuple[Array, Array]:
+    """A velocity that starts smoothly at 0 and its exact integral: t^2 e^(-t/d), d = 4 ms."""
+    t, d = np.maximum(time, 0.0), 4e-3
+    velocity = t**2 * np.exp(-t / d)
+    displacement = 2 * d**3 - np.exp(-t / d) * (d * t**2 + 2 * d**2 * t + 2 * d**3)
+    scale = 5e-4 / (2 * d**3)
+    return scale * velocity, scale * displacement
+
+
+def make_record(
+    values: Array | None = None,
+    quantity: Quantity = "velocity",
+    load: Array | None = None,
+    time: Array | None = None,
+) -> Record:
+    """A record of one centre sensor; a half-sine load and the swing where nothing is given."""
+    time = time_axis() if time is None else time
+    load = PEAK * half_sine(time) if load is None else load
+    values = swing(time)[0] if values is None else values
+    return Record(time, load, (Sensor(0.0, quantity, values),), Instrument(0.15))
+
+
+# --- baseline and integration --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.03, -0.2])
+def test_velocity_is_integrated_and_its_offset_removed(offset: float) -> None:
+    time = time_axis()
+    velocity, _ = swing(time)
+    drop = prepare(make_record(velocity + offset))
+    _, right = swing(drop.time + drop.start)
+    assert np.max(np.abs(drop.displacement[0] - right)) < 1e-3 * np.max(right)
+    assert drop.displacement[0, 0] == 0.0
+
+
+def test_offset_of_the_load_is_removed() -> None:
+    time = time_axis()
+    drop = prepare(make_record(load=PEAK * half_sine(time) + 350.0))
+    right = PEAK * half_sine(drop.time + drop.start)
+    assert np.max(np.abs(drop.load - right)) < 1e-9 * PEAK
+    assert drop.peak_load == pytest.approx(PEAK, rel=1e-3)
+
+
+def test_displacement_is_zero_where_the_pulse_begins() -> None:
+    time = time_axis()
+    _, displacement = swing(time)
+    # Whatever drifted before: an integrated channel has no zero of its own.
+    drifted = displacement + 2e-4 + 1e-4 * np.minimum(time, 0.0)
+    drop = prepare(make_record(drifted, "displacement"))
+    _, right = swing(drop.time + drop.start)
+    assert np.max(np.abs(drop.displacement[0] - right)) < 1e-6
+
+
+def test_record_without_pre_trigger() -> None:
+    time = time_axis(0.0)
+    drop = prepare(make_record(time=time))
+    _, right = swing(drop.time + drop.start)
+    assert np.max(np.abs(drop.displacement[0] - right)) < 1e-3 * np.max(right)
+    assert drop.noise == pytest.approx([0.0])
+    assert drop.channels[0].model.samples == 0
+    assert drop.load_noise.samples == 0
+
+
+def test_start_is_just_before_the_pulse() -> None:
+    drop = prepare(make_record())
+    assert drop.time[0] == 0.0
+    assert -1.6e-3 < drop.start < -0.8e-3
+    assert drop.trigger == pytest.approx(-drop.start)
+    assert drop.step == pytest.approx(1 / RATE)
+    assert np.max(np.abs(drop.load[:4])) == 0.0
+
+
+def test_sensors_keep_their_order() -> None:
+    time = time_axis()
+    velocity, displacement = swing(time)
+    sensors = (
+        Sensor(0.6, "displacement", 0.1 * displacement),
+        Sensor(0.0, "velocity", velocity),
+        Sensor(0.3, "velocity", -0.5 * velocity),
+    )
+    drop = prepare(Record(time, PEAK * half_sine(time), sensors, Instrument(0.15)))
+    assert drop.offsets == pytest.approx([0.6, 0.0, 0.3])
+    _, right = swing(drop.time + drop.start)
+    for row, factor in enumerate((0.1, 1.0, -0.5)):
+        assert drop.displacement[row] == pytest.approx(factor * right, abs=1e-6)
+        assert drop.peak_displacement[row] == pytest.approx(abs(factor) * right.max(), rel=1e-3)
+
+
+def test_peak_of_a_sensor_that_rises() -> None:
+    # Far from the plate on shallow rock the ground rises, and hardly sinks.
+    time = time_axis()
+    _, displacement = swing(time)
+    lifted = -displacement + 1e-3 * np.interp(time, [0.0, 1e-3, 2e-3], [0, 5e-4, 0])
+    drop = prepare(make_record(lifted, "displacement"))
+    assert drop.peak_displacement[0] == pytest.approx(displacement.max(), rel=1e-2)
+
+
+# --- windows -------------------------------------------------------------------------------------
+
+
+def test_contact_ends_at_three_per_cent() -> None:
+    drop = prepare(make_record())
+    # sin(pi t/T0) = 0.03 near the end: t = T0 (1 - arcsin(0.03)/pi).
+    right = PULSE * (1 - math.asin(0.03) / math.pi) - drop.start
+    assert right <= drop.contact_end < right + 1.01 * drop.step
+    assert drop.window_end >= drop.contact_end
+    assert drop.tail_end == pytest.approx(RECORD_END - drop.start - drop.step)
+
+
+def test_window_and_tail() -> None:
+    drop = prepare(make_record())
+    last = drop.time[drop.window][-1]
+    assert last == pytest.approx(drop.window_end)
+    assert drop.window.start == 1
+    longer = drop.with_tail()
+    assert longer.time[longer.window][-1] == pytest.approx(drop.tail_end)
+    assert longer.contact_end == drop.contact_end
+
+
+@pytest.mark.parametrize("height", [0.1, 0.5])
+def test_second_contact_ends_the_tail(height: float) -> None:
+    time, again = time_axis(), 0.05
+    drop = prepare(make_record(load=PEAK * (half_sine(time) + height * half_sine(time, again))))
+    # The bounce passes 8 % of the first peak a little after its begin.
+    passed = again + PULSE / math.pi * math.asin(0.08 / height) - drop.start
+    assert passed - 1.01 * drop.step <= drop.tail_end <= passed
+    assert drop.contact_end < again
+
+
+def test_ripple_is_no_second_contact() -> None:
+    time = time_axis()
+    drop = prepare(make_record(load=PEAK * (half_sine(time) + 0.05 * half_sine(time, 0.05))))
+    assert drop.tail_end == pytest.approx(drop.time[-1])
+
+
+def test_load_that_never_ends() -> None:
+    time = time_axis(end=0.010)
+    drop = prepare(make_record(time=time))
+    assert drop.contact_end == pytest.approx(drop.time[-1])
+    assert drop.window_end == drop.tail_end == drop.contact_end
+
+
+# --- noise ---------------------------------------------------------------------------------------
+
+SIGMA = 1e-3
+
+
+def white(rng: np.random.Generator, count: int) -> Array:
+    return SIGMA * rng.standard_normal(count)
+
+
+def correlated(rng: np.random.Generator, count: int, memory: float = 0.8) -> Array:
+    """AR(1) of the same variance as the white noise."""
+    driven = SIGMA * math.sqrt(1 - memory**2) * rng.standard_normal(count + 200)
+    result: Array = signal.lfilter([1.0], [1.0, -memory], driven)[200:]
+    return result
+
+
+def drops_of_noise(
+    make: Any, quantity: Quantity, pre_trigger: float, count: int = 300
+) -> list[PreparedDrop]:
+    """Drops whose sensor recorded nothing but noise."""
+    rng = np.random.default_rng(20)
+    time = time_axis(pre_trigger, 0.03)
+    load = PEAK * half_sine(time)
+    return [prepare(make_record(make(rng, time.size), quantity, load, time)) for _ in range(count)]
+
+
+def stated_over_true(drops: list[PreparedDrop]) -> float:
+    """Stated rms of the displacement noise over that of the displacements, over the window."""
+    stated = math.sqrt(np.mean([drop.noise[0] ** 2 for drop in drops]))
+    true = math.sqrt(np.mean([drop.displacement[0, drop.window] ** 2 for drop in drops]))
+    return stated / true
+
+
+@pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+@pytest.mark.parametrize("pre_trigger", [0.02, 0.05, 0.2])
+def test_white_noise(pre_trigger: float, quantity: Quantity) -> None:
+    drops = drops_of_noise(white, quantity, pre_trigger)
+    assert stated_over_true(drops) == pytest.approx(1, abs=0.15)
+
+
+def test_correlated_noise_of_a_velocity() -> None:
+    # The integral of AR(1) noise wanders sqrt((1 + 0.8)/(1 - 0.8)) = 3 times as far.
+    drops = drops_of_noise(correlated, "velocity", 0.4)
+    assert stated_over_true(drops) == pytest.approx(1, abs=0.15)
+    plain = drops_of_noise(white, "velocity", 0.4)
+    stated, stated_plain = (np.mean([drop.noise[0] for drop in some]) for some in (drops, plain))
+    assert stated / stated_plain == pytest.approx(3, rel=0.2)
+
+
+def test_drift_before_the_pulse_is_no_noise() -> None:
+    time = time_axis(0.2)
+    quiet = prepare(make_record(swing(time)[0] + 0.02 * time, time=time))
+    assert quiet.channels[0].model.rms < 1e-12
+
+
+def test_rms_of_the_noise_model() -> None:
+    drops = drops_of_noise(white, "velocity", 0.2, count=50)
+    rms = math.sqrt(np.mean([drop.channels[0].model.rms ** 2 for drop in drops]))
+    assert rms == pytest.approx(SIGMA, rel=0.03)
+    # All of the 0.2 s before the pulse, less the margin before its onset.
+    assert all(900 < drop.channels[0].model.samples <= 1000 for drop in drops)
+
+
+def test_quantisation_is_the_smallest_step() -> None:
+    time = time_axis(0.0)
+    unit = 1e-6
+    _, displacement = swing(time)
+    drop = prepare(make_record(unit * np.round(displacement / unit), "displacement", time=time))
+    assert drop.quantisation == pytest.approx([unit / math.sqrt(12)], rel=1e-6)
+
+
+def test_quantisation_of_a_velocity_adds_up() -> None:
+    time = time_axis(0.0)
+    unit = 5e-4
+    velocity, _ = swing(time)
+    coarse = prepare(make_record(unit * np.round(velocity / unit), time=time))
+    _, right = swing(coarse.time + coarse.start)
+    window = coarse.window
+    actual = np.sqrt(np.mean((coarse.displacement[0, window] - right[window]) ** 2))
+    assert 0.2 < actual / coarse.quantisation[0] < 5
+
+
+def test_quadratic_form_is_that_of_the_toeplitz_matrix() -> None:
+    rng = np.random.default_rng(3)
+    autocovariance = np.array([1.0, 0.7, 0.4, 0.15, 0.05])
+    rows = rng.standard_normal((3, 40))
+    lag = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
+    full = np.where(lag < 5, np.append(autocovariance, 0.0)[np.minimum(lag, 5)], 0.0)
+    found = NoiseModel(autocovariance, 100).quadratic_form(rows)
+    assert found == pytest.approx(rows @ full @ rows.T, rel=1e-9, abs=1e-12)
+
+
+def weighted_displacement(quantity: Quantity) -> tuple[Array, Array]:
+    """Rows times the prepared displacement of noise, directly and through `native_rows`."""
+    rng = np.random.default_rng(4)
+    time = time_axis(0.05)
+    values = rng.standard_normal(time.size)
+    drop = prepare(make_record(values, quantity, PEAK * half_sine(time), time))
+    rows = rng.standard_normal((3, drop.time.size))
+    channel = drop.channels[0]
+    native = native_rows(rows, channel, drop.step)
+    before, first = channel.baseline_samples, time.size - drop.time.size
+    assert before > 8
+    # A velocity's zero is taken early in the quiet, a displacement's just before the pulse.
+    zero = values[:before] if quantity == "velocity" else values[first - before : first]
+    through = native[:, :before] @ zero + native[:, before:] @ values[first:]
+    return rows @ drop.displacement[0], through
+
+
+def test_native_rows_are_the_adjoint_for_a_velocity() -> None:
+    direct, through = weighted_displacement("velocity")
+    assert through == pytest.approx(direct, rel=1e-10)
+
+
+def test_native_rows_are_the_adjoint_for_a_displacement() -> None:
+    direct, through = weighted_displacement("displacement")
+    assert through == pytest.approx(direct, rel=1e-10)
+
+
+def test_rms_of_an_integrated_white_noise_without_baseline() -> None:
+    # Random walk: the variance after j steps is about j (sigma dt)^2.
+    channel = ChannelNoise(NoiseModel(np.array([SIGMA**2]), 100), True)
+    found = displacement_rms(channel, 401, 1 / RATE)
+    assert found == pytest.approx(SIGMA / RATE * math.sqrt(200), rel=0.03)
+
+
+# --- errors --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_values_that_are_no_numbers(bad: float) -> None:
+    record = make_record()
+    broken = record.load.copy()
+    broken[30] = bad
+    with pytest.raises(RecordError, match="load: expected finite values, got NaN or infinity"):
+        replace(record, load=broken)
+    sensor = Sensor(0.3, "velocity", broken)
+    with pytest.raises(RecordError, match=r"sensor at 0\.3 m: expected finite values"):
+        replace(record, sensors=(sensor,))
+
+
+def test_records_that_are_too_short_or_unequal() -> None:
+    record = make_record()
+    with pytest.raises(RecordError, match="expected at least 16 samples, got 15"):
+        make_record(time=time_axis()[:15])
+    with pytest.raises(RecordError, match=r"load: expected 500 samples, got shape \(499,\)"):
+        replace(record, load=record.load[1:])
+    with pytest.raises(RecordError, match=r"sensor at 0 m: expected 500 samples, got shape"):
+        replace(record, sensors=(Sensor(0.0, "velocity", np.zeros((2, 500))),))
+    with pytest.raises(RecordError, match="at least one motion sensor, got none"):
+        replace(record, sensors=())
+
+
+def test_time_steps_must_be_even() -> None:
+    record = make_record()
+    gap = record.time.copy()
+    gap[100:] += 0.5 / RATE
+    for time in (gap, record.time[::-1].copy(), np.zeros_like(gap)):
+        with pytest.raises(RecordError, match="time: expected uniform, rising steps"):
+            replace(record, time=time)
+    wrong = record.time.copy()
+    wrong[100] = math.nan
+    with pytest.raises(RecordError, match="time: expected uniform, rising steps"):
+        replace(record, time=wrong)
+
+
+@pytest.mark.parametrize("level", [0.0, -3.0])
+def test_load_without_a_pulse(level: float) -> None:
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
+        prepare(make_record(load=np.full(500, level)))
+
+
+def test_load_of_the_wrong_polarity() -> None:
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
+        prepare(make_record(load=-PEAK * half_sine(time_axis())))
