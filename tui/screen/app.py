@@ -36,21 +36,21 @@ from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
 from tui.screen.pages.verdicts import verdict_text
 from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
 from tui.screen.session.names import next_name, point_name_error
 from tui.screen.session.refits import Refits
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.sources import Source
-from tui.screen.session.state import (
+from tui.screen.session.screen_events import (
     ContentsRead,
     Diagnosed,
     DropRead,
-    DropState,
     Refitted,
     ScreenEvent,
     SessionEnded,
-    SessionState,
 )
+from tui.screen.session.sources import Source
+from tui.screen.session.state import SessionState
 from tui.screen.session.words import Word, word_of
 from tui.screen.settings import Settings, save_settings
 from tui.screen.units import BY_NAME, Units

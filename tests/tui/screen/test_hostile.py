@@ -26,7 +26,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.log_file import close_log, open_log
 from tui.screen.session.event_log import log_event
-from tui.screen.session.state import ContentsRead, Diagnosed, Refitted, SessionEnded
+from tui.screen.session.screen_events import ContentsRead, Diagnosed, Refitted, SessionEnded
 
 HOSTILE = [
     "[/",

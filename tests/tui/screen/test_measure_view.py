@@ -13,7 +13,8 @@ from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.measure_view import MeasureView, measure_lines
-from tui.screen.session.state import SessionBegan, SessionState
+from tui.screen.session.screen_events import SessionBegan
+from tui.screen.session.state import SessionState
 from tui.screen.session.words import word_of
 from tui.screen.units import SI, US, Units
 

@@ -23,7 +23,7 @@ from tests.tui.screen.scripted import (
     until,
     whole_point,
 )
-from tui.screen.session.state import ContentsRead, Diagnosed, Refitted
+from tui.screen.session.screen_events import ContentsRead, Diagnosed, Refitted
 from tui.screen.settings import Settings
 
 SIZES = [(80, 24), (120, 40), (200, 60)]

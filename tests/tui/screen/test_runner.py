@@ -15,7 +15,7 @@ from pfwd_survey.measuring.plan import Ending, SessionPlan
 from tests.tui.screen.scripted import QuietSource, Session, samples
 from tui.screen.session import runner as runner_module
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.state import SessionBegan, SessionEnded
+from tui.screen.session.screen_events import SessionBegan, SessionEnded
 
 
 class Failing(QuietSource):

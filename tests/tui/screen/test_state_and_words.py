@@ -30,12 +30,8 @@ from tests.tui.screen.scripted import (
     status,
     whole_point,
 )
-from tui.screen.session.state import (
-    ContentsRead,
-    SessionBegan,
-    SessionEnded,
-    SessionState,
-)
+from tui.screen.session.screen_events import ContentsRead, SessionBegan, SessionEnded
+from tui.screen.session.state import SessionState
 from tui.screen.session.words import SAFE_SHOWN, word_of
 
 

@@ -9,7 +9,7 @@ from pfwd_survey.measuring.contents import REFIT_KEY
 from tests.tui.screen.scripted import handed_on
 from tui.screen.session.diagnosing import Diagnoser
 from tui.screen.session.refits import Refits, label_of
-from tui.screen.session.state import Diagnosed, Refitted
+from tui.screen.session.screen_events import Diagnosed, Refitted
 
 PATIENCE = 120.0
 

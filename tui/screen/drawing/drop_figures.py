@@ -13,7 +13,8 @@ from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure
 from tui.screen.drawing.lines import Role
-from tui.screen.session.state import DropState, Refitted
+from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_events import Refitted
 from tui.screen.units import Units, figures, percent
 
 Array = NDArray[np.float64]

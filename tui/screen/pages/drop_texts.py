@@ -7,7 +7,8 @@ from typing import Any
 from pfwd_survey.procedures import Quantity, Verdict
 from tui.screen.drawing.blocks import Column, Row
 from tui.screen.drawing.lines import Line, Role, cell, fit, piece
-from tui.screen.session.state import DropState, PointState, SessionState
+from tui.screen.session.drop_state import DropState, PointState
+from tui.screen.session.state import SessionState
 from tui.screen.units import NOTHING, Units, percent
 from tui.screen.units import Quantity as QuantityName
 

@@ -16,7 +16,9 @@ from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line, Role, cell, fit, line, pad, piece, shorten, wrap
 from tui.screen.pages.drop_texts import remark, uncertainty_of, verdict_of
 from tui.screen.pages.measure_view import key_line
-from tui.screen.session.state import DropState, Refitted, SessionState
+from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_events import Refitted
+from tui.screen.session.state import SessionState
 from tui.screen.units import NOTHING, Units, figures, percent
 
 PANELS = ("load", "deflection", "residual", "spectrum")

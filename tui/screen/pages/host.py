@@ -9,9 +9,10 @@ from pfwd_survey.measuring.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.looks import Look
 from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import Source
-from tui.screen.session.state import DropState, SessionState
+from tui.screen.session.state import SessionState
 from tui.screen.session.words import Word
 from tui.screen.settings import Settings
 from tui.screen.units import Units

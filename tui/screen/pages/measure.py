@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 from tui.screen.drawing.lines import Line
 from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
 from tui.screen.pages.page import Page
-from tui.screen.session.state import DropState
+from tui.screen.session.drop_state import DropState
 from tui.screen.widgets.lines_view import LinesView
 
 

@@ -35,8 +35,9 @@ from tui.screen.pages.drop_texts import (
     point_summary,
     verdict_of,
 )
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.procedure import PLAIN
-from tui.screen.session.state import DropState, SessionState
+from tui.screen.session.state import SessionState
 from tui.screen.session.words import Word
 from tui.screen.units import NOTHING, Units
 from tui.screen.units import Quantity as QuantityName

@@ -15,7 +15,7 @@ from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.drop_texts import drop_columns, drop_row, point_summary
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
-from tui.screen.session.state import PointState
+from tui.screen.session.drop_state import PointState
 from tui.screen.units import NOTHING, Units
 from tui.screen.widgets.lines_view import LinesView
 

@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 
-from tui.screen.session.state import Diagnosed
+from tui.screen.session.screen_events import Diagnosed
 
 _COMMAND = "from tui.cli import main; raise SystemExit(main())"
 

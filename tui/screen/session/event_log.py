@@ -16,7 +16,7 @@ from pfwd_survey.measuring.events import (
     SensorCheck,
 )
 from tui.format import drop_line
-from tui.screen.session.state import ScreenEvent, SessionEnded
+from tui.screen.session.screen_events import ScreenEvent, SessionEnded
 
 log = logging.getLogger("pfwd.session")
 

@@ -9,7 +9,7 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.tasks import Building, Urgency
 from pfwd_survey.measuring.contents import REFIT_KEY
 from pfwd_survey.measuring.events import HandedOn, TableBuilding
-from tui.screen.session.state import Refitted
+from tui.screen.session.screen_events import Refitted
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -12,8 +12,8 @@ from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.measuring.contents import RecordingError
 from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
 from pfwd_survey.measuring.live_trace import LiveTrace
+from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
 from tui.screen.session.sources import Source
-from tui.screen.session.state import ScreenEvent, SessionBegan, SessionEnded
 from tui.screen.session.words import DROP_LOAD
 
 log = logging.getLogger("pfwd.screen")

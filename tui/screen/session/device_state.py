@@ -1,0 +1,56 @@
+"""The instrument as the screen shows it."""
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pfwd_survey.measuring.events import InstrumentReady
+
+
+@dataclass(slots=True)
+class Device:
+    """The instrument and its link."""
+
+    url: str = ""
+    serial_number: str = ""
+    model: str = ""
+    firmware: str = ""
+    rate: float | None = None
+    """Hz."""
+    due: datetime.date | None = None
+    """The first calibration that expires."""
+    battery: float | None = None
+    """V."""
+    temperature: float | None = None
+    lost_samples: int = 0
+    connected: bool = False
+    lost_reason: str = ""
+    ready: bool = False
+    """The load at rest is known."""
+    battery_low: bool = False
+    check_faults: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def device_of(event: InstrumentReady, before: Device) -> Device:
+    """The instrument that has just said who it is; what is counted goes on from `before`."""
+    identity = event.identity
+    dues = [channel.due for channel in identity.channels if channel.due is not None]
+    return Device(
+        url=event.url,
+        serial_number=identity.serial_number,
+        model=identity.model,
+        firmware=identity.firmware,
+        rate=identity.sampling_rate,
+        due=min(dues, default=None),
+        lost_samples=before.lost_samples,
+        battery=before.battery,
+        connected=True,
+        warnings=(*event.differences, *event.warnings),
+    )
+
+
+def lost_samples(counters: Mapping[str, float | None]) -> int:
+    """Samples that did not arrive, wherever they were lost."""
+    names = ("samples_lost", "instrument_overruns")
+    return int(sum(counters.get(name) or 0 for name in names))

@@ -1,0 +1,141 @@
+"""What an event changes in the drop or the point that it is about."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.measuring.contents import REFIT_KEY, DropContents, peaks_of
+from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
+from pfwd_survey.procedures import Kind, PointDrop
+from tui.screen.session.drop_state import DropState, PointState
+from tui.screen.session.screen_events import DropRead, Refitted
+
+
+def saved_drop(event: DropSaved, known: DropState, came: float) -> DropState:
+    """A drop that is safe now; what the operator said of it before stays."""
+    one = event.one
+    fresh = DropState(
+        one.point,
+        one.number,
+        record=one.record if one.record is not None else known.record,
+        status=one.screening.status,
+        reason=one.screening.reason or "",
+        discarded=known.discarded,
+        notes=known.notes,
+        marks=event.marks,
+        one=one,
+        identical=event.identical,
+        came=came,
+    )
+    _look_at(fresh, one)
+    return fresh
+
+
+def _look_at(drop: DropState, one: HandedOn) -> None:
+    drop.facts = point_drop(one.drop, one.setup, one.screening)
+    drop.peak_load, drop.peak_deflection = peaks_of(one.drop)
+    if drop.facts.peak_deflection is not None:
+        drop.peak_deflection = drop.facts.peak_deflection
+
+
+def add_answer(drop: DropState, event: DropAnalysed) -> None:
+    """A result has come while it is measured."""
+    failed = event.result.get("modulus_pa") is None
+    if failed and drop.results:
+        # The quick answer stands: a search that failed takes nothing back.
+        drop.final = drop.final or event.final
+        return
+    drop.results.append(event.result)
+    drop.final = drop.final or event.final
+    if drop.delay is None:
+        drop.delay = event.delay
+    if failed:
+        drop.status = "rejected"
+        drop.reason = str(event.result.get("reason") or "the analysis failed")
+    if event.curves is not None:
+        drop.curves = event.curves
+
+
+def add_read(drop: DropState, event: DropRead) -> None:
+    """Its traces and all its results were read from the survey."""
+    one = event.one
+    drop.one, drop.record = one, one.record if one.record is not None else drop.record
+    _look_at(drop, one)
+    main = [result for result in event.results if REFIT_KEY not in result]
+    if not drop.results:
+        drop.status, drop.reason = one.screening.status, one.screening.reason or ""
+        drop.results = main
+    known = {refit.label for refit in drop.refits}
+    for result in event.results:
+        label = str(result.get(REFIT_KEY) or "")
+        if label and label not in known:
+            drop.refits.append(Refitted(one.point, one.number, label, result, None))
+
+
+def add_refit(drop: DropState, event: Refitted) -> None:
+    """It was fitted anew, without a fault."""
+    if event.label:
+        drop.refits = [one for one in drop.refits if one.label != event.label]
+        drop.refits.append(event)
+    elif event.curves is not None:
+        drop.curves = event.curves
+        if not drop.results and event.result is not None:
+            drop.results.append(event.result)
+
+
+def add_kept(point: PointState, kept: DropContents, *, shown: bool) -> None:
+    """A drop as the survey has it; one that is new to the screen only if it is to be shown."""
+    drop = point.drops.get(kept.drop)
+    if drop is None:
+        if not shown:
+            return
+        drop = point.drops[kept.drop] = DropState(point.name, kept.drop)
+        drop.final = True
+    drop.record, drop.discarded, drop.notes = kept.record, kept.discarded, kept.notes
+    if kept.result is not None and not drop.results:
+        drop.results = [kept.result]
+        drop.status = str(kept.result.get("status") or "measured")
+        drop.reason = str(kept.result.get("reason") or "")
+        drop.peak_load = _load_of(kept.result)
+        load = drop.peak_load if math.isfinite(drop.peak_load) else None
+        drop.facts = PointDrop(drop.number, Kind(drop.status), load)
+    elif kept.result is None and drop.one is None:
+        drop.status, drop.reason = "rejected", "no result; open it to see why"
+    point.drops = dict(sorted(point.drops.items()))
+
+
+def _load_of(result: Mapping[str, Any]) -> float:
+    """Peak load of a result, N; NaN when it has none."""
+    pulse, radius = result.get("half_sine"), result.get("plate_radius_m")
+    if not isinstance(pulse, Mapping) or not isinstance(radius, int | float):
+        return math.nan
+    pressure = pulse.get("peak_pressure_pa")
+    return pressure * math.pi * radius**2 if isinstance(pressure, int | float) else math.nan
+
+
+def edit_drop(drop: DropState, event: Edited) -> None:
+    """Something was said of it."""
+    if event.what in ("discard", "restore"):
+        drop.discarded = event.what == "discard"
+    elif event.what == "note":
+        drop.notes = (*drop.notes, str(event.value))
+
+
+def edit_point(point: PointState, event: Edited) -> None:
+    """Something was said of it."""
+    if event.what in ("discard", "restore"):
+        point.discarded = event.what == "discard"
+    elif event.what == "target":
+        point.target = float(event.value) if isinstance(event.value, int | float) else None
+    elif event.what == "note":
+        point.notes = (*point.notes, str(event.value))
+    elif event.what == "name":
+        point.title = str(event.value)
+    elif event.what == "position" and isinstance(event.value, Mapping):
+        point.position = (event.value["latitude"], event.value["longitude"])
+
+
+def newest(point: PointState) -> DropState | None:
+    """The drop with the highest number."""
+    return max(point.drops.values(), key=lambda one: one.number, default=None)

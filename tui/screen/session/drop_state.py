@@ -1,0 +1,94 @@
+"""Drops and points as the screen shows them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.procedures import PointDrop
+from tui.screen.session.screen_events import Refitted
+
+
+@dataclass(slots=True)
+class DropState:
+    """A drop."""
+
+    point: str
+    number: int
+    record: int | None = None
+    """Within the survey."""
+    status: str = "measured"
+    reason: str = ""
+    safe: bool = True
+    discarded: bool = False
+    notes: tuple[str, ...] = ()
+    marks: tuple[str, ...] = ()
+    one: HandedOn | None = None
+    """With its traces; None: they are read when it is opened."""
+    curves: Curves | None = None
+    """Measured and fitted, of the last answer; None: they are computed when it is opened."""
+    results: list[Mapping[str, Any]] = field(default_factory=list)
+    """Every answer, in order; the first is never lost."""
+    refits: list[Refitted] = field(default_factory=list)
+    """With other settings; the point's mean knows nothing of them."""
+    final: bool = False
+    """Whether the answer that was waited for is there."""
+    peak_load: float = math.nan
+    peak_deflection: float = math.nan
+    facts: PointDrop | None = None
+    """As a procedure sees it; the geophone's response is taken out of its deflection."""
+    rebounds: list[float] = field(default_factory=list)
+    """Peak loads of the bounces, N."""
+    identical: bool | None = None
+    came: float = 0.0
+    """Monotonic clock when it was safe, s."""
+    delay: float | None = None
+    """s from its last sample to the first modulus."""
+
+    @property
+    def result(self) -> Mapping[str, Any] | None:
+        """The last answer."""
+        return self.results[-1] if self.results else None
+
+    @property
+    def modulus(self) -> float | None:
+        """Pa."""
+        value = self.result.get("modulus_pa") if self.result else None
+        return value if isinstance(value, int | float) and math.isfinite(value) else None
+
+    @property
+    def waits(self) -> bool:
+        """Whether a first modulus is still to come."""
+        return self.safe and not self.results and self.status != "rejected"
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """Of the measured drops of a point."""
+
+    count: int
+    modulus: float | None
+    """Pa."""
+    spread: float | None
+    """Standard deviation between drops, Pa; None below two drops."""
+
+
+@dataclass(slots=True)
+class PointState:
+    """A test point."""
+
+    name: str
+    title: str = ""
+    position: tuple[float, float] | None = None
+    target: float | None = None
+    """Pa."""
+    discarded: bool = False
+    notes: tuple[str, ...] = ()
+    drops: dict[int, DropState] = field(default_factory=dict)
+
+    @property
+    def shown_name(self) -> str:
+        """What it is called now."""
+        return self.title or self.name

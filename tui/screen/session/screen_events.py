@@ -1,0 +1,78 @@
+"""What the screen is told besides the events of the session: its begin and end, what was read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.measuring.contents import PointContents
+from pfwd_survey.measuring.events import HandedOn, SessionEvent
+from pfwd_survey.measuring.plan import Ending
+
+
+@dataclass(frozen=True, slots=True)
+class SessionBegan:
+    """The session runs; what has to be asked of it goes to `session`."""
+
+    session: Any = field(repr=False)
+    point: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded:
+    """The session is over."""
+
+    ending: Ending | None
+    """None: it failed."""
+    error: str = ""
+    """Why, in one sentence."""
+    retry: float | None = None
+    """s until it is tried again; None: it is not."""
+    no_device: bool = False
+    """Whether it failed at the port."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ContentsRead:
+    """The survey as it is on the disk."""
+
+    points: tuple[PointContents, ...]
+    drops: bool
+    """Whether its drops are to be shown too: in a replay they come one by one."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropRead:
+    """A drop of the survey with its traces and all its results."""
+
+    one: HandedOn
+    results: tuple[Mapping[str, Any], ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Refitted:
+    """A drop that was fitted anew, with other settings or for its curves alone."""
+
+    point: str
+    number: int
+    label: str
+    """Which settings; empty: for the curves."""
+    result: Mapping[str, Any] | None
+    curves: Curves | None
+    fault: str = ""
+    """Why there is no result."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diagnosed:
+    """What the diagnosis of a file has found."""
+
+    file: str
+    records: tuple[Mapping[str, Any], ...]
+    """With the keys of ``pfwd diagnose --json``, one a point."""
+    error: str = ""
+
+
+ScreenEvent = (
+    SessionEvent | SessionBegan | SessionEnded | ContentsRead | DropRead | Refitted | Diagnosed
+)
