@@ -1,0 +1,252 @@
+"""The part of a report on one point: its facts, traces, results and diagnosis."""
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO
+from pfwd_survey.procedures import Quantity
+from pfwd_survey.reporting import shown
+from pfwd_survey.reporting.blocks import (
+    Block,
+    Heading,
+    Listing,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+)
+from pfwd_survey.reporting.content import Report, ReportPoint
+from pfwd_survey.reporting.drawing import draw_compaction, draw_traces
+from pfwd_survey.reporting.point_facts import (
+    all_warnings,
+    first_result,
+    mean_modulus,
+    used_drops,
+    verdict_of,
+)
+from pfwd_survey.reporting.texts import Texts
+
+MOST_TRACES = 6
+"""Drops in one picture of traces: the averaged ones, then the last before them."""
+
+_COLUMNS = (
+    ("drop", ""),
+    ("kind", ""),
+    ("load", "kN"),
+    ("deflection", "µm"),
+    ("pulse", "ms"),
+    ("modulus", "MPa"),
+    ("viscosity", "kPa s"),
+    ("density", "kg/m³"),
+    ("bedrock", "m"),
+    ("residual", "%"),
+    ("peak_method", "MPa"),
+)
+
+
+def point_blocks(point: ReportPoint, report: Report, texts: Texts) -> list[Block]:
+    """All of one point, on a page of its own."""
+    return [
+        Heading(f"{texts['point']} {point.name}", new_page=True),
+        Pairs(
+            tuple(row for row in _rows(point, report, texts) if row[1] and row[1] != shown.NOTHING)
+        ),
+        *_pictures(point, texts),
+        *_results(point, texts),
+        *_remarks(point, texts),
+        Heading(texts["diagnosis"], 3),
+        *_diagnosis(point, texts),
+    ]
+
+
+def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, str]]:
+    progress = point.progress
+    word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
+    rows = [(texts["verdict"], f"{word}: {progress.verdict_reason}")]
+    if report.procedure.quantity is not Quantity.MODULUS:
+        rows += [
+            (
+                shown.name_of(report.procedure.quantity, texts),
+                f"{shown.value_of(progress.value, texts)}; "
+                f"{shown.value_basis(progress.value, texts)}",
+            )
+        ]
+    rows += [
+        (
+            texts["modulus"],
+            f"{mean_modulus(point, texts)}; {shown.basis_of(first_result(point))}",
+        ),
+        (texts["target"], _target(point, report)),
+        (texts["used"], ", ".join(map(str, progress.used)) or shown.NOTHING),
+        (texts["excluded"], "; ".join(f"{n}: {why}" for n, why in progress.excluded)),
+        (texts["spread"], shown.percent(progress.deflection_spread)),
+        (texts["s_over_v"], shown.scaled(progress.s_over_v, 1e3, "ms")),
+        (texts["stress"], _stress(point, texts)),
+        (texts["position"], _position(point.position)),
+        (texts["time"], next((drop.time_local for drop in point.drops if drop.time_local), "")),
+        (texts["moisture"], shown.scaled(point.setup.moisture, 1.0, "%")),
+        (texts["temperature"], shown.scaled(point.setup.temperature, 1.0, "°C")),
+        (texts["material"], _said(point.setup.material)),
+        (texts["photos"], _said(point.setup.photos)),
+        (texts["notes"], "; ".join(point.notes)),
+    ]
+    return rows
+
+
+def _pictures(point: ReportPoint, texts: Texts) -> list[Block]:
+    blocks: list[Block] = []
+    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
+    if not traced:
+        traced = [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
+    if traced:
+        names = ", ".join(str(drop.number) for drop in traced)
+        caption = f"{texts['traces']}, {texts['drops']} {names}. {texts['traces_note']}"
+        alternative = f"{texts['traces']}: {texts['point']} {point.name}"
+        blocks.append(
+            Picture(partial(draw_traces, drops=traced, texts=texts), 98, caption, alternative)
+        )
+    if len(point.progress.compaction) > 1:
+        caption = f"{texts['compaction']}. {texts['compaction_note']}"
+        blocks.append(
+            Picture(
+                partial(draw_compaction, point=point, texts=texts), 42, caption, texts["compaction"]
+            )
+        )
+    return blocks
+
+
+def _remarks(point: ReportPoint, texts: Texts) -> list[Block]:
+    blocks: list[Block] = []
+    found = all_warnings(point)
+    drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
+    if found:
+        blocks += [Heading(texts["warnings"], 3), Listing(tuple(found), "warning")]
+    if drop_notes:
+        blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
+    return blocks
+
+
+def _target(point: ReportPoint, report: Report) -> str:
+    text = shown.target_of(point.progress.target, report.procedure.quantity)
+    source = point.progress.target_source
+    return f"{text} ({source})" if text != shown.NOTHING and source else text
+
+
+def _said(value: object) -> str:
+    return "" if value is None else str(value)
+
+
+def _stress(point: ReportPoint, texts: Texts) -> str:
+    stress = point.progress.stress
+    if stress is None:
+        return ""
+    low, high = (end / 1e3 for end in stress.pressures)
+    exponent = shown.with_deviation(stress.exponent, stress.exponent_deviation, 1.0, "")
+    return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
+
+
+def _position(position: Mapping[str, Any] | None) -> str:
+    if position is None:
+        return ""
+    parts = [f"{position['latitude']:.6f}, {position['longitude']:.6f}", str(position["source"])]
+    for key, name in (("fix", ""), ("hdop", "HDOP"), ("satellites", "sat."), ("age_s", "age s")):
+        value = position.get(key)
+        if value is not None:
+            parts.append(f"{name} {value:.3g}" if isinstance(value, int | float) else str(value))
+    return ", ".join(parts)
+
+
+def _results(point: ReportPoint, texts: Texts) -> list[Block]:
+    kinds = dict(point.progress.kinds)
+    rows = []
+    for drop in point.drops:
+        facts, result = drop.facts, drop.result or {}
+        kind = str(kinds.get(drop.number, facts.kind))
+        rows.append(
+            (
+                str(drop.number),
+                texts[kind],
+                shown.scaled(facts.peak_load, 1e-3, ""),
+                shown.scaled(facts.peak_deflection, 1e6, ""),
+                shown.scaled(facts.pulse_duration, 1e3, ""),
+                shown.modulus_of(drop.result, texts, unit=""),
+                _with_given(result, "viscosity", "pa_s", 1e-3),
+                _with_given(result, "density", "kg_m3", 1.0),
+                _with_given(result, "bedrock_depth", "m", 1.0),
+                shown.scaled(result.get("residual_rms_over_peak"), 1e2, "", 2),
+                shown.scaled(result.get("peak_modulus_pa"), 1e-6, ""),
+            )
+        )
+    columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS)
+    table = Table(columns, tuple(rows), (0, *range(2, len(columns))))
+    basis: dict[str, list[str]] = {}
+    for drop in point.drops:
+        if drop.result is not None and drop.result.get("modulus_pa") is not None:
+            where = texts["stored" if drop.stored else "fitted"]
+            text = (
+                f"{shown.basis_of({**drop.result, 'bedrock_depth_m': None})}; "
+                f"{drop.result.get('method')}, {texts['load']}: {drop.result.get('load')}; "
+                f"{texts['seed']} {drop.result.get('seed')}; {where}; "
+                f"{texts['peak_method']}: k = {drop.result.get('peak_factor') or math.nan:.4g}, "
+                f"{texts['peak_note']}"
+            )
+            basis.setdefault(text, []).append(str(drop.number))
+    lines = [f"{texts['drop']} {', '.join(numbers)}: {text}" for text, numbers in basis.items()]
+    return [
+        Heading(texts["results"], 3),
+        table,
+        *(Paragraph(line, "note") for line in lines),
+    ]
+
+
+def _with_given(result: Mapping[str, Any], name: str, unit: str, scale: float) -> str:
+    return shown.with_deviation(
+        result.get(f"{name}_{unit}"), result.get(f"{name}_sd_{unit}"), scale, ""
+    )
+
+
+def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
+    record = point.diagnosis
+    if record is None:
+        return [Paragraph(texts["no_diagnosis"], "note")]
+    verdict = str(record.get("verdict"))
+    known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
+    blocks: list[Block] = [Paragraph(texts[f"verdict_{verdict}"] if known else verdict)]
+    rows = []
+    for when in ("before", "after"):
+        state = record.get(when)
+        if isinstance(state, Mapping):
+            modulus = shown.with_deviation(
+                state.get("modulus_pa"), state.get("modulus_sd_pa"), 1e-6, "MPa"
+            )
+            rows.append(
+                (
+                    texts[when],
+                    modulus,
+                    str(state.get("model")),
+                    shown.percent(state.get("residual_rms_over_peak")),
+                )
+            )
+    if rows:
+        columns = ("", f"{texts['modulus']} ± s", texts["model"], texts["residual"])
+        blocks.append(Table(columns, tuple(rows), (1, 3)))
+        ratio = point.setup.poisson_ratio
+        ratio = ASSUMED_POISSON_RATIO if ratio is None else ratio
+        basis = f"rigid-rough {point.setup.plate_radius:g} m, ν {ratio:g}"
+        blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
+    effects = [_effect(effect) for effect in record.get("effects") or ()]
+    if effects:
+        blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
+    warnings = tuple(map(str, record.get("warnings") or ()))
+    return [*blocks, Listing(warnings, "warning")] if warnings else blocks
+
+
+def _effect(effect: Mapping[str, Any]) -> str:
+    value = shown.with_deviation(
+        effect.get("value"), effect.get("sd"), 1.0, str(effect.get("unit") or "")
+    )
+    text = f"{str(effect.get('name')).replace('_', ' ')}: {value}"
+    others = ", ".join(str(one).replace("_", " ") for one in effect.get("alternatives") or ())
+    return text + (f" (or: {others})" if others else "")

@@ -1,0 +1,42 @@
+"""What several parts of a report say of a point."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pfwd_survey.procedures import Verdict, judge
+from pfwd_survey.reporting import shown
+from pfwd_survey.reporting.content import NO_PROCEDURE, ReportDrop, ReportPoint
+from pfwd_survey.reporting.texts import Texts
+
+
+def verdict_of(point: ReportPoint) -> str:
+    """Kind of a point's mark; a discarded point has no verdict."""
+    return "none" if point.discarded else Verdict(point.progress.verdict).value
+
+
+def used_drops(point: ReportPoint) -> list[ReportDrop]:
+    """The drops that are averaged."""
+    return [drop for drop in point.drops if drop.number in point.progress.used]
+
+
+def first_result(point: ReportPoint) -> Mapping[str, Any] | None:
+    """The first result with a modulus, of an averaged drop where there is one."""
+    for drop in (*used_drops(point), *point.drops):
+        if drop.result is not None and drop.result.get("modulus_pa") is not None:
+            return drop.result
+    return None
+
+
+def mean_modulus(point: ReportPoint, texts: Texts) -> str:
+    """Mean modulus of the inversion over the averaged drops, whatever the procedure judges."""
+    facts = [drop.facts for drop in used_drops(point)]
+    value = judge(NO_PROCEDURE, facts, plate_radius=point.setup.plate_radius).value
+    return shown.NOTHING if value is None else shown.value_of(value, texts)
+
+
+def all_warnings(point: ReportPoint) -> list[str]:
+    """What is said of the point and of its drops, each sentence once."""
+    found = [*point.warnings, *point.progress.faults, *point.progress.notes]
+    for drop in point.drops:
+        found += [*drop.marks, *drop.warnings]
+    return list(dict.fromkeys(found))
