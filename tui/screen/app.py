@@ -7,7 +7,7 @@ import datetime
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,15 +17,8 @@ from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
 from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.files.editing import Edit, edit_survey
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.contents import (
-    add_result,
-    recorded_drop,
-    stored_results,
-    survey_contents,
-)
-from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Edited, HandedOn, Notice
+from pfwd_survey.measuring.contents import survey_contents
+from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Edited, Notice
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
@@ -36,10 +29,11 @@ from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
 from tui.screen.pages.verdicts import verdict_text
 from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
 from tui.screen.session.names import next_name, point_name_error
-from tui.screen.session.refits import Refits
+from tui.screen.session.replay_pace import change_speed, one_more, pace_text, pause_or_go_on
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import (
     ContentsRead,
@@ -51,6 +45,7 @@ from tui.screen.session.screen_events import (
 )
 from tui.screen.session.sources import Source
 from tui.screen.session.state import SessionState
+from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.session.words import Word, word_of
 from tui.screen.settings import Settings, save_settings
 from tui.screen.units import BY_NAME, Units
@@ -65,18 +60,6 @@ LAST_WAIT = 25.0
 
 MESSAGE_SHOWN = 8.0
 """s."""
-
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Of a replay, times real time."""
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Undo:
-    """How to take something back."""
-
-    what: str
-    edit: Edit
-    drop: DropState
 
 
 class PfwdApp(App[int]):
@@ -136,8 +119,9 @@ class PfwdApp(App[int]):
         self.state.recorded = source.pace is not None
         self.runner = SessionRunner(source)
         self.runner.also_tell(log_event)
-        self.refits = Refits(self.runner.put)
         self.diagnoser = Diagnoser(self.runner.put)
+        self.edits = SurveyEdits(source, self.runner, self.say, self._in_thread)
+        self.fits = DropFits(source, self.runner, self.state, self.say, self._in_thread)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.verdicts: dict[str, str] = {}
         """Of the diagnosis, by point."""
@@ -145,8 +129,6 @@ class PfwdApp(App[int]):
         """How often the page was drawn."""
         self._save = save
         self._local_time = local_time
-        self._undo: list[Undo] = []
-        self._reading: set[str] = set()
         self._leaving = False
         self._asking = False
         self._message = ("", 0.0)
@@ -186,11 +168,7 @@ class PfwdApp(App[int]):
 
     def pace_text(self) -> str:
         """How fast a replay goes."""
-        pace = self.source.pace
-        if pace is None:
-            return ""
-        speed = "as fast as possible" if pace.speed == 0 else f"{pace.speed:g} x"
-        return f"PAUSED ({speed})" if pace.paused else f"speed {speed}"
+        return pace_text(self.source.pace)
 
     def say(self, text: str) -> None:
         """One line for the operator, for a while."""
@@ -220,9 +198,10 @@ class PfwdApp(App[int]):
         folder = self.source.survey
         if folder is None or not folder.is_dir():
             return
-        self.run_worker(
-            lambda: self._read(folder), thread=True, group="contents", exit_on_error=False
-        )
+        self._in_thread(lambda: self._read(folder), "contents")
+
+    def _in_thread(self, work: Callable[[], None], group: str) -> None:
+        self.run_worker(work, thread=True, group=group, exit_on_error=False)
 
     def _read(self, folder: Path) -> None:
         try:
@@ -260,12 +239,12 @@ class PfwdApp(App[int]):
             case Edited():
                 self.verdicts.pop(self.state.point, None)
             case DropRead(one):
-                self._reading.discard(f"{one.point}/{one.number}")
+                self.fits.on_read(one)
             case SessionEnded(_, error):
                 if error:
                     self.say(error)
             case Refitted(_, number, label, result):
-                self._tell_refit(number, label, result)
+                self.fits.on_refitted(number, label, result, self.units)
             case Diagnosed():
                 self._on_diagnosed(event)
 
@@ -282,70 +261,7 @@ class PfwdApp(App[int]):
         """What is under way besides measuring."""
         if self.diagnoser.file:
             return f"diagnosing {Path(self.diagnoser.file).name} ..."
-        return "fitting ..." if self.refits.busy else ""
-
-    def fetch(self, drop: DropState) -> None:
-        """Read the traces of a drop, or compute its curves; they come as events."""
-        if drop.one is not None:
-            options = self.source.plan.options or AnalysisOptions()
-            if not options.published:
-                options = dataclasses.replace(options, method="least-squares")
-            self.refits.ask(drop.one, options, "")
-            return
-        folder, record = self.source.survey, drop.record
-        key = f"{drop.point}/{drop.number}"
-        if folder is None or record is None or key in self._reading:
-            return
-        self._reading.add(key)
-        self.run_worker(
-            lambda: self._read_drop(folder, record), thread=True, group="drop", exit_on_error=False
-        )
-
-    def _read_drop(self, folder: Path, record: int) -> None:
-        try:
-            one = recorded_drop(folder, record)
-            results = tuple(stored_results(folder, record))
-        except (SurveyError, DeviceError, OSError) as err:
-            self.runner.put(Notice(str(err), serious=True))
-            return
-        self.runner.put(DropRead(one, results))
-
-    def refit(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
-        """Fit a drop with other settings; the result that counts stays."""
-        self.say(f"fitting drop {one.number}: {label}")
-        self.refits.ask(one, options, label)
-
-    def _tell_refit(self, number: int, label: str, result: Mapping[str, Any] | None) -> None:
-        if not label or result is None:
-            return
-        if result.get("modulus_pa") is None:
-            self.say(f"drop {number} could not be fitted so: {result.get('reason')}")
-            return
-        shown = self.units.with_unit("modulus", result["modulus_pa"])
-        self.say(f"drop {number}, {label}: {shown}; m goes through the results")
-        drop = next(
-            (one for one in self.state.drops_in_order() if _has_refit(one, number, result)), None
-        )
-        record = drop.record if drop is not None else None
-        if record is None:
-            return
-        kept = dict(result)
-        if self.source.writes and self.runner.ask(lambda it: it.keep_result(record, kept)):
-            return
-        folder = self.source.survey
-        if folder is not None:
-            self.run_worker(
-                lambda: self._keep_result(folder, record, kept),
-                thread=True,
-                group="result",
-                exit_on_error=False,
-            )
-
-    def _keep_result(self, folder: Path, record: int, result: Mapping[str, Any]) -> None:
-        try:
-            add_result(folder, record, result)
-        except (SurveyError, DeviceError, OSError) as err:
-            self.runner.put(Notice(f"the new result could not be kept: {err}", serious=True))
+        return "fitting ..." if self.fits.busy else ""
 
     def diagnose(self, file: str) -> None:
         """Ask what is behind the residuals of a survey or a drop; the answer comes as an event."""
@@ -454,33 +370,21 @@ class PfwdApp(App[int]):
 
     def action_pause(self) -> None:
         """Pause a replay, or go on."""
-        pace = self.source.pace
-        if pace is None:
-            return
-        if pace.paused:
-            pace.go_on()
-        else:
-            pace.pause()
-        self.redraw()
+        if self.source.pace is not None:
+            pause_or_go_on(self.source.pace)
+            self.redraw()
 
     def action_step(self) -> None:
         """One drop more."""
-        pace = self.source.pace
-        if pace is None:
-            return
-        if not pace.paused:
-            pace.pause()
-        pace.step()
-        self.redraw()
+        if self.source.pace is not None:
+            one_more(self.source.pace)
+            self.redraw()
 
     def action_speed(self, step: int) -> None:
         """Faster or slower."""
-        pace = self.source.pace
-        if pace is None:
-            return
-        near = min(range(len(SPEEDS)), key=lambda k: abs(SPEEDS[k] - (pace.speed or SPEEDS[-1])))
-        pace.speed = SPEEDS[min(max(near + step, 0), len(SPEEDS) - 1)]
-        self.redraw()
+        if self.source.pace is not None:
+            change_speed(self.source.pace, step)
+            self.redraw()
 
     # The session.
 
@@ -509,58 +413,9 @@ class PfwdApp(App[int]):
         if not self.runner.ask(lambda session: session.set_point(name)):
             self.say("no session runs; the point was not begun")
 
-    def discard(self, drop: DropState | None) -> None:
-        """Mark a drop as not to be used, or take that back."""
-        if drop is None or drop.record is None:
-            self.say("there is no drop that could be discarded")
-            return
-        what = "restore" if drop.discarded else "discard"
-        back = Edit("discard" if drop.discarded else "restore")
-        value = None if drop.discarded else "by the operator"
-        if self.edit(Edit(what, value), drop=drop):
-            self._undo.append(Undo(f"{what} of drop {drop.number}", back, drop))
-            done = "discarded; u takes it back" if what == "discard" else "restored"
-            self.say(f"drop {drop.number} {done}")
-
     def action_undo(self) -> None:
         """Take the last discard or restore back."""
-        if not self._undo:
-            self.say("there is nothing to take back")
-            return
-        last = self._undo.pop()
-        if self.edit(last.edit, drop=last.drop):
-            self.say(f"taken back: {last.what}")
-
-    def edit(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
-        """Say something of a drop or point of the survey; whether it could be tried."""
-        number = None if drop is None else drop.record
-        if self.source.writes and self.runner.ask(
-            lambda session: session.edit(edit, point=point, number=number)
-        ):
-            return True
-        folder = self.source.survey
-        if folder is None:
-            self.say("there is no survey that could be edited")
-            return False
-        self.run_worker(
-            lambda: self._edit_folder(folder, edit, drop, point),
-            thread=True,
-            group="edit",
-            exit_on_error=False,
-        )
-        return True
-
-    def _edit_folder(
-        self, folder: Path, edit: Edit, drop: DropState | None, point: str | None
-    ) -> None:
-        name = drop.point if drop is not None else point
-        try:
-            edit_survey(folder, [edit], name, None if drop is None else drop.number)
-        except (SurveyError, DeviceError, OSError) as err:
-            self.runner.put(Notice(str(err), serious=True))
-            return
-        record = None if drop is None else drop.record
-        self.runner.put(Edited(edit.what, edit.value, None if drop else point, record))
+        self.edits.undo()
 
     # Leaving.
 
@@ -602,7 +457,7 @@ class PfwdApp(App[int]):
 
     def _finish(self) -> None:
         self.diagnoser.stop()
-        self.refits.close()
+        self.fits.close()
         for event in self.runner.take():
             self.state.take(event)
         self.exit(self._status())
@@ -632,7 +487,3 @@ class PfwdApp(App[int]):
         if ended.ending is None:
             return 1 if ended.retry is None else 0
         return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]
-
-
-def _has_refit(drop: DropState, number: int, result: Mapping[str, Any]) -> bool:
-    return drop.number == number and any(one.result is result for one in drop.refits)

@@ -217,7 +217,7 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
 def test_the_refit_dialog_refuses_what_contradicts_itself() -> None:
     async def script(app: App, pilot: Any) -> None:
         asked: list[Any] = []
-        app.refit = lambda one, options, label: asked.append((one.number, label))  # type: ignore[method-assign]
+        app.fits.refit = lambda one, options, label: asked.append((one.number, label))  # type: ignore[method-assign]
         await told(app, pilot, *whole_point())
         await pilot.press("r")
         await until(pilot, lambda: bool(app.screen.query("#model")))

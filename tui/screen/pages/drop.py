@@ -131,7 +131,7 @@ class DropPage(Page):
         self._asked.add(key)
         if drop.one is None:
             self._asked.discard(key)
-        self.pfwd.fetch(drop)
+        self.pfwd.fits.fetch(drop)
 
     def _window(self) -> tuple[float, float]:
         drop = self.drop
@@ -217,7 +217,7 @@ class DropPage(Page):
 
     def action_discard(self) -> None:
         """Mark the drop as not to be used, or take that back."""
-        self.pfwd.discard(self.drop)
+        self.pfwd.edits.discard(self.drop)
 
     def action_effects(self) -> None:
         """Ask which effects are behind the residual."""
@@ -242,7 +242,7 @@ class DropPage(Page):
         drop = self.drop
         if options is None or drop is None or drop.one is None:
             return
-        self.pfwd.refit(drop.one, options, label_of(options))
+        self.pfwd.fits.refit(drop.one, options, label_of(options))
 
     def action_back(self) -> None:
         """To where one came from."""

@@ -2,17 +2,16 @@
 
 from typing import Any, Protocol
 
-from pfwd_survey.files.editing import Edit
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.looks import Look
 from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import Source
 from tui.screen.session.state import SessionState
+from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.session.words import Word
 from tui.screen.settings import Settings
 from tui.screen.units import Units
@@ -26,6 +25,8 @@ class Host(Protocol):
     settings: Settings
     glyphs: Glyphs
     diagnoser: Diagnoser
+    edits: SurveyEdits
+    fits: DropFits
     runner: SessionRunner
     verdicts: dict[str, str]
     shown_drop: tuple[str, int] | None
@@ -68,18 +69,6 @@ class Host(Protocol):
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
         """Go to the page of a drop."""
-
-    def discard(self, drop: DropState | None) -> None:
-        """Mark a drop as discarded, or take that back."""
-
-    def edit(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
-        """Say something of a drop or point; whether it was kept."""
-
-    def fetch(self, drop: DropState) -> None:
-        """Read the traces of a drop."""
-
-    def refit(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
-        """Fit a drop with other settings."""
 
     def diagnose(self, file: str) -> None:
         """Ask for the effects behind the residuals of a file."""

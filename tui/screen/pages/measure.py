@@ -123,7 +123,7 @@ class MeasurePage(Page):
 
     def action_discard(self) -> None:
         """Mark the drop as not to be used."""
-        self.pfwd.discard(self.drop)
+        self.pfwd.edits.discard(self.drop)
 
     def action_open(self) -> None:
         """Everything about the drop."""

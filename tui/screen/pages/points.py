@@ -197,10 +197,10 @@ class PointsPage(Page):
         """The drop, or the point."""
         point = self.chosen
         if self.drop is not None:
-            self.pfwd.discard(point.drops.get(self.drop))
+            self.pfwd.edits.discard(point.drops.get(self.drop))
             return
         what = "restore" if point.discarded else "discard"
-        if self.pfwd.edit(Edit(what, None), point=point.name):
+        if self.pfwd.edits.add(Edit(what, None), point=point.name):
             self.pfwd.say(f"point {point.shown_name}: {what}; d again takes it back")
 
     def action_target(self) -> None:
@@ -245,9 +245,9 @@ class PointsPage(Page):
                 return
             edit = Edit("note", text)
             if drop is not None:
-                self.pfwd.edit(edit, drop=drop)
+                self.pfwd.edits.add(edit, drop=drop)
             else:
-                self.pfwd.edit(edit, point=self.chosen.name)
+                self.pfwd.edits.add(edit, point=self.chosen.name)
 
         dialog = TextDialog(
             f"Note on {what}", check=lambda text: "" if 0 < len(text.strip()) <= 500 else check
@@ -265,7 +265,7 @@ class PointsPage(Page):
 
         def take(text: str | None) -> None:
             if text is not None:
-                self.pfwd.edit(edit(text), point=name)
+                self.pfwd.edits.add(edit(text), point=name)
 
         self.app.push_screen(TextDialog(title, value, check=check), take)
 

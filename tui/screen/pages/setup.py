@@ -301,7 +301,7 @@ class SetupPage(Page):
         if target != app.state.target_of(app.state.current):
             app.state.chosen_target = target
             if target is not None and app.state.current.drops:
-                app.edit(Edit("target", target), point=app.state.point)
+                app.edits.add(Edit("target", target), point=app.state.point)
         app.state.judge_anew()
 
     def action_back(self) -> None:
