@@ -77,11 +77,7 @@ def export_survey(
     SurveyError
         If the survey cannot be read, or what it holds does not fit into the format.
     """
-    if form not in FORMATS:
-        raise OptionError(refusal("--format", f"one of {', '.join(FORMATS)}", repr(form)))
-    if invert and form not in WITH_RESULTS:
-        expected = f"a format with results ({', '.join(sorted(WITH_RESULTS))})"
-        raise OptionError(refusal("--invert", expected, form))
+    _check_format(form, invert=invert)
     content = survey_content(survey)
     order = Order(content, _inverted(os.fspath(survey), seed) if invert else None, force)
     try:
@@ -104,6 +100,14 @@ def export_survey(
         results,
         (*notes, *lost),
     )
+
+
+def _check_format(form: str, *, invert: bool) -> None:
+    if form not in FORMATS:
+        raise OptionError(refusal("--format", f"one of {', '.join(FORMATS)}", repr(form)))
+    if invert and form not in WITH_RESULTS:
+        expected = f"a format with results ({', '.join(sorted(WITH_RESULTS))})"
+        raise OptionError(refusal("--invert", expected, form))
 
 
 def _inverted(survey: str, seed: int) -> Results:

@@ -23,7 +23,7 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.events import Notice
 from pfwd_survey.measuring.live import LiveFeed, random_stream
 from pfwd_survey.measuring.pace import Pace
-from pfwd_survey.measuring.replay import capture_feed, survey_feed
+from pfwd_survey.measuring.replay import RecordedFeed, capture_feed, survey_feed
 from pfwd_survey.measuring.session import Ending, Listener, Session, SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup
 
@@ -147,10 +147,7 @@ def replay(
     if is_survey(path):
         if setup is not None:
             raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
-        survey = read_survey(path)
-        for text in survey.damage:
-            listener(Notice(text, serious=True))
-        feed, reader = survey_feed(survey, speed), None
+        feed, reader = _survey_feed(path, speed, listener), None
     elif path.is_file():
         feed, used, reader = capture_feed(path, speed, setup)
         plan = replace(plan, setup=used)
@@ -164,6 +161,13 @@ def replay(
     for text in reader.damage if reader is not None else ():
         listener(Notice(f"{path}: damaged: {text}", serious=True))
     return ending
+
+
+def _survey_feed(path: Path, speed: float | Pace, listener: Listener) -> RecordedFeed:
+    survey = read_survey(path)
+    for text in survey.damage:
+        listener(Notice(text, serious=True))
+    return survey_feed(survey, speed)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from inversion import (
 )
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.invert import surrogate_request
-from inversion.measured.record import prepare
+from inversion.measured.record import PreparedDrop, prepare
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.analysis import record_of
@@ -121,22 +121,15 @@ def curves_of(
     numbers = [result.get(key) for key in ("modulus_pa", "viscosity_pa_s", "density_kg_m3")]
     if not all(isinstance(number, int | float) for number in numbers):
         return None
-    published = result.get("plate") == "published"
     depth = result.get("bedrock_depth_m")
-    fitted = depth is not None and result.get("bedrock_depth_sd_m") is not None
-    settings = Settings(
-        plate=cast(Any, result.get("plate")),
-        bedrock_depth="unknown" if fitted else (math.inf if depth is None else float(depth)),
-    )
+    settings = _settings_of(result)
     try:
+        published = result.get("plate") == "published"
         options = AnalysisOptions(published=published)
         record = record_of(whole_part(drop)[0], setup, options, screening.dead)
         record = _in_order(record, centre_only=published)
         prepared = prepare(record)
-        load = prepared.load
-        if result.get("load") == "half-sine":
-            # By least squares only where the options asked for it one by one; the same to a line.
-            load = fit_half_sine_equal_area(prepared.time, load).load(prepared.time)
+        load = _model_load(prepared, result)
         model = ForwardModel(
             library.get(*surrogate_request(record, settings)),
             record.instrument,
@@ -162,6 +155,22 @@ def curves_of(
         window_end=float(result.get("window_end_s") or prepared.window_end + prepared.start),
         contact_end=float(result.get("contact_end_s") or prepared.contact_end + prepared.start),
     )
+
+
+def _settings_of(result: Mapping[str, Any]) -> Settings:
+    depth = result.get("bedrock_depth_m")
+    fitted = depth is not None and result.get("bedrock_depth_sd_m") is not None
+    return Settings(
+        plate=cast(Any, result.get("plate")),
+        bedrock_depth="unknown" if fitted else (math.inf if depth is None else float(depth)),
+    )
+
+
+def _model_load(prepared: PreparedDrop, result: Mapping[str, Any]) -> NDArray[np.floating[Any]]:
+    if result.get("load") != "half-sine":
+        return prepared.load
+    # By least squares only where the options asked for it one by one; the same to a line.
+    return fit_half_sine_equal_area(prepared.time, prepared.load).load(prepared.time)
 
 
 def _double(values: Any) -> NDArray[np.float64]:
