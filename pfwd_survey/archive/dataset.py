@@ -15,7 +15,6 @@ come last. What a crash leaves without them is removed when the archive is conti
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_survey.errors import OptionError, SurveyError, refusal
+from pfwd_survey.files.disk import disk_errors, sync
 
 TABLES = ("results", "failures", "sources")
 _MARK = {"format": "pfwd-archive", "version": 1}
@@ -160,7 +160,7 @@ class Dataset:
         _parquet()
         self.folder = Path(folder)
         self.key = key
-        with _disk_errors(self.folder):
+        with disk_errors(self.folder):
             self._claim()
             runs = self.folder / "runs"
             runs.mkdir(exist_ok=True)
@@ -185,7 +185,7 @@ class Dataset:
 
     def clear_leftovers(self) -> None:
         """Remove what a crash left behind: drafts, and tables of parts without sources."""
-        with _disk_errors(self.folder):
+        with disk_errors(self.folder):
             whole = self._numbers("sources")
             for name in TABLES:
                 place = self._place(name)
@@ -208,7 +208,7 @@ class Dataset:
         SurveyError
             If the disk does not take it.
         """
-        with _disk_errors(self.folder):
+        with disk_errors(self.folder):
             for name, rows in zip(TABLES, (results, failures, sources), strict=True):
                 if rows or name == "sources":
                     self._write_table(name, number, _table(name, rows))
@@ -238,7 +238,7 @@ class Dataset:
             table = self._read(name, number)
             keep = [digest not in gone for digest in table["source_sha256"].to_pylist()]
             if not all(keep):
-                with _disk_errors(self.folder):
+                with disk_errors(self.folder):
                     self._write_table(name, number, table.filter(keep))
 
     def failures(self) -> Iterator[dict[str, Any]]:
@@ -311,8 +311,7 @@ def _publish(path: Path, content: bytes) -> None:
 
 def _settle(draft: Path, path: Path) -> None:
     """Bring a draft to the disk and give it its name."""
-    with open(draft, "rb+") as stream:
-        os.fsync(stream.fileno())
+    sync(draft)
     os.replace(draft, path)
     if os.name != "nt":  # where a folder cannot be opened, and needs not be
         handle = os.open(path.parent, os.O_RDONLY)
@@ -320,12 +319,3 @@ def _settle(draft: Path, path: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-@contextlib.contextmanager
-def _disk_errors(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as err:
-        reason = err.strerror or str(err)
-        raise SurveyError(refusal(str(folder), "a disk that takes it", reason)) from err

@@ -6,7 +6,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from pfwd_survey.errors import OptionError, SurveyError, refusal
+from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.disk import disk_errors, sync
 
 
 @contextlib.contextmanager
@@ -32,9 +33,9 @@ def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
         raise OptionError(refusal(str(target), "the name of a file", "a folder"))
     draft = _draft(target)
     try:
-        with _disk_errors(target):
+        with disk_errors(target):
             yield draft
-            _sync(draft)
+            sync(draft)
             os.replace(draft, target)
     finally:
         with contextlib.suppress(OSError):
@@ -54,11 +55,11 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
         raise OptionError(refusal(str(target), expected, "something else", "name another one"))
     draft, old = _draft(target), target.with_name(f"{target.name}.{os.getpid()}.old")
     try:
-        with _disk_errors(target):
+        with disk_errors(target):
             draft.mkdir()
             yield draft
             for one in draft.iterdir():
-                _sync(one)
+                sync(one)
             if target.exists():
                 os.replace(target, old)
             try:
@@ -71,15 +72,6 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
         shutil.rmtree(draft, ignore_errors=True)
         if target.exists():
             shutil.rmtree(old, ignore_errors=True)
-
-
-@contextlib.contextmanager
-def _disk_errors(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as err:
-        reason = err.strerror or str(err)
-        raise SurveyError(refusal(str(target), "a disk that takes it", reason)) from err
 
 
 def _check(target: Path, *, force: bool) -> None:
@@ -95,8 +87,3 @@ def _check(target: Path, *, force: bool) -> None:
 
 def _draft(target: Path) -> Path:
     return target.with_name(f"{target.name}.{os.getpid()}.tmp")
-
-
-def _sync(path: Path) -> None:
-    with open(path, "rb+") as stream:
-        os.fsync(stream.fileno())
