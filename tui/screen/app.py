@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import dataclasses
 import datetime
-import logging
 import signal
 import time
 from collections.abc import Callable, Iterable
@@ -19,20 +18,19 @@ from textual.screen import Screen
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.measuring.contents import survey_contents
 from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Edited, Notice
-from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.measuring.plan import SessionPlan
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.looks import LOOKS, Look
-from tui.screen.pages.dialogs import Question, TextDialog
+from tui.screen.pages import make_page
+from tui.screen.pages.dialogs import Question
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
-from tui.screen.pages.verdicts import verdict_text
-from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.diagnoses import Diagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
-from tui.screen.session.names import next_name, point_name_error
 from tui.screen.session.replay_pace import change_speed, one_more, pace_text, pause_or_go_on
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import (
@@ -49,8 +47,6 @@ from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.session.words import Word, word_of
 from tui.screen.settings import Settings, save_settings
 from tui.screen.units import BY_NAME, Units
-
-log = logging.getLogger("pfwd.screen")
 
 UPDATES = 12.0
 """Per second; a timer that is late now and then still gives ten."""
@@ -119,12 +115,10 @@ class PfwdApp(App[int]):
         self.state.recorded = source.pace is not None
         self.runner = SessionRunner(source)
         self.runner.also_tell(log_event)
-        self.diagnoser = Diagnoser(self.runner.put)
         self.edits = SurveyEdits(source, self.runner, self.say, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.say, self._in_thread)
+        self.diagnoses = Diagnoses(source, self.runner, self.state, self.say)
         self.glyphs = glyphs or glyphs_of_terminal()
-        self.verdicts: dict[str, str] = {}
-        """Of the diagnosis, by point."""
         self.drawn = 0
         """How often the page was drawn."""
         self._save = save
@@ -169,6 +163,12 @@ class PfwdApp(App[int]):
     def pace_text(self) -> str:
         """How fast a replay goes."""
         return pace_text(self.source.pace)
+
+    def busy_text(self) -> str:
+        """What is under way besides measuring."""
+        if self.diagnoses.file:
+            return f"diagnosing {Path(self.diagnoses.file).name} ..."
+        return "fitting ..." if self.fits.busy else ""
 
     def say(self, text: str) -> None:
         """One line for the operator, for a while."""
@@ -237,7 +237,7 @@ class PfwdApp(App[int]):
             case Notice(text):
                 self.say(text)
             case Edited():
-                self.verdicts.pop(self.state.point, None)
+                self.diagnoses.verdicts.pop(self.state.point, None)
             case DropRead(one):
                 self.fits.on_read(one)
             case SessionEnded(_, error):
@@ -246,7 +246,7 @@ class PfwdApp(App[int]):
             case Refitted(_, number, label, result):
                 self.fits.on_refitted(number, label, result, self.units)
             case Diagnosed():
-                self._on_diagnosed(event)
+                self.diagnoses.on_diagnosed(event, self.units)
 
     def _ring(self, times: int) -> None:
         if not self.settings.bell:
@@ -255,46 +255,10 @@ class PfwdApp(App[int]):
         for count in range(1, times):
             self.set_timer(0.25 * count, self.bell)
 
-    # Work beside the session.
-
-    def busy_text(self) -> str:
-        """What is under way besides measuring."""
-        if self.diagnoser.file:
-            return f"diagnosing {Path(self.diagnoser.file).name} ..."
-        return "fitting ..." if self.fits.busy else ""
-
-    def diagnose(self, file: str) -> None:
-        """Ask what is behind the residuals of a survey or a drop; the answer comes as an event."""
-        if self.diagnoser.start(file):
-            self.say("the diagnosis runs; measuring goes on")
-        else:
-            self.say("a diagnosis is under way; 4 and k stop it")
-
-    def names_of_records(self, count: int) -> list[str]:
-        """Names of the points that a diagnosis of the survey has records of."""
-        points = [one for one in self.state.points.values() if one.drops and not one.discarded]
-        if len(points) == count:
-            return [point.shown_name for point in points]
-        return [f"no. {place + 1}" for place in range(count)]
-
-    def _on_diagnosed(self, event: Diagnosed) -> None:
-        if event.error:
-            self.say(event.error)
-            return
-        self.say("the diagnosis is done: 4 shows it")
-        if event.file != str(self.source.survey):
-            return
-        points = [one for one in self.state.points.values() if one.drops and not one.discarded]
-        if len(points) == len(event.records):
-            for point, record in zip(points, event.records, strict=True):
-                self.verdicts[point.name] = verdict_text(record, self.units)
-
     # Pages.
 
     def action_page(self, name: str) -> None:
         """Go to a page; the measure page stays below all others."""
-        from tui.screen.pages import make_page
-
         if isinstance(self.screen, Page) and name == self.screen.NAME:
             return
         while len(self.screen_stack) > 2:
@@ -314,6 +278,10 @@ class PfwdApp(App[int]):
             start = getattr(page, "action_refit", None)
             if start is not None:
                 self.call_after_refresh(start)
+
+    def action_undo(self) -> None:
+        """Take the last discard or restore back."""
+        self.edits.undo()
 
     def action_help(self) -> None:
         """Help for this page."""
@@ -386,37 +354,6 @@ class PfwdApp(App[int]):
             change_speed(self.source.pace, step)
             self.redraw()
 
-    # The session.
-
-    def action_record_now(self) -> None:
-        """Record a drop whatever the load does."""
-        if self.source.pace is not None or not self.runner.trigger():
-            self.say("there is no instrument that could be recorded")
-
-    def action_next_point(self) -> None:
-        """Ask for the name of the next point."""
-        if not self.source.writes or self.source.pace is not None:
-            self.say("a replay has its own points")
-            return
-        known = {point.shown_name for point in self.state.points.values()}
-        dialog = TextDialog(
-            "Next point",
-            next_name(self.state.current.shown_name, known),
-            check=point_name_error,
-            hint="enter begins it, escape goes back",
-        )
-        self.push_screen(dialog, self._begin_point)
-
-    def _begin_point(self, name: str | None) -> None:
-        if name is None:
-            return
-        if not self.runner.ask(lambda session: session.set_point(name)):
-            self.say("no session runs; the point was not begun")
-
-    def action_undo(self) -> None:
-        """Take the last discard or restore back."""
-        self.edits.undo()
-
     # Leaving.
 
     def action_leave(self) -> None:
@@ -456,11 +393,11 @@ class PfwdApp(App[int]):
         self._finish()
 
     def _finish(self) -> None:
-        self.diagnoser.stop()
+        self.diagnoses.stop()
         self.fits.close()
         for event in self.runner.take():
             self.state.take(event)
-        self.exit(self._status())
+        self.exit(self.state.exit_status)
 
     def restart(self, plan: SessionPlan, url: str) -> None:
         """Go on with another plan: the session ends when the drop in hand is safe."""
@@ -479,11 +416,3 @@ class PfwdApp(App[int]):
         self.state.judge_anew()
         self.runner.start()
         self.redraw()
-
-    def _status(self) -> int:
-        ended = self.state.ended
-        if ended is None:
-            return 0
-        if ended.ending is None:
-            return 1 if ended.retry is None else 0
-        return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]

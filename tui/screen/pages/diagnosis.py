@@ -83,7 +83,7 @@ class DiagnosisPage(Page):
             )
             return [(), *[line(" ", one) for one in wrap(hint, width - 2)]]
         self.place = min(self.place, len(records) - 1)
-        names = self.pfwd.names_of_records(len(records))
+        names = self.pfwd.diagnoses.names_of_records(len(records))
         device = device_lines(records, self.pfwd.units, width)
         table_room = max(3, (room - len(device)) // 2)
         shown = window(len(records), self.place, table_room - 1)
@@ -110,12 +110,12 @@ class DiagnosisPage(Page):
         if folder is None:
             self.pfwd.say("there is no survey that could be diagnosed")
             return
-        self.pfwd.diagnose(str(folder))
+        self.pfwd.diagnoses.start(str(folder))
         self.draw()
 
     def action_stop(self) -> None:
         """End it."""
-        self.pfwd.diagnoser.stop()
+        self.pfwd.diagnoses.stop()
 
     def action_choose(self, step: int) -> None:
         """Another point."""

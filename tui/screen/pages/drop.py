@@ -225,7 +225,7 @@ class DropPage(Page):
         if drop is None or drop.one is None or not drop.one.file:
             self.pfwd.say("there is no file of this drop yet")
             return
-        self.pfwd.diagnose(drop.one.file)
+        self.pfwd.diagnoses.start(drop.one.file)
 
     def action_refit(self) -> None:
         """Ask for the settings."""

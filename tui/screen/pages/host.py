@@ -5,7 +5,7 @@ from typing import Any, Protocol
 from pfwd_survey.measuring.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.looks import Look
-from tui.screen.session.diagnosing import Diagnoser
+from tui.screen.session.diagnoses import Diagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
@@ -24,11 +24,10 @@ class Host(Protocol):
     source: Source
     settings: Settings
     glyphs: Glyphs
-    diagnoser: Diagnoser
+    diagnoses: Diagnoses
     edits: SurveyEdits
     fits: DropFits
     runner: SessionRunner
-    verdicts: dict[str, str]
     shown_drop: tuple[str, int] | None
 
     @property
@@ -69,9 +68,3 @@ class Host(Protocol):
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
         """Go to the page of a drop."""
-
-    def diagnose(self, file: str) -> None:
-        """Ask for the effects behind the residuals of a file."""
-
-    def names_of_records(self, count: int) -> list[str]:
-        """Names of the points that a diagnosis told of."""

@@ -6,9 +6,11 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 
 from tui.screen.drawing.lines import Line
+from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
+from tui.screen.session.names import next_name, point_name_error
 from tui.screen.widgets.lines_view import LinesView
 
 
@@ -48,11 +50,11 @@ class MeasurePage(Page):
         Binding("down", "choose(1)", "Choose the drop after"),
         Binding("escape", "newest", "Look at the newest drop"),
         Binding("tab", "panel", "Next trace", priority=True),
-        Binding("n", "app.next_point", "Next point"),
+        Binding("n", "next_point", "Next point"),
         Binding("d", "discard", "Discard the drop"),
         Binding("enter", "open", "Open the drop"),
         Binding("r", "refit", "Fit the drop with other settings"),
-        Binding("g", "app.record_now", "Record a drop now"),
+        Binding("g", "record_now", "Record a drop now"),
     ]
 
     def __init__(self) -> None:
@@ -90,7 +92,7 @@ class MeasurePage(Page):
             app.settings.large,
             app.pace_text(),
             app.message,
-            app.verdicts.get(app.state.point, ""),
+            app.diagnoses.verdicts.get(app.state.point, ""),
         )
         return measure_lines(view, width, height)
 
@@ -132,6 +134,31 @@ class MeasurePage(Page):
     def action_refit(self) -> None:
         """With other settings."""
         self.pfwd.open_drop(self.drop, refit=True)
+
+    def action_record_now(self) -> None:
+        """Record a drop whatever the load does."""
+        if self.pfwd.source.pace is not None or not self.pfwd.runner.trigger():
+            self.pfwd.say("there is no instrument that could be recorded")
+
+    def action_next_point(self) -> None:
+        """Ask for the name of the next point."""
+        if not self.pfwd.source.writes or self.pfwd.source.pace is not None:
+            self.pfwd.say("a replay has its own points")
+            return
+        known = {point.shown_name for point in self.pfwd.state.points.values()}
+        dialog = TextDialog(
+            "Next point",
+            next_name(self.pfwd.state.current.shown_name, known),
+            check=point_name_error,
+            hint="enter begins it, escape goes back",
+        )
+        self.app.push_screen(dialog, self._begin_point)
+
+    def _begin_point(self, name: str | None) -> None:
+        if name is None:
+            return
+        if not self.pfwd.runner.ask(lambda session: session.set_point(name)):
+            self.pfwd.say("no session runs; the point was not begun")
 
     def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
         """A click on a drop chooses it."""

@@ -23,6 +23,7 @@ from pfwd_survey.measuring.events import (
     SensorCheck,
     TableBuilding,
 )
+from pfwd_survey.measuring.plan import Ending
 from pfwd_survey.procedures import PointProgress, Procedure
 from tui.screen.session.device_state import Device, device_of, lost_samples
 from tui.screen.session.drop_changes import (
@@ -192,6 +193,16 @@ class SessionState:
     def held(self) -> int:
         """How many drops the disk has not taken."""
         return sum(not one.safe for point in self.points.values() for one in point.drops.values())
+
+    @property
+    def exit_status(self) -> int:
+        """What the program ends with when it is left now."""
+        ended = self.ended
+        if ended is None:
+            return 0
+        if ended.ending is None:
+            return 1 if ended.retry is None else 0
+        return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]
 
     def take(self, event: ScreenEvent) -> None:
         """Add an event."""
