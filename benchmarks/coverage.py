@@ -19,6 +19,7 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.devices import hammer_of
 from benchmarks.output import Reporter
 from inversion import (
     Grounds,
@@ -92,21 +93,21 @@ class Case:
     @property
     def hammer(self) -> Hammer:
         """What makes a half-sine of this pulse and mean pressure on unyielding ground."""
-        peak = self.pressure * math.pi * self.radius**2
-        mass = peak * self.pulse / (math.pi * _SPEED)
-        return Hammer(mass, mass * (math.pi / self.pulse) ** 2, _SPEED)
+        return hammer_of(self.pressure * math.pi * self.radius**2, self.pulse, _SPEED)
 
     @property
     def offsets(self) -> tuple[float, ...]:
         """Distances of the sensors, m."""
-        ratios = _OFFSET_RATIOS[self.poisson_ratio] if self.group == "three sensors" else (0.0,)
-        return tuple(ratio * self.radius for ratio in ratios)
+        return tuple(ratio * self.radius for ratio in self._ratios)
 
     @property
     def problem(self) -> PlateProblem:
         """The surrogate the inversion will want."""
-        ratios = _OFFSET_RATIOS[self.poisson_ratio] if self.group == "three sensors" else (0.0,)
-        return PlateProblem("rigid-rough", self.poisson_ratio, ratios)
+        return PlateProblem("rigid-rough", self.poisson_ratio, self._ratios)
+
+    @property
+    def _ratios(self) -> tuple[float, ...]:
+        return _OFFSET_RATIOS[self.poisson_ratio] if self.group == "three sensors" else (0.0,)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,12 @@ _NOISE = 0.002  # rms over the peak of each channel
 _CACHE_VERSION = 1
 
 
+def hammer_of(peak: float, pulse: float, speed: float) -> Hammer:
+    """The hammer whose half-sine on unyielding ground has this peak (N) and duration (s)."""
+    mass = peak * pulse / (math.pi * speed)
+    return Hammer(mass, mass * (math.pi / pulse) ** 2, speed)
+
+
 @dataclass(frozen=True)
 class Device:
     """A falling weight and what it records."""
@@ -73,8 +79,7 @@ class Device:
     @property
     def hammer(self) -> Hammer:
         """The weight on its spring."""
-        mass = self.peak * self.pulse / (math.pi * _SPEED)
-        return Hammer(mass, mass * (math.pi / self.pulse) ** 2, _SPEED)
+        return hammer_of(self.peak, self.pulse, _SPEED)
 
 
 DEVICES = (
