@@ -32,6 +32,10 @@ _CONTACT_ALLOWS = 1.0
 _TAIL_CANDIDATES = 5
 _TAIL_WORTH_POLISHING = 9.0
 _TAIL_EXPLAINED = 2.25
+# A depth may pass for the best one up to about twice its cost (inversion.uncertainty); twice that
+# for the coarser fit.  What a linear record promises was up to 10 times too much.
+_MAY_PASS = 4.0
+_NOT_LINEAR = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,6 @@ def fit_ground(
         return _fit_published(drops, space, rng)
     solves = 0
     coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
-    fine = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
     profile: tuple[Minimum, ...] = ()
     if space.index(DEPTH) is not None:
         profile = _depth_profile(coarse, space)
@@ -94,24 +97,38 @@ def fit_ground(
         rapid = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
         starts = np.concatenate([_search(rapid, len(space.fitted), rng)[None], starts])
         solves += rapid.solves
-    rough = fit_batch(coarse.residual, starts, iterations=12, tolerance=1e-3)
-    chosen = _promising(_distinct(rough.points, rough.cost))
-    polished = fit_batch(fine.residual, np.stack([m.point for m in chosen]), iterations=20)
-    found = _distinct(polished.points, polished.cost)
-    fit = GroundFit(
+    rough = fit_batch(coarse.linearise, starts, iterations=12, tolerance=1e-3)
+    found = _distinct(rough.points, rough.cost)
+    contact = GroundFit(
         best=found[0],
         others=found[1:],
         profile=profile,
-        converged=bool(polished.converged[polished.best]),
-        solves=solves + coarse.solves + fine.solves,
-        misfit=fine,
+        converged=False,
+        solves=solves + coarse.solves,
+        misfit=coarse,
         drops=drops,
     )
-    return _with_tail(fit)
+    return _with_tail(contact)
+
+
+def _polished(fit: GroundFit) -> GroundFit:
+    """A rough fit, and what may pass for it, at the full band."""
+    fine = Misfit(fit.drops, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES)
+    chosen = np.stack([m.point for m in _promising((fit.best, *fit.others))])
+    polished = fit_batch(fine.linearise, chosen, iterations=20)
+    found = _distinct(polished.points, polished.cost)
+    return replace(
+        fit,
+        best=found[0],
+        others=found[1:],
+        converged=bool(polished.converged[polished.best]),
+        solves=fit.solves + fine.solves,
+        misfit=fine,
+    )
 
 
 def _with_tail(fit: GroundFit) -> GroundFit:
-    """The fit of the whole record, where the model explains all of it; otherwise as it was.
+    """The fit of the whole record, where the model explains all of it; else of the contact.
 
     After the contact the plate of a real device may bounce and tip, which the load cell does not
     tell; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
@@ -119,7 +136,7 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     """
     longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
-        return fit
+        return _polished(fit)
     space = fit.misfit.space
     rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
     allowed = fit.best.cost + _CONTACT_ALLOWS
@@ -127,17 +144,16 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
     # A lone candidate is polished at once; several are brought to their minima first.
     several = 8 if order.size > 1 else 0
-    tried = fit_batch(rough.residual, points[order], iterations=several, tolerance=1e-3)
-    solves = fit.solves + rough.solves
+    tried = fit_batch(rough.linearise, points[order], iterations=several, tolerance=1e-3)
     if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
-        return replace(fit, solves=solves)
+        return _polished(replace(fit, solves=fit.solves + rough.solves))
     whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = _promising(_distinct(tried.points, tried.cost))
-    polished = fit_batch(whole.residual, np.stack([m.point for m in chosen]), iterations=15)
+    polished = fit_batch(whole.linearise, np.stack([m.point for m in chosen]), iterations=15)
     found = _distinct(polished.points, polished.cost)
     if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
-        return replace(fit, solves=solves + whole.solves)
-    profile = _profile_again(fit, rough)
+        return _polished(replace(fit, solves=fit.solves + rough.solves + whole.solves))
+    profile = _profile_again(fit, rough, found[0].cost)
     return replace(
         fit,
         best=found[0],
@@ -150,13 +166,27 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     )
 
 
-def _profile_again(fit: GroundFit, misfit: Misfit) -> tuple[Minimum, ...]:
-    """The depths of a profile, fitted to another window: what it allows may be another part."""
-    if not fit.profile:
+def _profile_again(fit: GroundFit, misfit: Misfit, best: float) -> tuple[Minimum, ...]:
+    """The depths of a profile, fitted to a longer window: what it allows may be another part.
+
+    A depth misses the whole record by at least what it misses of the contact, and by about what
+    is left where the record is taken for linear in the others; those that cannot come near the
+    best are left out.
+    """
+    limit = _MAY_PASS * max(1.0, best)
+    share = fit.misfit.seconds / misfit.seconds
+    near = np.array([m.point for m in fit.profile if share * m.cost <= limit])
+    if not near.size:
         return ()
     column = misfit.space.index(DEPTH)
-    starts = np.stack([m.point for m in fit.profile])
-    again = fit_batch(misfit.residual, starts, iterations=5, tolerance=1e-3, frozen=column)
+    free = np.array([other for other in range(near.shape[1]) if other != column])
+    values, slope = misfit.linearise(near, free)
+    basis = np.linalg.qr(slope)[0]
+    left = values - np.einsum("knd,kd->kn", basis, np.einsum("knd,kn->kd", basis, values))
+    near = near[np.mean(left**2, axis=1) <= _NOT_LINEAR * limit]
+    if not near.size:
+        return ()
+    again = fit_batch(misfit.linearise, near, iterations=7, tolerance=1e-3, frozen=column)
     return tuple(
         Minimum(point, float(cost)) for point, cost in zip(again.points, again.cost, strict=True)
     )
@@ -215,7 +245,7 @@ def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]
     assert column is not None
     starts = np.repeat(_plain_starts(space)[:1], _PROFILE_DEPTHS, axis=0)
     starts[:, column] = np.linspace(0.02, 0.98, _PROFILE_DEPTHS)
-    fit = fit_batch(misfit.residual, starts, iterations=7, tolerance=1e-3, frozen=column)
+    fit = fit_batch(misfit.linearise, starts, iterations=7, tolerance=1e-3, frozen=column)
     return tuple(
         Minimum(point, float(cost)) for point, cost in zip(fit.points, fit.cost, strict=True)
     )

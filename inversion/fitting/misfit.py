@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.kernel import FloatArray
@@ -83,6 +84,8 @@ class Misfit:
     ) -> None:
         self.space = space
         self.solves = 0
+        self.seconds = sum(item.drop.window_end for item in drops)
+        """Length of the windows of all drops."""
         self.rows: list[FloatArray] = []
         self._models: list[tuple[ForwardModel, FloatArray, FloatArray]] = []
         for item in drops:
@@ -103,6 +106,23 @@ class Misfit:
             left = (predicted - observed) * weight[:, None]
             parts.append(left.reshape(points.shape[0], -1))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def linearise(
+        self, points: FloatArray, free: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Weighted residuals (m, n) at points (m, d), and derivatives (m, n, free) by columns."""
+        self.solves += points.shape[0]
+        grounds = self.space.grounds(points)
+        names, steps = self.space.ground_slopes(points, free)
+        residuals, slopes = [], []
+        for model, observed, weight in self._models:
+            sensors = observed.shape[0]
+            predicted, by_ground = model.displacement_slopes(grounds, names)
+            left = (predicted[:, -sensors:] - observed) * weight[:, None]
+            moved = by_ground[:, :, -sensors:] * (steps[:, :, None, None] * weight[:, None])
+            residuals.append(left.reshape(points.shape[0], -1))
+            slopes.append(moved.reshape(points.shape[0], free.size, -1))
+        return np.concatenate(residuals, axis=1), np.swapaxes(np.concatenate(slopes, axis=2), 1, 2)
 
     def objective(self, points: FloatArray) -> FloatArray:
         """Mean square of the weighted residuals, (m,)."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.errors import ModelError
 from inversion.forward.kernel import FloatArray
@@ -46,8 +49,7 @@ class Parameter:
         """Physical value of a place (...,) in the unit interval."""
         if self.logarithmic:
             return np.asarray(self.lower * (self.upper / self.lower) ** unit)
-        # Slightly outside of the box (difference steps) a viscosity must not turn negative.
-        return np.asarray(np.abs(self.lower + (self.upper - self.lower) * unit))
+        return np.asarray(self.lower + (self.upper - self.lower) * unit)
 
     def place(self, value: float) -> float:
         """Place in the unit interval, clipped, of a physical value."""
@@ -57,11 +59,11 @@ class Parameter:
             unit = (value - self.lower) / (self.upper - self.lower)
         return float(np.clip(unit, 0.0, 1.0))
 
-    def slope(self, unit: float) -> float:
-        """Derivative of the physical value with respect to the place."""
+    def slopes(self, unit: FloatArray) -> FloatArray:
+        """Derivatives (...,) of the physical value with respect to places (...,)."""
         if self.logarithmic:
-            return float(self.value(np.array(unit)) * np.log(self.upper / self.lower))
-        return self.upper - self.lower
+            return np.asarray(self.value(unit) * math.log(self.upper / self.lower))
+        return np.full(np.shape(unit), self.upper - self.lower)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class ParameterSpace:
     fitted: tuple[Parameter, ...]
     fixed: dict[str, float]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the fitted parameters, in the order of the unit box."""
         return tuple(p.name for p in self.fitted)
@@ -102,6 +104,17 @@ class ParameterSpace:
             self.values(DENSITY, points),
             1.0 / depth,
         )
+
+    def ground_slopes(
+        self, points: FloatArray, columns: NDArray[np.intp]
+    ) -> tuple[tuple[str, ...], FloatArray]:
+        """Fields of the grounds that columns of points (m, d) move, and how far, (m, columns)."""
+        names = [self.fitted[column].name for column in columns]
+        slopes = np.stack([self.fitted[c].slopes(points[:, c]) for c in columns], axis=1)
+        if DEPTH in names:
+            depth = self.values(DEPTH, points)
+            slopes[:, names.index(DEPTH)] /= -(depth**2)
+        return tuple("inverse_depth" if name == DEPTH else name for name in names), slopes
 
     def at_bound(self, point: FloatArray) -> tuple[str, ...]:
         """Names of the parameters that sit on a bound at one point (d,).

@@ -22,7 +22,6 @@ from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
 from inversion.forward.model import transfer_function
 from inversion.measured.record import NoiseModel, native_rows
-from inversion.search.least_squares import jacobian
 
 # Two-sided 95 % of a normal distribution.
 _NORMAL_95 = 1.96
@@ -57,10 +56,10 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     """Uncertainty of the best ground of a fit."""
     space = fit.misfit.space
     point = fit.best.point
-    values, slope = jacobian(fit.misfit.residual, point)
-    pseudo = np.linalg.pinv(slope, rcond=1e-9)
-    random, model = _covariances(fit, pseudo, values)
-    steps = np.array([p.slope(float(u)) for p, u in zip(space.fitted, point, strict=True)])
+    values, slope = fit.misfit.linearise(point[None], np.arange(point.size))
+    pseudo = np.linalg.pinv(slope[0], rcond=1e-9)
+    random, model = _covariances(fit, pseudo, values[0])
+    steps = np.array([float(p.slopes(u)) for p, u in zip(space.fitted, point, strict=True)])
     both = random + model
     spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
     interval = _modulus_interval(fit, both)
@@ -84,8 +83,8 @@ def _covariances(
     first = 0
     for item, rows in zip(fit.drops, fit.misfit.rows, strict=True):
         time = item.drop.time[rows]
-        lag = np.abs(time[:, None] - time) / (item.drop.contact_end / 3.0)
-        smooth = np.exp(-(lag**2))
+        lag = (time - time[0]) / (item.drop.contact_end / 3.0)
+        smooth = NoiseModel(np.exp(-(lag**2)), rows.size)
         on_displacement = []
         for sensor, scale in enumerate(item.scale):
             part = slice(first, first + rows.size)
@@ -94,7 +93,7 @@ def _covariances(
             on_displacement.append(weights)
             random += _sensor_noise(item, sensor, rows, weights, values[part] * scale)
             floor = item.model_floor[sensor] ** 2 * max(1.0, fit.best.cost)
-            model += weights @ smooth @ weights.T * floor
+            model += smooth.quadratic_form(weights) * floor
         random += _load_noise(fit, item, rows, np.stack(on_displacement, axis=1))
     return random, model
 

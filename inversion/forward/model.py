@@ -9,6 +9,7 @@ of the instrument applied to the model, never taken off the data.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,10 +119,27 @@ class ForwardModel:
 
     def displacement(self, grounds: Grounds) -> FloatArray:
         """Displacement at the wanted times, (m, n_sensors, n_times), m."""
-        transfer = self.transfer(grounds)
-        count, sensors, width = transfer.shape
-        parts = np.concatenate([transfer.real, transfer.imag], axis=2).reshape(-1, 2 * width)
-        return (parts @ self._synthesis).reshape(count, sensors, -1)
+        return self._in_time(self.transfer(grounds))
+
+    def displacement_slopes(
+        self, grounds: Grounds, wanted: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Displacement as of :meth:`displacement`, and its derivatives by the fields `wanted`.
+
+        Returns
+        -------
+        (m, n_sensors, n_times) and (m, len(wanted), n_sensors, n_times), m and m over the unit
+        """
+        transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, wanted)
+        both = np.concatenate([transfer[:, None], slopes], axis=1)
+        histories = self._in_time(both)
+        return histories[:, 0], histories[:, 1:]
+
+    def _in_time(self, transfer: ComplexArray) -> FloatArray:
+        """Histories (..., n_times) under the load, of transfer functions (..., n_frequencies)."""
+        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
+        flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
+        return flat.reshape(*transfer.shape[:-1], -1)
 
 
 def transfer_function(
@@ -142,14 +160,75 @@ def transfer_function(
     -------
     (m, n_sensors, n) ndarray of complex
     """
-    a, nu = instrument.plate_radius, surrogate.problem.poisson_ratio
-    complex_modulus = grounds.modulus[:, None] + grounds.viscosity[:, None] * s
-    shear = complex_modulus * (0.5 / (1.0 + nu))
-    p = s * (a * np.sqrt(grounds.density[:, None] / shear))
-    ratio = a * grounds.inverse_depth
-    phi = surrogate.compliance(p, ratio, single)
+    a = instrument.plate_radius
+    shear, p = _shear_and_frequency(surrogate, instrument, s, grounds)
+    phi = surrogate.compliance(p, a * grounds.inverse_depth, single)
     compliance = phi / (a * shear)[:, None, :]
     if instrument.plate_mass > 0.0:
         inertia = 1.0 + instrument.plate_mass * s**2 * compliance[:, :1, :]
         compliance = compliance / inertia
     return compliance
+
+
+def transfer_slopes(
+    surrogate: Surrogate,
+    instrument: Instrument,
+    s: ComplexArray,
+    grounds: Grounds,
+    wanted: Sequence[str],
+) -> tuple[ComplexArray, ComplexArray]:
+    r"""The transfer function with its derivatives by fields of the grounds.
+
+    With :math:`C = \Phi/(G^* a)` and p as above
+
+    .. math:: \frac{\partial C}{\partial G^*} = -\frac{C + p \, \partial_p C / 2}{G^*}, \quad
+              \frac{\partial C}{\partial \rho} = \frac{p \, \partial_p C}{2 \rho}, \quad
+              d \frac{C_r}{1 + m s^2 C_0} = \frac{d C_r - m s^2 \, w_r \, d C_0}{1 + m s^2 C_0}
+
+    Parameters
+    ----------
+    s, grounds : as for :func:`transfer_function`
+    wanted : sequence of str, fields of `Grounds`
+
+    Returns
+    -------
+    (m, n_sensors, n) and (m, len(wanted), n_sensors, n) ndarrays of complex
+    """
+    a = instrument.plate_radius
+    shear, p = _shear_and_frequency(surrogate, instrument, s, grounds)
+    by_depth = "inverse_depth" in wanted
+    phi, phi_by_p, phi_by_depth = surrogate.compliance_slopes(
+        p, a * grounds.inverse_depth, by_depth
+    )
+    over = (1.0 / (a * shear))[:, None, :]
+    compliance = phi * over
+    half = (0.5 * p)[:, None, :] * phi_by_p * over
+    by_modulus = -(compliance + half) / shear[:, None, :]
+    to_shear = 0.5 / (1.0 + surrogate.problem.poisson_ratio)
+    slopes = np.empty((p.shape[0], len(wanted), *compliance.shape[1:]), dtype=np.complex128)
+    for column, name in enumerate(wanted):
+        if name == "modulus":
+            slopes[:, column] = to_shear * by_modulus
+        elif name == "viscosity":
+            slopes[:, column] = (to_shear * s) * by_modulus
+        elif name == "density":
+            slopes[:, column] = half / grounds.density[:, None, None]
+        elif phi_by_depth is not None:
+            slopes[:, column] = a * phi_by_depth * over
+    if instrument.plate_mass > 0.0:
+        inertia = instrument.plate_mass * s**2
+        whole = 1.0 + inertia * compliance[:, :1, :]
+        compliance = compliance / whole
+        slopes -= inertia * compliance[:, None] * slopes[:, :, :1]
+        slopes /= whole[:, None]
+    return compliance, slopes
+
+
+def _shear_and_frequency(
+    surrogate: Surrogate, instrument: Instrument, s: ComplexArray, grounds: Grounds
+) -> tuple[ComplexArray, ComplexArray]:
+    """Complex shear modulus, Pa, and p, each (m, n)."""
+    complex_modulus = grounds.modulus[:, None] + grounds.viscosity[:, None] * s
+    shear = complex_modulus * (0.5 / (1.0 + surrogate.problem.poisson_ratio))
+    p = s * (instrument.plate_radius * np.sqrt(grounds.density[:, None] / shear))
+    return shear, p

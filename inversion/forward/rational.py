@@ -9,6 +9,7 @@ sum is the transform of a real, causal and stable response whatever the coeffici
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,25 @@ def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
     return np.hstack([resonance, resonance * (y[:, None] / size)])
 
 
+def numerators(poles: ComplexArray, coefficients: FloatArray) -> FloatArray:
+    """Numerators A_k + B_k y of the resonances 1/(y^2 - 2 Re(q_k) y + |q_k|^2).
+
+    Parameters
+    ----------
+    poles : (k,) ndarray of complex
+    coefficients : (..., channels, 2k) ndarray of float, first the a_k, then the b_k
+
+    Returns
+    -------
+    (..., k, 2 channels) ndarray of float, first the A_k of every channel, then the B_k
+    """
+    k, size = poles.size, np.abs(poles)
+    both = np.concatenate([coefficients[..., :k] * size**2, coefficients[..., k:] * size], axis=-2)
+    return np.ascontiguousarray(np.swapaxes(both, -1, -2))
+
+
 def evaluate(
-    y: ComplexArray, poles: ComplexArray, coefficients: FloatArray, single: bool = False
+    y: ComplexArray, poles: ComplexArray, weights: FloatArray, single: bool = False
 ) -> ComplexArray:
     """Values of the sums of many individuals.
 
@@ -35,7 +53,7 @@ def evaluate(
     ----------
     y : (m, n) ndarray of complex, one row an individual
     poles : (k,) ndarray of complex
-    coefficients : (channels, 2k) ndarray of float, or (m, channels, 2k)
+    weights : (k, 2 channels) ndarray of float, or (m, k, 2 channels), see :func:`numerators`
     single : bool
         Single precision inside: twice as fast, relative error about 1e-5 of the largest value.
 
@@ -44,33 +62,86 @@ def evaluate(
     (m, channels, n) ndarray of complex
     """
     kind: type[np.floating[Any]] = np.float32 if single else np.float64
-    count, width = y.shape
-    size = np.abs(poles)
-    k = poles.size
-    channels = coefficients.shape[-2]
-    per_pole = np.concatenate(
-        [coefficients[..., :k] * size**2, coefficients[..., k:] * size], axis=-2
-    )
-    weights = np.ascontiguousarray(np.swapaxes(per_pole, -1, -2), dtype=kind)
-    damping = (-2.0 * poles.real).astype(kind)
-    square = (size**2).astype(kind)
-    real, imaginary = y.real.astype(kind), y.imag.astype(kind)
-    square_real = (real - imaginary) * (real + imaginary)
-    square_imaginary = 2.0 * real * imaginary
-    chunk = max(1, _CHUNK_ELEMENTS // max(1, width * k))
-    buffers = [np.empty((chunk, width, k), dtype=kind) for _ in range(3)]
-    result = np.empty((count, channels, width), dtype=np.complex128)
-    for first in range(0, count, chunk):
-        rows = slice(first, min(first + chunk, count))
-        u, v = _resonances(
-            real[rows], imaginary[rows], square_real[rows], square_imaginary[rows],
-            damping, square, buffers,
-        )  # fmt: skip
+    weights = weights.astype(kind, copy=False)
+    channels = weights.shape[-1] // 2
+    result = np.empty((y.shape[0], channels, y.shape[1]), dtype=np.complex128)
+    for rows, u, v, _ in _chunks(y, poles, kind):
         own = weights[rows] if weights.ndim == 3 else weights
         sums = (u @ own) - 1j * (v @ own)
         values = sums[..., :channels] + y[rows, :, None] * sums[..., channels:]
         result[rows] = np.swapaxes(values, 1, 2)
     return result
+
+
+def evaluate_with_slope(
+    y: ComplexArray, poles: ComplexArray, weights: FloatArray, others: FloatArray | None = None
+) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
+    r"""Values of the sums, their derivatives by y, and values with other numerators as well.
+
+    With the resonances :math:`r_k = 1/(y^2 + d_k y + s_k)` and the numerators A + B y
+
+    .. math:: f' = \sum_k B_k r_k - \sum_k r_k^2 (2 y + d_k) (A_k + B_k y)
+
+    Parameters
+    ----------
+    y, poles, weights : as for :func:`evaluate`
+    others : ndarray of float, numerators of the same shape, for values without derivatives
+
+    Returns
+    -------
+    values, slopes : (m, channels, n) ndarray of complex
+    other_values : the same, or None without `others`
+    """
+    squared = np.concatenate([weights, (-2.0 * poles.real)[:, None] * weights], axis=-1)
+    first = weights if others is None else np.concatenate([weights, others], axis=-1)
+    c = weights.shape[-1] // 2
+    shape = (y.shape[0], c, y.shape[1])
+    values, slopes = np.empty(shape, dtype=np.complex128), np.empty(shape, dtype=np.complex128)
+    other_values = None if others is None else np.empty(shape, dtype=np.complex128)
+    for rows, u, v, spare in _chunks(y, poles, np.float64):
+        at = y[rows, :, None]
+        own = first[rows] if first.ndim == 3 else first
+        once = (u @ own) - 1j * (v @ own)
+        values[rows] = np.swapaxes(once[..., :c] + at * once[..., c : 2 * c], 1, 2)
+        if other_values is not None:
+            more = once[..., 2 * c : 3 * c] + at * once[..., 3 * c :]
+            other_values[rows] = np.swapaxes(more, 1, 2)
+        # The squares of the resonances: (u - iv)^2 = u^2 - v^2 - 2iuv.
+        np.multiply(u, v, out=spare)
+        u *= u
+        v *= v
+        u -= v
+        own = squared[rows] if squared.ndim == 3 else squared
+        twice = (u @ own) - 2j * (spare @ own)
+        plain = twice[..., :c] + at * twice[..., c : 2 * c]
+        with_damping = twice[..., 2 * c : 3 * c] + at * twice[..., 3 * c :]
+        slopes[rows] = np.swapaxes(once[..., c : 2 * c] - 2.0 * at * plain - with_damping, 1, 2)
+    return values, slopes, other_values
+
+
+def _chunks(
+    y: ComplexArray, poles: ComplexArray, kind: type[np.floating[Any]]
+) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
+    """Rows that fit the cache, their resonances u - iv (rows, n, k), and a buffer of that shape.
+
+    The buffers are used again for the next rows.
+    """
+    count, width = y.shape
+    damping = (-2.0 * poles.real).astype(kind)
+    square = (np.abs(poles) ** 2).astype(kind)
+    real, imaginary = y.real.astype(kind), y.imag.astype(kind)
+    square_real = (real - imaginary) * (real + imaginary)
+    square_imaginary = 2.0 * real * imaginary
+    chunk = min(count, max(1, _CHUNK_ELEMENTS // max(1, width * poles.size)))
+    buffers = [np.empty((chunk, width, poles.size), dtype=kind) for _ in range(3)]
+    for first in range(0, count, chunk):
+        rows = slice(first, min(first + chunk, count))
+        own = [buffer[: rows.stop - first] for buffer in buffers]
+        _resonances(
+            real[rows], imaginary[rows], square_real[rows], square_imaginary[rows],
+            damping, square, own,
+        )  # fmt: skip
+        yield rows, own[0], own[1], own[2]
 
 
 def _resonances(
@@ -81,9 +152,9 @@ def _resonances(
     damping: FloatArray,
     square: FloatArray,
     buffers: list[FloatArray],
-) -> tuple[FloatArray, FloatArray]:
+) -> None:
     """Real part and minus the imaginary part of 1/(y^2 + damping y + square), (m, n, k)."""
-    u, v, norm = (buffer[: real.shape[0]] for buffer in buffers)
+    u, v, norm = buffers
     np.multiply(real[..., None], damping, out=u)
     u += square
     u += square_real[..., None]
@@ -94,4 +165,3 @@ def _resonances(
     np.reciprocal(norm, out=norm)
     u *= norm
     v *= norm
-    return u, v

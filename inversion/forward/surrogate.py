@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,14 @@ from inversion.forward.contact import (
 )
 from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.rational import basis, evaluate
+from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
 from inversion.threads import single_threaded_blas
 
 # The shallowest base the tables hold, in plate radii.
 SHALLOWEST = 1.6
+
+# Of the range of a/h0: half the step over which the coefficients, polynomials, are differentiated.
+_DEPTH_STEP = 1e-5
 
 Progress = Callable[[float], None]
 
@@ -71,8 +74,18 @@ class Surrogate:
     echo_coefficients: FloatArray
     largest_error: float
 
+    @cached_property
+    def _half_space_weights(self) -> FloatArray:
+        return numerators(self.half_space_poles, self.half_space_coefficients)
+
+    @cached_property
+    def _echo_weights(self) -> FloatArray:
+        return numerators(self.echo_poles, self.echo_coefficients)
+
     def echo_at(self, inverse_depth: FloatArray) -> FloatArray:
-        """Echo coefficients (m, n_offsets, 2k) at values (m,) of a/h0, by barycentric weights.
+        """Numerators (m, k, 2 n_offsets) of the echo at values (m,) of a/h0, by interpolation.
+
+        The interpolation is barycentric, between the nodes of the depth.
 
         Raises
         ------
@@ -87,7 +100,7 @@ class Surrogate:
                     f"alone, got {1 / inverse_depth.flat[0]:.4g}"
                 )
             return np.broadcast_to(
-                self.echo_coefficients, (inverse_depth.size, *self.echo_coefficients.shape[1:])
+                self._echo_weights, (inverse_depth.size, *self._echo_weights.shape[1:])
             )
         if np.any(inverse_depth < 0.0) or np.any(inverse_depth > 1.0 / SHALLOWEST * (1 + 1e-9)):
             raise ModelError(
@@ -100,7 +113,7 @@ class Surrogate:
         distance[distance == 0.0] = 1e-300
         share = weights / distance
         share /= share.sum(axis=1, keepdims=True)
-        result: FloatArray = np.tensordot(share, self.echo_coefficients, axes=1)
+        result: FloatArray = np.tensordot(share, self._echo_weights, axes=1)
         return result
 
     def compliance(
@@ -119,25 +132,71 @@ class Surrogate:
         -------
         (m, n_offsets, n) ndarray of complex
         """
-        result = evaluate(p, self.half_space_poles, self.half_space_coefficients, single)
+        result = evaluate(p, self.half_space_poles, self._half_space_weights, single)
         if inverse_depth is None:
             return result
         echo = inverse_depth > 0.0
         if not np.any(echo):
             return result
         ratio = inverse_depth[echo]
-        if ratio.size > 1 and np.ptp(ratio) == 0.0:
-            coefficients = _echo_at_one(self, float(ratio[0]))
-        else:
-            coefficients = self.echo_at(ratio)
         y = p[echo] / ratio[:, None]
-        result[echo] += ratio[:, None, None] * evaluate(y, self.echo_poles, coefficients, single)
+        found = evaluate(y, self.echo_poles, self._echo(ratio), single)
+        result[echo] += ratio[:, None, None] * found
         return result
+
+    def compliance_slopes(
+        self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
+        r"""Dimensionless compliance with its derivatives by p and, if wanted, by a/h0.
+
+        With :math:`\kappa = a/h_0`, y = p / kappa and the echo :math:`\kappa e(y; \kappa)`
+
+        .. math:: \partial_\kappa \Phi = e - y \, \partial_y e + \kappa \, \partial_\kappa e
+
+        Parameters
+        ----------
+        p : (m, n) ndarray of complex, s a sqrt(rho / G*), Re p > 0
+        inverse_depth : (m,) ndarray of float, a/h0; zero: the half-space
+        by_depth : bool
+
+        Returns
+        -------
+        (m, n_offsets, n) ndarrays of complex, the last one None unless `by_depth`
+        """
+        value, slope, _ = evaluate_with_slope(p, self.half_space_poles, self._half_space_weights)
+        deeper = np.zeros_like(value) if by_depth else None
+        echo = inverse_depth > 0.0
+        if not np.any(echo):
+            return value, slope, deeper
+        ratio = inverse_depth[echo]
+        weights, change = self._echo_with_slope(ratio) if by_depth else (self._echo(ratio), None)
+        kappa = ratio[:, None, None]
+        y = p[echo] / ratio[:, None]
+        found, by_y, bent = evaluate_with_slope(y, self.echo_poles, weights, change)
+        value[echo] += kappa * found
+        slope[echo] += by_y  # kappa times dy/dp is one
+        if deeper is not None and bent is not None:
+            deeper[echo] = found - y[:, None, :] * by_y + kappa * bent
+        return value, slope, deeper
+
+    def _echo(self, ratio: FloatArray) -> FloatArray:
+        """Numerators of the echo at values (m,) of a/h0, which may all be one."""
+        if ratio.size > 1 and np.ptp(ratio) == 0.0:
+            return _echo_at_one(self, float(ratio[0]))
+        return self.echo_at(ratio)
+
+    def _echo_with_slope(self, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Numerators of the echo at values (m,) of a/h0, and their derivatives by it."""
+        step = _DEPTH_STEP / SHALLOWEST
+        low = np.clip(ratio - step, 0.0, 1.0 / SHALLOWEST - 2.0 * step)
+        count = ratio.size
+        three = self.echo_at(np.concatenate([ratio, low, low + 2.0 * step]))
+        return three[:count], (three[2 * count :] - three[count : 2 * count]) / (2.0 * step)
 
 
 @lru_cache(maxsize=8)
 def _echo_at_one(surrogate: Surrogate, inverse_depth: float) -> FloatArray:
-    """Echo coefficients of a depth that is given, which every solve of a fit asks for again."""
+    """The echo at a depth that is given, which every solve of a fit asks for again."""
     result: FloatArray = surrogate.echo_at(np.array([inverse_depth]))[0]
     return result
 
@@ -292,7 +351,8 @@ class _Sampler:
             ``scale`` is what an error of the echo is measured in.
         """
         p = y / depths[:, None]
-        unbounded = np.swapaxes(evaluate(p, *half_space), 1, 2)
+        poles, coefficients = half_space
+        unbounded = np.swapaxes(evaluate(p, poles, numerators(poles, coefficients)), 1, 2)
         # Outside of the range of its fit the half-space's sum is worth nothing, and no drop
         # gets there: keep the echo at rest.
         within = np.abs(p) <= _LARGEST_P

@@ -15,8 +15,8 @@ from inversion import SurrogateLibrary
 from inversion.errors import ModelError
 from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, plate_compliance
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.model import Grounds, Instrument, transfer_function
-from inversion.forward.rational import basis, evaluate
+from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
+from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
 from inversion.forward.surrogate import SHALLOWEST, Surrogate, build_surrogate
 from tests import reference
 
@@ -279,14 +279,16 @@ def test_larger_plates_scale_with_everything_else(factor: float, every_depth: Su
 def test_interpolation_meets_its_nodes(every_depth: Surrogate) -> None:
     nodes = every_depth.inverse_depths
     for node, coefficients in zip(nodes, every_depth.echo_coefficients, strict=True):
-        assert np.array_equal(every_depth.echo_at(np.array([node]))[0], coefficients)
+        found = every_depth.echo_at(np.array([node]))[0]
+        assert np.array_equal(found, numerators(every_depth.echo_poles, coefficients))
 
 
 def test_interpolation_is_the_polynomial_through_the_nodes(every_depth: Surrogate) -> None:
     nodes, place = every_depth.inverse_depths, 0.1234
     lagrange = [math.prod((place - b) / (a - b) for b in nodes if b != a) for a in nodes]
-    right = np.tensordot(lagrange, every_depth.echo_coefficients, axes=1)
-    size = np.abs(every_depth.echo_coefficients).max()
+    coefficients = np.tensordot(lagrange, every_depth.echo_coefficients, axes=1)
+    right = numerators(every_depth.echo_poles, coefficients)
+    size = np.abs(right).max()
     found = every_depth.echo_at(np.array([place]))[0]
     assert np.max(np.abs(found - right)) < 1e-10 * size
 
@@ -330,8 +332,8 @@ def test_sums_of_resonances() -> None:
     y = rng.random((5, 11)) + 1j * rng.random((5, 11)) * 9
     shared, own = rng.standard_normal((3, 14)), rng.standard_normal((5, 3, 14))
     for coefficients in (shared, own):
-        found = evaluate(y, poles, coefficients)
-        rough = evaluate(y, poles, coefficients, single=True)
+        found = evaluate(y, poles, numerators(poles, coefficients))
+        rough = evaluate(y, poles, numerators(poles, coefficients), single=True)
         assert np.max(np.abs(rough - found)) < 1e-4 * np.max(np.abs(found))
         for row in range(5):
             for channel in range(3):
@@ -339,3 +341,76 @@ def test_sums_of_resonances() -> None:
                 right = [resonances(complex(place), poles, values) for place in y[row]]
                 assert found[row, channel] == pytest.approx(right, rel=1e-10)
                 assert basis(y[row], poles) @ values == pytest.approx(right, rel=1e-10)
+
+
+def test_slopes_of_sums() -> None:
+    """The derivative of each term by the quotient rule, written out."""
+    rng = np.random.default_rng(2)
+    poles = -rng.random(5) + 1j * rng.random(5) * 9
+    y = rng.random((4, 6)) + 1j * rng.random((4, 6)) * 9
+    for shape in ((3, 10), (4, 3, 10)):
+        own, other = rng.standard_normal((2, *shape))
+        values, slopes, others = evaluate_with_slope(
+            y, poles, numerators(poles, own), numerators(poles, other)
+        )
+        assert values == pytest.approx(evaluate(y, poles, numerators(poles, own)), rel=1e-12)
+        assert others == pytest.approx(evaluate(y, poles, numerators(poles, other)), rel=1e-12)
+        for row, channel in np.ndindex(4, 3):
+            a, b = np.split(own[row, channel] if len(shape) == 3 else own[channel], 2)
+            for place, found in zip(y[row], slopes[row, channel], strict=True):
+                top, below = a + b * place / abs(poles), (place - poles) * (place - poles.conj())
+                change = b / abs(poles) * below - top * (2 * place - 2 * poles.real)
+                assert found == pytest.approx(np.sum(abs(poles) ** 2 * change / below**2), rel=1e-9)
+
+
+FIELDS = ("modulus", "viscosity", "density", "inverse_depth")
+
+
+@pytest.mark.parametrize("mass", [0.0, 15.0])
+@pytest.mark.parametrize("field", FIELDS)
+def test_slopes_of_the_transfer_function_are_its_differences(
+    every_depth: Surrogate, field: str, mass: float
+) -> None:
+    instrument, s = Instrument(RADIUS, mass), TRANSFORM.s[::20]
+    ground = Grounds(
+        np.array([40e6, 25e6, 90e6]),
+        np.array([54e3, 5e3, 20e3]),
+        np.array([2000.0, 1500.0, 2400.0]),
+        np.array([1.1, 0.2, 4.1]),
+    )
+    value, slopes = transfer_slopes(every_depth, instrument, s, ground, FIELDS)
+    assert value == pytest.approx(
+        transfer_function(every_depth, instrument, s, ground), rel=1e-12, abs=1e-20
+    )
+    step = 1e-5 * getattr(ground, field)
+    there, back = (
+        transfer_function(
+            every_depth, instrument, s, replace(ground, **{field: getattr(ground, field) + d})
+        )
+        for d in (step, -step)
+    )
+    right = (there - back) / (2 * step[:, None, None])
+    found = slopes[:, FIELDS.index(field)]
+    assert np.max(np.abs(found - right)) < 1e-6 * np.max(np.abs(right))
+
+
+def test_slopes_without_depth_and_over_a_half_space(
+    every_depth: Surrogate, one_depth: Surrogate
+) -> None:
+    s, several = TRANSFORM.s[::20], np.array([0.0, 1 / 0.9])
+    two = np.full(2, 1.0)
+    ground = Grounds(40e6 * two, 20e3 * two, 1900.0 * two, several)
+    instrument = Instrument(RADIUS, 15.0)
+    whole = transfer_slopes(every_depth, instrument, s, ground, FIELDS)[1]
+    some = transfer_slopes(every_depth, instrument, s, ground, ("density", "modulus"))[1]
+    assert np.allclose(some, whole[:, [2, 0]], rtol=1e-12, atol=0.0)
+    assert np.all(whole[0, 3] == 0.0)  # no rock, none that could come nearer
+    alike = replace(ground, inverse_depth=np.full(2, 1 / (5.0 * RADIUS)))
+    value, slopes = transfer_slopes(one_depth, instrument, s, alike, ("modulus",))
+    assert value[0] == pytest.approx(value[1])
+    step = 40.0
+    there, back = (
+        transfer_function(one_depth, instrument, s, replace(alike, modulus=40e6 * two + d))
+        for d in (step, -step)
+    )
+    assert slopes[0, 0] == pytest.approx((there - back)[0] / (2 * step), rel=1e-5, abs=1e-22)
