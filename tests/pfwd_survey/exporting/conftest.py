@@ -1,5 +1,6 @@
 """A survey with everything that an export has to carry."""
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -38,11 +39,19 @@ RESULT: dict[str, Any] = {
 FORMULA = "=HYPERLINK(1)"
 """A note that a spreadsheet would run."""
 
+BELONGS = ("modulus_sd_pa", "model", "plate_radius_m", "poisson_ratio", "warnings")
+"""What a table has to say beside a modulus."""
+
 
 def result_of(drop: Drop, **more: Any) -> dict[str, Any]:
     """A stored result with all its keys."""
     empty = result_record("f", DropAnalysis(drop, Screening("measured"), None))
     return empty | RESULT | more
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream, strict=True))
 
 
 @pytest.fixture
