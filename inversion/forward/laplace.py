@@ -85,7 +85,7 @@ class DampedTransform:
         the first sample and comes after the last one counts as zero.
         """
         damped = values * np.exp(-self.damping * time)
-        result: ComplexArray = self._hat(time) * (self._turns(time).conj() @ damped)
+        result: ComplexArray = self._hat(time) * (self._turns(time) @ damped).conj()
         return result
 
     def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
@@ -109,7 +109,11 @@ class DampedTransform:
 
     def _turns(self, time: FloatArray) -> ComplexArray:
         """exp(i omega_k t), (n, m), as powers of one turn: a tenth of the time of exponentials."""
+        turn = np.exp(2j * np.pi / self.period * time)
         result = np.empty((self.s.size, time.size), dtype=np.complex128)
-        result[0] = 1.0
-        result[1:] = np.exp(2j * np.pi / self.period * time)
-        return np.cumprod(result, axis=0, out=result)
+        result[0], done = 1.0, 1
+        while done < result.shape[0]:
+            rows = min(done, result.shape[0] - done)
+            np.multiply(result[:rows], result[done - 1] * turn, out=result[done : done + rows])
+            done += rows
+        return result

@@ -95,18 +95,20 @@ def fit_batch(
 def _step(
     points: FloatArray, values: FloatArray, slope: FloatArray, damping: FloatArray
 ) -> FloatArray:
-    gradient = np.einsum("knd,kn->kd", slope, values)
-    normal = np.swapaxes(slope, 1, 2) @ slope
+    across = np.swapaxes(slope, 1, 2)
+    gradient = (across @ values[:, :, None])[:, :, 0]
+    system = across @ slope
     held = ((points <= 0.0) & (gradient > 0.0)) | ((points >= 1.0) & (gradient < 0.0))
-    diagonal = np.einsum("kdd->kd", normal)
+    places = np.arange(points.shape[1])
+    diagonal = system[:, places, places]
     # Marquardt's scaling with a floor, so that a parameter without influence stays where it is.
     floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
-    system = normal.copy()
-    size = points.shape[1]
-    system[:, np.arange(size), np.arange(size)] += damping[:, None] * diagonal + floor
-    free = ~held
-    system *= free[:, :, None] & free[:, None, :]
-    system[:, np.arange(size), np.arange(size)] += held
-    move = -np.linalg.solve(system, (gradient * free)[:, :, None])[:, :, 0]
+    system[:, places, places] += damping[:, None] * diagonal + floor
+    if held.any():
+        free = ~held
+        system *= free[:, :, None] & free[:, None, :]
+        system[:, places, places] += held
+        gradient *= free
+    move = -np.linalg.solve(system, gradient[:, :, None])[:, :, 0]
     result: FloatArray = np.clip(points + np.clip(move, -0.3, 0.3), 0.0, 1.0)
     return result
