@@ -216,7 +216,8 @@ class PfwdApp(App[int]):
         events = self.runner.take()
         for event in events:
             self._take(event)
-        page = self.screen
+        # While the application ends, the clock may tick once more without a screen.
+        page = self.screen if self.screen_stack else None
         if not isinstance(page, Page):
             return
         trace = self.runner.trace.samples if page.NAME == "measure" else 0
