@@ -11,7 +11,7 @@ from inversion.forward.contact import QuadratureRule
 from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import transfer_function
-from inversion.forward.surrogate import build_surrogate
+from inversion.forward.surrogate_building import build_surrogate
 from inversion.threads import single_threaded_blas
 
 _RATIOS = (0.1, 0.25, 0.35, 0.45, 0.49)

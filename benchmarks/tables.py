@@ -5,7 +5,7 @@ from pathlib import Path
 from benchmarks.output import Reporter
 from inversion import PlateProblem
 from inversion.forward.library import dump_surrogate, surrogate_key
-from inversion.forward.surrogate import build_surrogate
+from inversion.forward.surrogate_building import build_surrogate
 
 _FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
 _CENTRE = (0.0,)

@@ -4,11 +4,20 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from tui.argument_values import (
+    PLOT_FORMATS,
+    count,
+    depth,
+    not_negative,
+    number,
+    plot_file,
+    report_file,
+    whole,
+)
+
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
     Parser = argparse._ActionsContainer  # a parser, or a group of one
-
-PLOT_FORMATS = (".pdf", ".png", ".svg")
 
 EXPORT_FORMATS = ("h5", "csv", "table", "jsonl", "parquet", "geojson", "gpx", "pddx")
 
@@ -73,7 +82,7 @@ def _add_demo(commands: "Commands") -> None:
         allow_abbrev=False,
     )
     demo.add_argument(
-        "--drops", type=_count, metavar="N", help="drops (default: 6; on the screen no end)"
+        "--drops", type=count, metavar="N", help="drops (default: 6; on the screen no end)"
     )
     demo.add_argument("-o", "--output", metavar="SURVEY", help="folder to record into")
     _add_seed(demo)
@@ -82,7 +91,7 @@ def _add_demo(commands: "Commands") -> None:
     )
     demo.add_argument(
         "--rate",
-        type=_not_negative,
+        type=not_negative,
         metavar="X",
         help="times real time, in which a drop falls every 5 s (default: 3; on the screen 1)",
     )
@@ -108,7 +117,7 @@ def _add_invert(commands: "Commands") -> None:
     model.add_argument("--model", choices=["layer", "half-space"])
     model.add_argument(
         "--bedrock-depth",
-        type=_depth,
+        type=depth,
         metavar="M",
         help="depth of the rigid base in m, or unknown, or none",
     )
@@ -166,12 +175,12 @@ def _add_simulate(commands: "Commands") -> None:
         help="built-in name, or a TOML file (default: default)",
     )
     simulate.add_argument(
-        "--drops", type=_count, metavar="N", help="end after N drops (default: for ever)"
+        "--drops", type=count, metavar="N", help="end after N drops (default: for ever)"
     )
     _add_seed(simulate)
     simulate.add_argument(
         "--rate",
-        type=_not_negative,
+        type=not_negative,
         metavar="X",
         default=1.0,
         help="times real time, 0 as fast as possible (default: 1)",
@@ -193,7 +202,7 @@ def _add_live(commands: "Commands") -> None:
     _add_instrument(live)
     live.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
     _add_procedure_and_gps(live)
-    live.add_argument("--target", type=float, metavar="MPA", help="target modulus, MPa")
+    live.add_argument("--target", type=number, metavar="MPA", help="target modulus, MPa")
     live.add_argument("--no-invert", action="store_true", help="record only")
     _add_seed(live)
 
@@ -210,12 +219,12 @@ def _add_log(commands: "Commands") -> None:
     _add_instrument(log)
     _add_procedure_and_gps(log)
     log.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
-    log.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
+    log.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     log.add_argument("--no-invert", action="store_true", help="record only")
     log.add_argument("--capture", action="store_true", help="keep every byte of the link too")
     log.add_argument(
         "--give-up",
-        type=_not_negative,
+        type=not_negative,
         metavar="S",
         help="end with status 3 when the instrument is lost for so long (default: wait for ever)",
     )
@@ -235,14 +244,14 @@ def _add_replay(commands: "Commands") -> None:
     replay.add_argument("survey", metavar="SURVEY", help="survey, or a capture (.pfwdc)")
     replay.add_argument(
         "--speed",
-        type=_not_negative,
+        type=not_negative,
         metavar="X",
         help="times real time, 0 as fast as possible (default: 0; with --live 1)",
     )
     replay.add_argument("--live", action="store_true", help="on the screen; space pauses")
     replay.add_argument("--setup", metavar="FILE.toml", help="for a capture: in place of its own")
     replay.add_argument("-o", "--output", metavar="SURVEY", help="record into this survey")
-    replay.add_argument("--drops", type=_count, metavar="N", help="end after N drops")
+    replay.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
     _add_seed(replay)
     replay.add_argument("--json", action="store_true", help=_JSON)
@@ -297,7 +306,7 @@ def _add_export(commands: "Commands") -> None:
         "--invert", action="store_true", help="invert, in place of the results the survey holds"
     )
     export.add_argument(
-        "--seed", type=int, metavar="S", default=0, help="seed of --invert (default: 0)"
+        "--seed", type=whole, metavar="S", default=0, help="seed of --invert (default: 0)"
     )
     export.add_argument("--json", action="store_true", help="one JSON object")
 
@@ -334,12 +343,12 @@ def _add_edit(commands: "Commands") -> None:
     )
     edit.add_argument("survey", metavar="SURVEY", help="folder")
     edit.add_argument("--point", metavar="NAME", help="needed when there are several")
-    edit.add_argument("--drop", type=_count, metavar="N", help="about this drop of the point")
+    edit.add_argument("--drop", type=count, metavar="N", help="about this drop of the point")
     edit.add_argument("--note", action="append", metavar="TEXT")
     edit.add_argument("--discard", nargs="?", const="", metavar="REASON", help="leave it out")
     edit.add_argument("--restore", action="store_true", help="undo --discard")
     edit.add_argument("--position", metavar="LAT,LON", help="degrees")
-    edit.add_argument("--target", type=float, metavar="MPA", help="target modulus, MPa")
+    edit.add_argument("--target", type=number, metavar="MPA", help="target modulus, MPa")
     edit.add_argument("--name", metavar="NAME", help="another name for the point")
     edit.add_argument("--operator", metavar="NAME")
     edit.add_argument(
@@ -359,7 +368,7 @@ def _add_report(commands: "Commands") -> None:
     )
     report.add_argument("survey", metavar="SURVEY", help="folder")
     report.add_argument(
-        "-o", "--output", type=_report_file, metavar="FILE", required=True, help=".html or .pdf"
+        "-o", "--output", type=report_file, metavar="FILE", required=True, help=".html or .pdf"
     )
     report.add_argument(
         "--language", metavar="CODE", default="en", help="en, de or zh (default: en)"
@@ -370,10 +379,12 @@ def _add_report(commands: "Commands") -> None:
     report.add_argument(
         "--procedure", metavar="NAME", help="judge by this one (default: the one measured by)"
     )
-    report.add_argument("--target", type=float, metavar="MPA", help="of points that have none, MPa")
+    report.add_argument(
+        "--target", type=number, metavar="MPA", help="of points that have none, MPa"
+    )
     report.add_argument(
         "--target-deflection",
-        type=float,
+        type=number,
         metavar="MM",
         help="the same for a procedure that judges deflections, mm",
     )
@@ -444,60 +455,20 @@ def _add_procedure_and_gps(parser: argparse.ArgumentParser) -> None:
 def _add_known(parser: argparse.ArgumentParser) -> None:
     known = parser.add_argument_group("what is known, over the files' headers")
     known.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
-    known.add_argument("--plate-radius", type=float, metavar="M", help="m")
-    known.add_argument("--poisson-ratio", type=float, metavar="NU", help="0 <= NU < 0.5")
-    known.add_argument("--density", type=float, metavar="RHO", help="kg/m3")
-    known.add_argument("--plate-mass", type=float, metavar="KG", help="kg below the load cell")
+    known.add_argument("--plate-radius", type=number, metavar="M", help="m")
+    known.add_argument("--poisson-ratio", type=number, metavar="NU", help="0 <= NU < 0.5")
+    known.add_argument("--density", type=number, metavar="RHO", help="kg/m3")
+    known.add_argument("--plate-mass", type=number, metavar="KG", help="kg below the load cell")
 
 
 def _add_seed(parser: "Parser") -> None:
-    parser.add_argument("--seed", type=int, metavar="S", default=0, help="seed (default: 0)")
+    parser.add_argument("--seed", type=whole, metavar="S", default=0, help="seed (default: 0)")
 
 
 def _add_jobs(parser: "Parser") -> None:
-    parser.add_argument(
-        "--jobs", type=_count, metavar="N", default=1, help="processes (default: 1)"
-    )
+    parser.add_argument("--jobs", type=count, metavar="N", default=1, help="processes (default: 1)")
 
 
 def _add_plot(parser: "Parser") -> None:
     formats = ", ".join(PLOT_FORMATS)
-    parser.add_argument("--plot", type=_plot_file, metavar="FILE", help=f"write a plot ({formats})")
-
-
-def _count(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1, came {text}")
-    return number
-
-
-def _not_negative(text: str) -> float:
-    number = float(text)
-    if not 0 <= number < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number >= 0, came {text}")
-    return number
-
-
-def _depth(text: str) -> float | str:
-    if text in ("unknown", "none"):
-        return text
-    try:
-        depth = float(text)
-    except ValueError:
-        message = f"expected a depth in m, unknown or none, came {text}"
-        raise argparse.ArgumentTypeError(message) from None
-    return "none" if depth == float("inf") else depth
-
-
-def _report_file(text: str) -> str:
-    if not text.lower().endswith((".html", ".pdf")):
-        raise argparse.ArgumentTypeError(f"expected a name ending in .html or .pdf, came {text}")
-    return text
-
-
-def _plot_file(text: str) -> str:
-    if not text.lower().endswith(PLOT_FORMATS):
-        message = f"expected a name ending in {', '.join(PLOT_FORMATS)}, came {text}"
-        raise argparse.ArgumentTypeError(message)
-    return text
+    parser.add_argument("--plot", type=plot_file, metavar="FILE", help=f"write a plot ({formats})")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from inversion.fitting.misfit import Misfit, WeighedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
+from inversion.fitting.published_fitness import published_fitness
 from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
-from inversion.forward.published import published_fitness
 from inversion.search.least_squares import fit_batch
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
 

@@ -16,7 +16,8 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from inversion.forward.contact import PlateProblem
-from inversion.forward.surrogate import SHALLOWEST, Surrogate, build_surrogate
+from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate_building import build_surrogate
 
 _LOG = logging.getLogger(__name__)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
+from inversion.fitting.published_fitness import published_fitness, published_score
 from inversion.forward import published
 from tests.inversion.forward.errata import (
     DENSITY,
@@ -162,7 +163,7 @@ def test_equation_16_as_printed_is_infinite_when_only_the_peaks_agree() -> None:
     near_fit = measured * 1.001
     assert equation_16(measured, wrong_shape) == math.inf
     assert math.isfinite(equation_16(measured, near_fit))
-    fitness = published.published_fitness(measured, [wrong_shape, near_fit, measured])
+    fitness = published_fitness(measured, [wrong_shape, near_fit, measured])
     assert np.all(np.isfinite(fitness))
     assert fitness[1] == pytest.approx(equation_16(measured, near_fit))
     assert np.argmax(fitness) == 2
@@ -173,8 +174,8 @@ def test_equation_17_as_printed_is_nought_over_nought_for_equal_individuals() ->
     with np.errstate(invalid="ignore"):
         printed = 100 * (q - q.min()) / (q.max() - q.min())
     assert np.all(np.isnan(printed))
-    assert np.all(published.published_score(q) == 100)
-    assert published.published_score([1.0, 2.0, 5.0]) == pytest.approx([0, 25, 100])
+    assert np.all(published_score(q) == 100)
+    assert published_score([1.0, 2.0, 5.0]) == pytest.approx([0, 25, 100])
 
 
 # --- Eq. 18: Prony series for the Kelvin-Voigt solid ---------------------------------------------

@@ -18,7 +18,8 @@ from inversion.forward.library import (
     load_surrogate,
     surrogate_key,
 )
-from inversion.forward.surrogate import SHALLOWEST, Progress, Surrogate, build_surrogate
+from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate_building import Progress, build_surrogate
 
 CENTRE = PlateProblem("rigid-rough", 0.35)
 THREE = PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0))

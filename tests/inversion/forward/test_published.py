@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy import integrate, special
 
 from inversion.errors import ModelError, RecordError
+from inversion.fitting.published_fitness import published_fitness, published_score
 from inversion.forward import published
 from tests import reference
 
@@ -286,15 +287,15 @@ def test_fitness_takes_a_population() -> None:
     measured = displacement()[USABLE]
     moduli = np.array([30e6, 38e6, 41e6, 60e6])
     predicted = np.array([displacement(modulus=modulus)[USABLE] for modulus in moduli])
-    fitness = published.published_fitness(measured, predicted)
+    fitness = published_fitness(measured, predicted)
     assert fitness.shape == (4,)
     assert np.argmax(fitness) == 2
-    assert published.published_score(fitness).max() == 100
+    assert published_score(fitness).max() == 100
 
 
 def test_fitness_floor_bounds_both_halves() -> None:
     measured = displacement()[USABLE]
-    perfect = published.published_fitness(measured, measured, relative_floor=1e-3)
+    perfect = published_fitness(measured, measured, relative_floor=1e-3)
     assert perfect == pytest.approx(2 / (1e-3 * measured.max()))
 
 
@@ -326,11 +327,11 @@ def test_parameters_out_of_range_are_named(changes: dict[str, float], message: s
 
 def test_records_that_do_not_fit_are_refused() -> None:
     with pytest.raises(RecordError, match=r"got \(3,\) and \(2, 4\)"):
-        published.published_fitness(np.ones(3), np.ones((2, 4)))
+        published_fitness(np.ones(3), np.ones((2, 4)))
     with pytest.raises(RecordError, match="positive peak"):
-        published.published_fitness(-np.ones(3), np.ones(3))
+        published_fitness(-np.ones(3), np.ones(3))
     with pytest.raises(ModelError, match="relative_floor > 0"):
-        published.published_fitness(np.ones(3), np.ones(3), relative_floor=0.0)
+        published_fitness(np.ones(3), np.ones(3), relative_floor=0.0)
 
 
 def test_example_of_the_docstring() -> None:

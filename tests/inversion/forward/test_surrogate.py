@@ -17,7 +17,8 @@ from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, 
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
 from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
-from inversion.forward.surrogate import SHALLOWEST, Surrogate, build_surrogate
+from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate_building import build_surrogate
 from tests import reference
 
 Array = NDArray[Any]

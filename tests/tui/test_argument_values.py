@@ -1,0 +1,49 @@
+"""What the command line takes for a value, and what it says of anything else."""
+
+import argparse
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tui import argument_values as values
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "value"),
+    [
+        (values.whole, "-3", -3),
+        (values.count, "1", 1),
+        (values.number, "1e-3", 1e-3),
+        (values.not_negative, "0", 0.0),
+        (values.depth, "unknown", "unknown"),
+        (values.depth, "inf", "none"),
+        (values.depth, "0.9", 0.9),
+        (values.report_file, "Road 7.PDF", "Road 7.PDF"),
+        (values.plot_file, "drop.svg", "drop.svg"),
+    ],
+)
+def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
+    assert read(text) == value
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "expected"),
+    [
+        (values.whole, "1.5", "a whole number"),
+        (values.count, "many", "a whole number"),
+        (values.count, "0", "a whole number from 1"),
+        (values.number, "1,5", "a number"),
+        (values.not_negative, "-0.1", "a number >= 0"),
+        (values.not_negative, "inf", "a number >= 0"),
+        (values.not_negative, "nan", "a number >= 0"),
+        (values.depth, "deep", "a depth in m, unknown or none"),
+        (values.report_file, "report.doc", "a name ending in .html or .pdf"),
+        (values.plot_file, "plot", "a name ending in .pdf, .png, .svg"),
+    ],
+)
+def test_what_is_refused(read: Callable[[str], Any], text: str, expected: str) -> None:
+    message = re.escape(f"expected {expected}, came {text}")
+    with pytest.raises(argparse.ArgumentTypeError, match=f"^{message}$"):
+        read(text)
