@@ -149,10 +149,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--searches", type=int, help="drops by the full search (300; short: 50)")
     parser.add_argument("--jobs", type=int, default=2, help="workers (2)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     drops = options.drops or (1_000 if options.short else 20_000)
     searches = options.searches or (50 if options.short else 300)
     with TemporaryDirectory() as folder:

@@ -61,10 +61,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--figures", metavar="FOLDER", help="draw the ladder there")
     parser.add_argument("--no-campaign", action="store_true", help="leave the blind campaign out")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     finite_elements(Reporter(arguments))
     common = ["--jobs", options.jobs, *(["--json"] if options.json else [])]
     status = 0

@@ -293,10 +293,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     report = Reporter(arguments)
     cases = [draw_case(number, options.seed) for number in range(options.cases)]
     # Spawned on every platform alike: a forked copy of a threaded process may hang.

@@ -247,10 +247,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--cache", type=Path, help="folder for simulated drops")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     report = Reporter(arguments)
     cache = options.cache or user_cache_path("pfwd", appauthor=False) / "bench"
     devices = DEVICES if not options.short else (*DEVICES[:1], *DEVICES[2:4], *DEVICES[6:9])

@@ -112,10 +112,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--cache", type=Path, help="of finite-element answers (the platform's)")
     parser.add_argument("--cli", action="store_true", help="diagnose by the command line")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     strange = set((options.only or CLEAN).split(",")) - set(EFFECTS)
     if strange:
         print(f"pfwd bench loop: no effect {', '.join(sorted(strange))}", file=sys.stderr)

@@ -109,10 +109,7 @@ def run(arguments: list[str]) -> int:
     )
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the ladder there")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     devices = find_drops(options.folder)
     if options.device is not None:
         devices = {name: drops for name, drops in devices.items() if name == options.device}

@@ -113,10 +113,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--cases", type=int, default=200, help="noisy copies of the drop (200)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (0)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     report = Reporter(arguments)
     library = SurrogateLibrary()
     clean: dict[Quantity, Record] = {q: clean_record(q) for q in ("velocity", "displacement")}

@@ -199,10 +199,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--every", type=int, default=1, help="kill at every n-th call only")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as err:
-        return int(err.code or 0)
+    options = parser.parse_args(arguments)
     report = Reporter(arguments)
     report.title("acknowledged drops after a kill at every call and after power loss")
     whole = campaign(

@@ -229,10 +229,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--seeds", type=int, default=50, help="runs per function (50)")
     parser.add_argument("--first-seed", type=int, default=0, help="seeds count from here (0)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     report = Reporter(arguments)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     engines: dict[str, Engine] = {

@@ -224,10 +224,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--figures", type=Path, help="folder for the figures")
     parser.add_argument("--tables", type=Path, default=_TABLES, help="the study's tables as CSV")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    try:
-        options = parser.parse_args(arguments)
-    except SystemExit as exit_:
-        return int(exit_.code or 0)
+    options = parser.parse_args(arguments)
     cases = all_cases()
     cases = cases[:: max(1, len(cases) // options.cases)][: options.cases]
     _build_surrogates()
