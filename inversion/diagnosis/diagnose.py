@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from inversion.diagnosis.belief import is_worth_telling, reasons_to_doubt
 from inversion.diagnosis.findings import (
     DeviceValues,
     DropCurves,
@@ -19,15 +20,13 @@ from inversion.diagnosis.findings import (
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import held_out_errors, predict, residual_over_peak
 from inversion.diagnosis.problem import Point, Unknown
-from inversion.diagnosis.search import EXPLAINED, Candidate, Search
+from inversion.diagnosis.search import Candidate, Search
 from inversion.effects.base import Ground
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
-# So many effects at once can be told from one record, and from several: more would fit anything.
-_BELIEVED_OF_ONE, _BELIEVED = 2, 4
-# Times the noise that slow noise may reach by chance, and up to which a model is nearly right.
-_SLOW_NOISE, _NEARLY = 2.5, 3.0
+# Times the noise up to which a model is nearly right.
+_NEARLY = 3.0
 # A range of moduli so wide is told.
 _WIDE = 1.1
 
@@ -61,7 +60,13 @@ def diagnose_point(
 
 
 def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
-    explained = _explains(point, best)
+    doubts = reasons_to_doubt(point, best)
+    if doubts and best.effects and not is_worth_telling(point, base, best):
+        names = " with ".join(effect.name for effect in best.effects)
+        best = search.base()
+        doubts = reasons_to_doubt(point, best)
+        if doubts:
+            doubts.append(f"{names} came nearest and left more than half of it: not taken over")
     # What explains little has no alternatives.
     others = {
         effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
@@ -73,7 +78,7 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
     effects = _effects(point, search, best, others)
     helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
-    if explained:
+    if not doubts:
         verdict = "explained" if helped else "clean"
     held_before, held_after = held_out_errors(point, base, best)
     return PointDiagnosis(
@@ -86,20 +91,9 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         effects=effects,
         held_out_before=held_before,
         held_out_after=held_after,
-        warnings=tuple(_warnings(best, effects, verdict, after)),
+        warnings=(*_warnings(best, effects, verdict, after), *doubts),
         curves=_curves(point, base, best),
     )
-
-
-def _explains(point: Point, best: Candidate) -> bool:
-    """Whether what is left is noise, and what is gone may be believed to be explained."""
-    records = len(point.drops) * point.drops[0].observed.shape[0]
-    if len(best.effects) > (_BELIEVED_OF_ONE if records == 1 else _BELIEVED):
-        return False
-    if best.over_noise <= EXPLAINED:
-        return True
-    # Slow noise may look large at single samples: then what its correlation leaves counts.
-    return best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
 
 
 def _modulus(point: Point, candidate: Candidate) -> float:
@@ -229,16 +223,6 @@ def _warnings(
     for one in best.fit.at_bound():
         if one.effect is None:
             found.append(f"{one.parameter.name.replace('_', ' ')} of the ground sits on a bound")
-    if verdict == "unexplained" and best.over_noise <= EXPLAINED:
-        found.append(
-            f"{len(effects)} effects at once fit this residual, but would fit almost any: measure "
-            "again, with more drops or sensors; do not take the modulus for corrected"
-        )
-    elif verdict == "unexplained":
-        found.append(
-            f"residual not explained: {best.over_noise:.1f} times the noise is left; do not take "
-            "the modulus for corrected"
-        )
     return found
 
 

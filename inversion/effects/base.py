@@ -40,6 +40,8 @@ class EffectParameter:
     starts : tuple of float, where a fit begins: so large that the effect shows
     logarithmic : bool, whether its scale is logarithmic
     natural : bool, whether its bounds are those of nature, where a value may well sit
+    usual : (float, float) or None, what instruments in use have: a fit may leave it, and then
+        stands for something else that looks alike
     """
 
     name: str
@@ -49,6 +51,7 @@ class EffectParameter:
     starts: tuple[float, ...]
     logarithmic: bool = False
     natural: bool = False
+    usual: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

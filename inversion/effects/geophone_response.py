@@ -10,7 +10,11 @@ class GeophoneResponse(Effect):
     name = "geophone_response"
     scope = "device"
     parameters = (
-        EffectParameter("natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True),
+        # Those of deflectometers have 4.5 Hz and more.  Below some 2 Hz a pulse and its tail feel
+        # no more of the response than a slow creep, which much else leaves as well.
+        EffectParameter(
+            "natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True, usual=(2.0, 30.0)
+        ),
         EffectParameter("damping", "-", 0.02, 1.5, (0.6, 0.2), logarithmic=True),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"

@@ -12,7 +12,7 @@ class MainsHum(Effect):
     name = "mains_hum"
     scope = "drop"
     parameters = (
-        EffectParameter("amplitude", "m/s", 0.0, 0.2, (2e-3,)),
+        EffectParameter("amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True),
         EffectParameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
         EffectParameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
@@ -130,3 +131,19 @@ def test_other_finite_elements_with_their_rock_declared_have_no_effect(
     assert found.after.modulus == pytest.approx(modulus, rel=0.007)
     # Undamped ground rings on until the side of the mesh answers: that is no noise, nor an effect.
     assert found.verdict == ("unexplained" if number == 6 else "clean")
+
+
+@pytest.mark.parametrize(("frequency", "verdict"), [(0.8, "unexplained"), (4.5, "explained")])
+def test_a_response_that_no_geophone_has_is_no_explanation(
+    drop: SimulatedDrop, library: SurrogateLibrary, frequency: float, verdict: str
+) -> None:
+    # A second-order high-pass by its state space: what is slow enough looks like many other causes.
+    w = 2 * np.pi * frequency
+    high_pass = signal.lti([1.0, 0.0, 0.0], [1.0, 1.2 * w, w**2])
+    _, moved, _ = signal.lsim(high_pass, drop.plate_displacement, drop.time - drop.time[0])
+    found = diagnose(drop, library, displacement=moved)
+    (effect,) = found.effects
+    assert effect.name == "geophone_response"
+    assert found.verdict == verdict
+    assert any("no instrument in use" in text for text in found.warnings) == (frequency < 2)
+    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)

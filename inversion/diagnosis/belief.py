@@ -1,0 +1,72 @@
+"""Whether what a search found may be believed: a fit is no explanation for being close."""
+
+from __future__ import annotations
+
+from inversion.diagnosis.prediction import residual_over_peak
+from inversion.diagnosis.problem import Point
+from inversion.diagnosis.search import EXPLAINED, Candidate
+
+# So many effects at once can be told from one record, and from several: more would fit anything.
+_BELIEVED_OF_ONE, _BELIEVED = 2, 4
+# Times the noise that slow noise may reach by chance.
+_SLOW_NOISE = 2.5
+# Standard deviations by which a value may miss what is usual.
+_CHANCE = 2.0
+# Of the residual: effects that leave more of it are not what is behind it.
+_MOST_LEFT = 0.5
+
+
+def is_worth_telling(point: Point, base: Candidate, best: Candidate) -> bool:
+    """Whether effects that do not explain the residual take at least half of it away."""
+    left = residual_over_peak(point, best)
+    return left <= _MOST_LEFT * residual_over_peak(point, base)
+
+
+def reasons_to_doubt(point: Point, best: Candidate) -> list[str]:
+    """Why a set of effects does not explain the residual, a short text each; none: it does."""
+    reasons = []
+    # Slow noise may look large at single samples: then what its correlation leaves counts.
+    slow = best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
+    if not (best.over_noise <= EXPLAINED or slow):
+        reasons.append(
+            f"residual not explained: {best.over_noise:.1f} times the noise is left; do not take "
+            "the modulus for corrected"
+        )
+    records = len(point.drops) * point.drops[0].observed.shape[0]
+    if len(best.effects) > (_BELIEVED_OF_ONE if records == 1 else _BELIEVED):
+        reasons.append(
+            f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
+            "measure again, with more drops or sensors; do not take the modulus for corrected"
+        )
+    strange = _unusual(best)
+    if strange:
+        reasons += strange
+        reasons.append(
+            "what stands in for another cause is no explanation; do not take the modulus for "
+            "corrected"
+        )
+    if any(one.effect is not None for one in best.fit.at_bound()):
+        reasons.append(
+            "an effect that would go on past its bounds is no explanation; do not take the "
+            "modulus for corrected"
+        )
+    return reasons
+
+
+def _unusual(best: Candidate) -> list[str]:
+    """Parameters with values that no instrument in use has, and chance does not explain."""
+    found = []
+    for one, place, deviation in zip(
+        best.fit.unknowns, best.fit.places, best.fit.deviations(), strict=True
+    ):
+        if one.effect is None or one.parameter.usual is None:
+            continue
+        value, reach = one.value(float(place)), _CHANCE * one.deviation(float(place), deviation)
+        low, high = one.parameter.usual
+        if value + reach < low or value - reach > high:
+            name, unit = one.parameter.name.replace("_", " "), one.parameter.unit
+            found.append(
+                f"{one.effect.name}: {value:.3g} {unit} is the {name} of no instrument in use "
+                f"({low:g} to {high:g} {unit})"
+            )
+    return found
