@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -85,34 +86,32 @@ def fit_ground(
     """The ground that fits the drops best, searched coarsely and polished at the full band."""
     if method == "published":
         return _fit_published(drops, space, rng)
-    solves = 0
     coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
-    profile: tuple[Minimum, ...] = ()
     if space.index(DEPTH) is not None:
         profile = _depth_profile(coarse, space)
-        starts = _local_minima(profile)
+        guesses = _local_minima(profile)
     else:
-        starts = _plain_starts(space)
+        profile = ()
+        guesses = tuple(Minimum(point, math.inf) for point in _plain_starts(space))
+    solves = 0
     if method == "mpga":
         rapid = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
-        starts = np.concatenate([_search(rapid, len(space.fitted), rng)[None], starts])
-        solves += rapid.solves
-    rough = fit_batch(coarse.linearise, starts, iterations=12, tolerance=1e-3)
-    found = _distinct(rough.points, rough.cost)
-    contact = GroundFit(
-        best=found[0],
-        others=found[1:],
-        profile=profile,
-        converged=False,
-        solves=solves + coarse.solves,
-        misfit=coarse,
-        drops=drops,
-    )
+        guesses = (Minimum(_search(rapid, len(space.fitted), rng), math.inf), *guesses)
+        solves = rapid.solves
+    contact = GroundFit(guesses[0], guesses[1:], profile, False, solves, coarse, drops)
     return _with_tail(contact)
 
 
+def _refined(fit: GroundFit) -> GroundFit:
+    """Guesses brought to their minima at the band of the search."""
+    guesses = np.stack([m.point for m in (fit.best, *fit.others)])
+    rough = fit_batch(fit.misfit.linearise, guesses, iterations=12, tolerance=1e-3)
+    found = _distinct(rough.points, rough.cost)
+    return replace(fit, best=found[0], others=found[1:])
+
+
 def _polished(fit: GroundFit) -> GroundFit:
-    """A rough fit, and what may pass for it, at the full band."""
+    """A refined fit, and what may pass for it, at the full band."""
     fine = Misfit(fit.drops, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = np.stack([m.point for m in _promising((fit.best, *fit.others))])
     polished = fit_batch(fine.linearise, chosen, iterations=20)
@@ -122,7 +121,7 @@ def _polished(fit: GroundFit) -> GroundFit:
         best=found[0],
         others=found[1:],
         converged=bool(polished.converged[polished.best]),
-        solves=fit.solves + fine.solves,
+        solves=fit.solves + fit.misfit.solves + fine.solves,
         misfit=fine,
     )
 
@@ -136,7 +135,9 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     """
     longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
-        return _polished(fit)
+        return _polished(_refined(fit))
+    if not math.isfinite(fit.best.cost):
+        fit = _refined(fit)
     space = fit.misfit.space
     rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
     allowed = fit.best.cost + _CONTACT_ALLOWS
@@ -146,13 +147,16 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     several = 8 if order.size > 1 else 0
     tried = fit_batch(rough.linearise, points[order], iterations=several, tolerance=1e-3)
     if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
-        return _polished(replace(fit, solves=fit.solves + rough.solves))
+        return _polished(_refined(replace(fit, solves=fit.solves + rough.solves)))
     whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = _promising(_distinct(tried.points, tried.cost))
     polished = fit_batch(whole.linearise, np.stack([m.point for m in chosen]), iterations=15)
     found = _distinct(polished.points, polished.cost)
-    if found[0].cost > max(_TAIL_EXPLAINED, fit.best.cost):
-        return _polished(replace(fit, solves=fit.solves + rough.solves + whole.solves))
+    fit = replace(fit, solves=fit.solves + rough.solves + whole.solves)
+    if found[0].cost > _TAIL_EXPLAINED:
+        fit = _refined(fit)
+        if found[0].cost > fit.best.cost:
+            return _polished(fit)
     profile = _profile_again(fit, rough, found[0].cost)
     return replace(
         fit,
@@ -160,7 +164,7 @@ def _with_tail(fit: GroundFit) -> GroundFit:
         others=found[1:],
         profile=profile,
         converged=bool(polished.converged[polished.best]),
-        solves=fit.solves + rough.solves + whole.solves,
+        solves=fit.solves + fit.misfit.solves,
         misfit=whole,
         drops=longer,
     )
@@ -251,12 +255,12 @@ def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]
     )
 
 
-def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> FloatArray:
+def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> tuple[Minimum, ...]:
     cost = np.array([m.cost for m in profile])
     padded = np.concatenate([[np.inf], cost, [np.inf]])
     lowest = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
     best = lowest[np.argsort(cost[lowest])][:most]
-    return np.stack([profile[int(index)].point for index in best])
+    return tuple(profile[int(index)] for index in best)
 
 
 def _promising(minima: tuple[Minimum, ...], most: int = 3) -> tuple[Minimum, ...]:

@@ -133,7 +133,9 @@ def _load_noise(
     grounds = fit.misfit.space.grounds(fit.best.point[None])
     transfer = transfer_function(item.surrogate, item.instrument, transform.s, grounds)[0]
     transfer = transfer[-drop.offsets.size :] * item.instrument.response(transform.s)
-    spectrum = np.einsum("st,dkt,ks->ds", transform.synthesis(wanted), weights, transfer)
+    # (d, n_sensors, n_frequencies), the slow sum over time first.
+    parts = weights @ transform.synthesis(wanted).T
+    spectrum = np.einsum("dks,ks->ds", parts, transfer)
     native = transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
     return drop.load_noise.quadratic_form(native)
 
