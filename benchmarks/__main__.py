@@ -14,7 +14,7 @@ PARTS = {
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",
     "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
-    "archive": "an archive inverted anew, its cost and its safety (half an hour; --short)",
+    "archive": "an archive inverted anew, its cost and its safety (six minutes; --short)",
     "devices": "ten grounds under ten unlike devices (some minutes; --short)",
     "loop": "the diagnosis on a blind campaign of drops with undeclared effects (half an hour)",
     "closing": "all figures of docs/closing-the-loop.md (half an hour)",

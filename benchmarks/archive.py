@@ -34,6 +34,7 @@ _YOUNG_S = 2.0
 _TURNS = 3
 _TARGETS = {
     "least-squares, depth declared": 40.0,
+    "least-squares, depth unknown": 40.0,
     "full search, depth declared": 3.5,
     "full search, depth unknown": 1.2,
 }
