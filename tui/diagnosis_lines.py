@@ -9,7 +9,7 @@ from tui.output import clean
 _VERDICT = {
     "clean": "CLEAN: the base model leaves only noise",
     "explained": "EXPLAINED: the effects below bring the residual to the noise",
-    "unexplained": "NOT EXPLAINED: a residual remains; do not take the modulus for corrected",
+    "unexplained": "NOT EXPLAINED, the warnings say why: do not take the modulus for corrected",
 }
 
 

@@ -28,28 +28,16 @@ def reasons_to_doubt(point: Point, best: Candidate) -> list[str]:
     # Slow noise may look large at single samples: then what its correlation leaves counts.
     slow = best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
     if not (best.over_noise <= EXPLAINED or slow):
-        reasons.append(
-            f"residual not explained: {best.over_noise:.1f} times the noise is left; do not take "
-            "the modulus for corrected"
-        )
+        reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
     records = len(point.drops) * point.drops[0].observed.shape[0]
     if len(best.effects) > (_BELIEVED_OF_ONE if records == 1 else _BELIEVED):
         reasons.append(
             f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
-            "measure again, with more drops or sensors; do not take the modulus for corrected"
+            "measure again, with more drops or sensors"
         )
-    strange = _unusual(best)
-    if strange:
-        reasons += strange
-        reasons.append(
-            "what stands in for another cause is no explanation; do not take the modulus for "
-            "corrected"
-        )
+    reasons += _unusual(best)
     if any(one.effect is not None for one in best.fit.at_bound()):
-        reasons.append(
-            "an effect that would go on past its bounds is no explanation; do not take the "
-            "modulus for corrected"
-        )
+        reasons.append("an effect that would go on past its bounds is no explanation")
     return reasons
 
 
@@ -67,6 +55,6 @@ def _unusual(best: Candidate) -> list[str]:
             name, unit = one.parameter.name.replace("_", " "), one.parameter.unit
             found.append(
                 f"{one.effect.name}: {value:.3g} {unit} is the {name} of no instrument in use "
-                f"({low:g} to {high:g} {unit})"
+                f"({low:g} to {high:g} {unit}): it stands in for another cause"
             )
     return found

@@ -1,0 +1,117 @@
+"""When a set of effects that fits is believed to be what is behind a residual."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion.diagnosis.belief import is_worth_telling, reasons_to_doubt
+from inversion.diagnosis.problem import Unknown
+from inversion.effects.base import EffectParameter
+from inversion.effects.catalogue import BY_NAME
+
+NATURAL = EffectParameter("amplitude", "-", 0.0, 1.0, (0.5,), natural=True)
+USUAL = EffectParameter("frequency", "Hz", 0.0, 10.0, (5.0,), usual=(2.0, 8.0))
+PLAIN = EffectParameter("depth", "m", 0.0, 10.0, (5.0,))
+EFFECT = BY_NAME["bedrock"]
+
+
+@dataclass
+class Fit:
+    """A fit as far as belief looks at it."""
+
+    unknowns: list[Unknown]
+    places: Any
+    spread: float
+    bounds: list[Unknown]
+    excess: float = 2.0
+
+    def deviations(self) -> Any:
+        return np.full(len(self.unknowns), self.spread)
+
+    def at_bound(self) -> list[Unknown]:
+        return self.bounds
+
+
+@dataclass
+class Candidate:
+    """A set of effects."""
+
+    over_noise: float = 1.0
+    effects: tuple[Any, ...] = (EFFECT,)
+    fit: Fit = field(default_factory=lambda: Fit([], np.array([]), 0.0, []))
+
+
+@dataclass
+class Model:
+    """A drop with so many sensors."""
+
+    observed: Any
+
+
+@dataclass
+class Point:
+    """A point with drops."""
+
+    drops: list[Model]
+
+
+ONE = Point([Model(np.zeros((1, 8)))])
+SIX = Point([Model(np.zeros((3, 8))), Model(np.zeros((3, 8)))])
+
+
+def reasons(point: Point, candidate: Candidate) -> list[str]:
+    return reasons_to_doubt(point, candidate)  # type: ignore[arg-type]
+
+
+def at(parameter: EffectParameter, place: float, spread: float, effect: Any = EFFECT) -> Candidate:
+    one = Unknown(parameter, effect)
+    return Candidate(fit=Fit([one], np.array([place]), spread, []))
+
+
+@pytest.mark.parametrize(
+    ("over_noise", "excess", "believed"),
+    [(1.4, 2.0, True), (2.4, 0.9, True), (2.4, 1.1, False), (2.6, 0.9, False)],
+)
+def test_what_is_left_has_to_be_noise(over_noise: float, excess: float, believed: bool) -> None:
+    found = reasons(ONE, Candidate(over_noise, fit=Fit([], np.array([]), 0.0, [], excess)))
+    assert bool(found) != believed
+    assert all("not explained" in text for text in found)
+
+
+def test_many_effects_are_not_told_from_few_records() -> None:
+    assert reasons(ONE, Candidate(effects=(EFFECT,) * 2)) == []
+    (text,) = reasons(ONE, Candidate(effects=(EFFECT,) * 3))
+    assert "3 effects at once" in text
+    assert reasons(SIX, Candidate(effects=(EFFECT,) * 4)) == []
+    assert reasons(SIX, Candidate(effects=(EFFECT,) * 5))
+
+
+@pytest.mark.parametrize(
+    ("place", "spread", "doubted"),
+    [(0.5, 0.01, False), (0.15, 0.02, True), (0.15, 0.04, False), (0.9, 0.01, True)],
+)
+def test_values_that_no_instrument_has(place: float, spread: float, doubted: bool) -> None:
+    found = reasons(ONE, at(USUAL, place, spread))
+    assert bool(found) == doubted
+    assert all("no instrument in use (2 to 8 Hz)" in text for text in found)
+    assert reasons(ONE, at(PLAIN, place, spread)) == []
+
+
+def test_a_bound_of_an_effect_counts_and_one_of_the_ground_does_not() -> None:
+    one, soil = Unknown(PLAIN, EFFECT), Unknown(PLAIN, None)
+    (text,) = reasons(ONE, Candidate(fit=Fit([], np.array([]), 0.0, [one, soil])))
+    assert "past its bounds" in text
+    assert reasons(ONE, Candidate(fit=Fit([], np.array([]), 0.0, [soil]))) == []
+
+
+@pytest.mark.parametrize(("left", "worth"), [(0.04, True), (0.05, True), (0.06, False)])
+def test_less_than_half_is_not_worth_telling(
+    monkeypatch: pytest.MonkeyPatch, left: float, worth: bool
+) -> None:
+    errors = {"base": 0.1, "best": left}
+    monkeypatch.setattr(
+        "inversion.diagnosis.belief.residual_over_peak", lambda _, candidate: errors[candidate]
+    )
+    assert is_worth_telling(ONE, "base", "best") is worth  # type: ignore[arg-type]
