@@ -32,13 +32,20 @@ def main(arguments: list[str]) -> int:
         if name not in PARTS:
             print(f"pfwd bench: expected one of {', '.join(PARTS)}, came {name}", file=sys.stderr)
             return 2
-        return int(import_module(f"benchmarks.{name}").run(rest))
+        return _run(name, rest)
     if "--help" in arguments or "-h" in arguments:
         print("pfwd bench [PART] [--json]; without PART:", ", ".join(QUICK))
         for name, what in PARTS.items():
             print(f"  {name:11} {what}")
         return 0
-    return max(int(import_module(f"benchmarks.{name}").run(arguments)) for name in QUICK)
+    return max(_run(name, arguments) for name in QUICK)
+
+
+def _run(name: str, arguments: list[str]) -> int:
+    try:
+        return int(import_module(f"benchmarks.{name}").run(arguments))
+    except SystemExit as wrong:  # of the part's parser, which has said what is wrong
+        return int(wrong.code or 0)
 
 
 if __name__ == "__main__":

@@ -143,7 +143,7 @@ def _busy() -> float:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the figures; 0, 1 where a target is missed, 2 for wrong usage."""
+    """Print the figures; 0, 1 where a target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench archive", description=__doc__)
     parser.add_argument("--short", action="store_true", help="a twentieth of the drops")
     parser.add_argument("--drops", type=int, help="drops by least squares (20000; short: 1000)")

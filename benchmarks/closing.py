@@ -53,7 +53,7 @@ STEPS = (
 
 
 def run(arguments: list[str]) -> int:
-    """All parts; 0, or 2 for wrong usage."""
+    """All parts; 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench closing", description=__doc__)
     parser.add_argument("--measured", type=Path, metavar="FOLDER", help="measured drops")
     parser.add_argument("--jobs", default="2", help="processes (2)")

@@ -286,7 +286,7 @@ def _build(problem: PlateProblem) -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Print coverage, widths and errors; 0, 1 where the target is missed, 2 for wrong usage."""
+    """Print coverage, widths and errors; 0, 1 where the target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
     parser.add_argument("--refined", type=int, default=0, help="cases on a halved mesh too (0)")

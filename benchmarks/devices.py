@@ -241,7 +241,7 @@ def read(case: Case) -> Reading:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the spread; 0, 1 where the target is missed, 2 for wrong usage."""
+    """Print the spread; 0, 1 where the target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench devices", description=__doc__)
     parser.add_argument("--short", action="store_true", help="three grounds, six devices")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")

@@ -99,7 +99,7 @@ class Fitted:
 
 
 def run(arguments: list[str]) -> int:
-    """Fit, leave out, print; 0, 1 when there is nothing to read, 2 for wrong usage."""
+    """Fit, leave out, print; 0, 1 when there is nothing to read."""
     parser = argparse.ArgumentParser(prog="pfwd bench measured", description=__doc__)
     parser.add_argument("folder", type=Path, help="trace files of real devices")
     parser.add_argument("--device", help="only this one")

@@ -108,7 +108,7 @@ def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.G
 
 
 def run(arguments: list[str]) -> int:
-    """Print the shares within one and two standard deviations; 0, or 2 for wrong usage."""
+    """Print the shares within one and two standard deviations; 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench noise", description=__doc__)
     parser.add_argument("--cases", type=int, default=200, help="noisy copies of the drop (200)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (0)")

@@ -224,7 +224,7 @@ class _Timed:
 
 
 def run(arguments: list[str]) -> int:
-    """Print success rates and times; 0, or 2 for wrong usage."""
+    """Print success rates and times; 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench search", description=__doc__)
     parser.add_argument("--seeds", type=int, default=50, help="runs per function (50)")
     parser.add_argument("--first-seed", type=int, default=0, help="seeds count from here (0)")

@@ -217,7 +217,7 @@ def _finding(case: Case, result: InversionResult) -> Finding:
 
 
 def run(arguments: list[str]) -> int:
-    """Print both sides' errors and the ladder, draw the figures if asked; 0, or 2 for usage."""
+    """Print both sides' errors and the ladder, draw the figures if asked; 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
     parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")

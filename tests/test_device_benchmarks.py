@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import archive, archive_drops, devices
+from benchmarks import archive_drops, devices
+from benchmarks.__main__ import main
 from benchmarks.devices import DEVICES, SITES, Case, Reading
 from benchmarks.output import Reporter
 from pfwd_survey import read_traces
@@ -109,6 +110,7 @@ def test_the_drops_of_an_archive_declare_the_depth_or_do_not(
     assert {len(point.drops[0].channels) for point in points} == {1, 3}
 
 
-@pytest.mark.parametrize("part", [archive, devices])
-def test_wrong_usage_is_status_2(part: Any) -> None:
-    assert part.run(["--jobs", "many"]) == 2
+@pytest.mark.parametrize("part", ["archive", "devices"])
+def test_wrong_usage_is_status_2(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([part, "--jobs", "many"]) == 2
+    assert "--jobs" in capsys.readouterr().err

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.__main__ import main
 from benchmarks.loop import Judged, run, summarise, totals
 from benchmarks.output import Reporter
 from simulators.campaign import Case
@@ -117,4 +118,5 @@ def test_the_summary_is_one_object_a_line(capsys: pytest.CaptureFixture[str]) ->
 def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--only", "bedrok"]) == 2
     assert "bedrok" in capsys.readouterr().err
-    assert run(["--cases", "many"]) == 2
+    assert main(["loop", "--cases", "many"]) == 2
+    assert "--cases" in capsys.readouterr().err
