@@ -57,6 +57,9 @@ _BOLD = 1.17
 _LABEL = 112.0
 """Points; width of the labels of pairs."""
 
+_TOGETHER = 6
+"""Lines of a pair that stand on one page."""
+
 _KEEP = 90.0
 """Points that have to be left below a heading; it goes to the next page otherwise."""
 
@@ -237,6 +240,8 @@ class _Pages:
         size, letters = 8.4, self._letters
         names = letters.wrap(letters.drawable(label), size, _LABEL - 6)
         lines = letters.wrap(letters.drawable(value), size, self._width - _LABEL)
+        # A label stays with its value; what is longer than that may run over the page.
+        self._room(min(max(len(names), len(lines)), _TOGETHER) * size * _LEADING)
         for index in range(max(len(names), len(lines))):
             self._room(size * _LEADING)
             self._y -= size * _LEADING
@@ -261,10 +266,12 @@ class _Pages:
         self._size = _SMALL_CELL if full else _CELL
         cells = [[self._cell(cell) for cell in row] for row in table.rows]
         head = [self._letters.drawable(column) for column in table.columns]
-        widths = self._widths(head, cells)
+        marked = [_bold_cells(row) for row in table.rows]
+        bold = [any(row[column] for row in marked) for column in range(len(head))]
+        widths = self._widths(head, cells, bold)
         self._row(head, widths, table, None, header=True)
-        for row, marks in zip(cells, table.rows, strict=True):
-            height = self._height(row, widths)
+        for row, marks, bolds in zip(cells, table.rows, marked, strict=True):
+            height = self._height(row, widths, bolds)
             if self._y - height < FOOT:
                 self._new_page()
                 self._row(head, widths, table, None, header=True)
@@ -275,19 +282,16 @@ class _Pages:
         text = f"{SIGNS[cell.kind]} {cell.text}" if isinstance(cell, Mark) else cell
         return self._letters.drawable(text)
 
-    def _widths(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[float]:
+    def _widths(
+        self, head: Sequence[str], rows: Sequence[Sequence[str]], bold: Sequence[bool]
+    ) -> list[float]:
         """As wide as its longest cell, the wide columns narrowed until all fit."""
         room = self._width - _GAP * (len(head) - 1)
-        columns = [list(column) for column in zip(head, *rows, strict=True)]
-        wanted = [
-            max(
-                max(self._letters.width(word, self._size * _BOLD) for word in column[0].split()),
-                *(self._letters.width(text, self._size * 1.05) for text in column[1:]),
-            )
-            if column[0]
-            else max(self._letters.width(text, self._size * 1.05) for text in column)
-            for column in columns
-        ]
+        wanted = []
+        for heavy, title, *texts in zip(bold, head, *rows, strict=True):
+            size = self._size * (_BOLD if heavy else 1.05)
+            words = [self._letters.width(word, self._size * _BOLD) for word in title.split()]
+            wanted.append(max([0.0, *words, *(self._letters.width(text, size) for text in texts)]))
         if sum(wanted) <= room:
             rest = (room - sum(wanted)) / len(wanted)
             return [width + rest for width in wanted]
@@ -302,15 +306,15 @@ class _Pages:
         return [min(width, low) for width in wanted]
 
     def _lines(
-        self, row: Sequence[str], widths: Sequence[float], *, bold: bool = False
+        self, row: Sequence[str], widths: Sequence[float], bold: Sequence[bool]
     ) -> list[list[str]]:
         return [
-            self._letters.wrap(text, self._size * (_BOLD if bold else 1.03), width + 0.5)
-            for text, width in zip(row, widths, strict=True)
+            self._letters.wrap(text, self._size * (_BOLD if heavy else 1.03), width + 0.5)
+            for text, width, heavy in zip(row, widths, bold, strict=True)
         ]
 
-    def _height(self, row: Sequence[str], widths: Sequence[float], *, bold: bool = False) -> float:
-        most = max(len(lines) for lines in self._lines(row, widths, bold=bold))
+    def _height(self, row: Sequence[str], widths: Sequence[float], bold: Sequence[bool]) -> float:
+        most = max(len(lines) for lines in self._lines(row, widths, bold))
         return most * self._size * _LEADING + 4
 
     def _row(
@@ -322,16 +326,16 @@ class _Pages:
         *,
         header: bool = False,
     ) -> None:
-        height = self._height(row, widths, bold=header)
+        bold = [header] * len(row) if marks is None else _bold_cells(marks)
+        height = self._height(row, widths, bold)
         self._room(height * (3 if header else 1))
         if header:
             self._shade(self._y - height, height)
         x = MARGIN
-        for index, lines in enumerate(self._lines(row, widths, bold=header)):
+        for index, lines in enumerate(self._lines(row, widths, bold)):
             y = self._y - 1
             mark = marks[index] if marks is not None else None
             colour = VERDICT_COLOURS[mark.kind] if isinstance(mark, Mark) else _INK
-            bold = header or isinstance(mark, Mark)
             for line in lines:
                 y -= self._size * _LEADING
                 right = index in table.right
@@ -342,7 +346,7 @@ class _Pages:
                     self._size,
                     colour,
                     ha="right" if right else "left",
-                    weight="bold" if bold else "normal",
+                    weight="bold" if bold[index] else "normal",
                 )
             x += widths[index] + _GAP
         self._y -= height
@@ -359,3 +363,8 @@ class _Pages:
             zorder=-1,
         )
         self._page.add_artist(patch)
+
+
+def _bold_cells(row: Sequence[str | Mark]) -> list[bool]:
+    """Which cells are drawn in bold letters: verdicts."""
+    return [isinstance(cell, Mark) for cell in row]
