@@ -14,11 +14,11 @@ def words_of(page: Any) -> list[str]:
     return [text.get_text() for text in page.texts]
 
 
-@pytest.mark.parametrize("lines", range(42, 50))
+@pytest.mark.parametrize("lines", range(48, 56))
 def test_a_label_of_two_lines_stays_with_its_value(lines: int) -> None:
     pages = _Pages(Letters())
     for number in range(lines):
-        pages.add(Paragraph(f"line {number}"))
+        pages.add(Paragraph(f"line {number}", "note"))
     pages.add(Pairs((("Last check of the instrument's load cell", "zero -20 N"),)))
     last = words_of(pages.finished()[-1])
     assert "zero -20 N" in last
