@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
+from pfwd_survey.archive.interrupts import interrupts_wait
 from pfwd_survey.archive.work import ONE_THREAD, SourceOutcome, invert_batch, limit_threads
 from pfwd_survey.archive.workers import Batch
 from pfwd_survey.errors import SurveyError, refusal
@@ -132,6 +133,10 @@ class LocalWorkers:
         yield outcomes
 
     def _start(self) -> _Worker:
+        with interrupts_wait():
+            return self._start_now()
+
+    def _start_now(self) -> _Worker:
         ours, theirs = get_context("spawn").Pipe()
         process = get_context("spawn").Process(
             target=_serve, args=(theirs, self._options), daemon=True, name="pfwd-invert"
