@@ -4,6 +4,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
+from multiprocessing import resource_tracker
 
 
 @contextlib.contextmanager
@@ -21,6 +22,8 @@ def interrupts_wait() -> Iterator[None]:
     both = (signal.SIGINT, signal.SIGTERM)
     before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in both}
     masks = hasattr(signal, "pthread_sigmask")
+    if masks:
+        resource_tracker.ensure_running()  # started later, it would lift the mask
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
         yield
