@@ -1,5 +1,6 @@
 """What several of the mirrored folders need."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,18 @@ TOP = Path(__file__).resolve().parents[1]
 settings.register_profile("everyday", derandomize=True)
 settings.register_profile("explore", derandomize=False, print_blob=True)
 settings.load_profile("everyday")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Tests marked `posix` rest on what Windows does not have.
+
+    What they are about is tested there by others of the same files: the driver and the probes over
+    TCP, errors of Windows' ports word for word, disks that are full or fail on a disk that is
+    played, ends of programs by killing them.
+    """
+    if os.name == "nt" and item.get_closest_marker("posix") is not None:
+        pytest.skip("Windows has no pseudo-terminals, limits of files or signals to a process")
 
 
 @pytest.fixture(scope="session")

@@ -30,8 +30,7 @@ _DAMAGE = (
     ValueError,
     KeyError,
     EOFError,
-    NotImplementedError,  # zipfile's, when a flipped bit names a compression it does not know
-    RuntimeError,  # zipfile's, when one says that the file is encrypted
+    RuntimeError,  # zipfile's, when a flipped bit names a compression or encryption of its own
     zipfile.BadZipFile,
     zlib.error,
 )

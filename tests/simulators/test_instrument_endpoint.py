@@ -25,8 +25,7 @@ from simulators.instrument.endpoint import (
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
 
-posix = pytest.mark.skipif(os.name != "posix", reason="there are no virtual serial ports")
-KINDS = [pytest.param("pty", marks=posix), "tcp://127.0.0.1:0"]
+KINDS = [pytest.param("pty", marks=pytest.mark.posix), "tcp://127.0.0.1:0"]
 PATIENCE = 20.0
 BRIEF: dict[str, Any] = {
     "base": "default",
@@ -182,7 +181,7 @@ def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
         assert sent > 1000
 
 
-@posix
+@pytest.mark.posix
 def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
     with closing(PtyEndpoint(movable=True)) as endpoint:
         first = Path(endpoint.url).resolve()

@@ -1,7 +1,6 @@
 """The console command: usage, exit status, what goes to which output, and how it is stopped."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -278,7 +277,7 @@ def endless() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no way to send one process a signal")
+@pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(endless: subprocess.Popen[str], number: int) -> None:
     endless.send_signal(number)

@@ -1,6 +1,5 @@
 """``pfwd log`` with a simulated instrument: signals, losses, setups, refusals, what is loaded."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -40,7 +39,7 @@ def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
     assert checked(survey)["drops_acknowledged"] == 3
 
 
-@pytest.mark.skipif(os.name != "posix", reason="sends signals as POSIX has them")
+@pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> None:
     survey = tmp_path / "survey"
@@ -219,10 +218,9 @@ def test_logging_alone_loads_neither_inversion_nor_hdf5(tmp_path: Path) -> None:
     assert not loaded & {"scipy", "h5py", "textual", "matplotlib", "inversion", "rich"}
 
 
+@pytest.mark.posix
 def test_a_service_is_stopped_within_its_time(tmp_path: Path) -> None:
     """With inversion: the last analyses are waited for, and nothing is left behind."""
-    if os.name != "posix":
-        pytest.skip("sends signals as POSIX has them")
     with (
         serve(PLAIN, rate=RATE, seed=9) as instrument,
         logging(instrument.url, "-o", tmp_path / "s", "--json") as process,

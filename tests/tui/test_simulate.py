@@ -1,7 +1,6 @@
 """``pfwd simulate``: what it prints, and how it ends."""
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -56,7 +55,7 @@ def test_the_first_line_is_the_url() -> None:
         connect(record["url"]).close()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="there are no virtual serial ports")
+@pytest.mark.posix
 def test_by_default_it_is_a_virtual_serial_port() -> None:
     with simulating() as process:
         assert Path(first_line(process)).is_char_device()
@@ -89,7 +88,7 @@ def test_after_the_last_drop_it_ends_by_itself(tmp_path: Path) -> None:
     assert [drop["modulus_pa"] for drop in drops] == [160e6, 160e6]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are for other systems")
+@pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("sampling", [False, True])
 def test_a_signal_ends_it_cleanly(number: signal.Signals, sampling: bool, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import os
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -268,9 +267,6 @@ def tcp_host(instrument: Instrument, port: int = 0) -> Iterator[str]:
         stop.set()
         thread.join()
         server.close()
-
-
-POSIX = sys.platform != "win32"
 
 
 def collect(driver: Driver, until: Callable[[list[Item]], bool]) -> list[Item]:

@@ -1,4 +1,8 @@
-"""The driver on real links: pseudo-terminals and sockets, with plugs pulled."""
+"""The driver on real links: pseudo-terminals and sockets, with plugs pulled.
+
+What a pulled cable does is tried on a pseudo-terminal. On Windows the same driver runs here over
+TCP, with a network that goes and comes back; test_serial_port.py has what its ports raise.
+"""
 
 import contextlib
 import random
@@ -17,7 +21,6 @@ from pfwd_device.transport import ports
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Start
 from tests.pfwd_device.acquisition.scripted import (
-    POSIX,
     Instrument,
     PtyHost,
     assert_each_sample_once,
@@ -25,10 +28,6 @@ from tests.pfwd_device.acquisition.scripted import (
     no_reader_left,
     tcp_host,
 )
-
-# What a pulled cable does is tried on a pseudo-terminal. On Windows the same driver runs here over
-# TCP, with a network that goes and comes back; test_serial_port.py has what its ports raise.
-posix = pytest.mark.skipif(not POSIX, reason="Windows has no pseudo-terminals")
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +44,7 @@ def lost(items: list[Item]) -> bool:
     return isinstance(items[-1], Disconnected)
 
 
-@posix
+@pytest.mark.posix
 def test_unplug_and_another_pseudo_terminal_behind_the_same_link(tmp_path: Path) -> None:
     instrument, link = Instrument(), str(tmp_path / "instrument")
     host = PtyHost(instrument, link)
@@ -65,7 +64,7 @@ def test_unplug_and_another_pseudo_terminal_behind_the_same_link(tmp_path: Path)
     assert driver.counters.samples_lost > 0
 
 
-@posix
+@pytest.mark.posix
 def test_twenty_unplugs(tmp_path: Path) -> None:
     """At any moment: within a frame, within the greeting, before it."""
     instrument, link = Instrument(rate=5000.0), str(tmp_path / "instrument")
@@ -89,7 +88,7 @@ def test_twenty_unplugs(tmp_path: Path) -> None:
     assert instrument.heard.count(Start()) == 1
 
 
-@posix
+@pytest.mark.posix
 def test_the_adapter_comes_back_under_another_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,7 +130,7 @@ def assert_stopped(instrument: Instrument) -> None:
     assert not instrument.sampling
 
 
-@posix
+@pytest.mark.posix
 def test_what_was_sent_before_the_open_is_not_needed(tmp_path: Path) -> None:
     """The port flushes it; the instrument is asked."""
     instrument, link = Instrument(), str(tmp_path / "instrument")
@@ -144,7 +143,7 @@ def test_what_was_sent_before_the_open_is_not_needed(tmp_path: Path) -> None:
     host.unplug()
 
 
-@posix
+@pytest.mark.posix
 def test_a_port_in_use_is_told(tmp_path: Path) -> None:
     instrument, link = Instrument(), str(tmp_path / "instrument")
     host = PtyHost(instrument, link)

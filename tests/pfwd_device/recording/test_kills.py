@@ -1,6 +1,9 @@
-"""Real processes, killed; real limits of the system."""
+"""Real processes, killed; real limits of the system.
 
-import os
+A limit on files, a small disk to mount and SIGINT are POSIX's. Kills run everywhere, and a disk
+that is full, fails or forgets is played on every platform by test_faults.py.
+"""
+
 import random
 import signal
 import subprocess
@@ -34,10 +37,6 @@ with SurveyWriter.open(sys.argv[1], publish=sys.argv[2] == "publish") as writer:
         writer.publish(saved)
         print(saved, flush=True)
 """
-
-# A limit on files, a small disk to mount and SIGINT are POSIX's. Kills run everywhere, and a disk
-# that is full, fails or forgets is played on every platform by test_faults.py.
-posix = pytest.mark.skipif(os.name == "nt", reason="no such signal or limit on Windows")
 
 
 def digests(count: int) -> dict[int, str]:
@@ -142,7 +141,7 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=100_000) as wri
 """
 
 
-@posix
+@pytest.mark.posix
 @pytest.mark.parametrize("limit", [400_000, 700_007])
 def test_the_longest_file_of_the_system_is_survived(tmp_path: Path, limit: int) -> None:
     with start(LIMITED, str(tmp_path / "survey"), str(limit)) as child:
@@ -154,7 +153,7 @@ def test_the_longest_file_of_the_system_is_survived(tmp_path: Path, limit: int) 
     assert lost_drops(tmp_path, 30, digests(30)) == []
 
 
-@posix
+@pytest.mark.posix
 def test_a_full_disk_is_survived(tmp_path: Path) -> None:
     """A tmpfs of 2 MB; needs the right to mount."""
     disk = tmp_path / "disk"
@@ -210,7 +209,7 @@ def test_the_lock_is_free_after_a_kill(tmp_path: Path) -> None:
     assert report.ok
 
 
-@posix
+@pytest.mark.posix
 def test_an_interrupt_ends_the_writer_in_order(tmp_path: Path) -> None:
     with start(WRITER, str(tmp_path / "survey"), "publish") as child:
         assert child.stdout is not None

@@ -1,9 +1,11 @@
-"""Who answers at a port."""
+"""Who answers at a port.
+
+On Windows the probes of instruments run over TCP; only ports in use and several at once do not.
+"""
 
 import contextlib
 import os
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,9 +18,6 @@ from pfwd_device.transport.opening import open_transport
 from pfwd_device.transport.probing import Probe, _is_lines, probe, probe_all
 from pfwd_device.wire.binary import BinaryDialect
 from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
-
-# On Windows the probes of instruments run over TCP; only ports in use and several at once do not.
-posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
 def ask(url: str, timeout: float = 0.5) -> Probe:
@@ -76,7 +75,7 @@ def test_others_and_nobody() -> None:
     assert "refused" in ask(url).reason
 
 
-@posix
+@pytest.mark.posix
 def test_a_port_in_use_and_one_that_is_not_there(tmp_path: Path) -> None:
     master, slave = os.openpty()
     with contextlib.closing(open_transport(os.ttyname(slave))):
@@ -86,7 +85,7 @@ def test_a_port_in_use_and_one_that_is_not_there(tmp_path: Path) -> None:
     assert "no such port" in ask(str(tmp_path / "ttyUSB9")).reason
 
 
-@posix
+@pytest.mark.posix
 def test_all_at_once(tmp_path: Path) -> None:
     instrument, silent = Instrument(), Instrument()
     silent.silent = True

@@ -1,4 +1,8 @@
-"""Serial ports, on pseudo-terminals; each test is a trap that was met."""
+"""Serial ports, on pseudo-terminals; each test is a trap that was met.
+
+A pair of linked ports is a pseudo-terminal here. What pyserial raises of Windows' ports is raised
+on every platform by the tests without this mark, those of lost devices and of ports not opened.
+"""
 
 import contextlib
 import errno
@@ -18,9 +22,6 @@ from pfwd_device.transport.base import PORT_ERRORS
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.transport.serial_port import SerialTransport, port_error
 
-# A pair of linked ports is a pseudo-terminal here. What pyserial raises of Windows' ports is raised
-# on every platform by the tests without this mark, those of lost devices and of ports not opened.
-posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 LONG = 10.0
 """s; nothing takes so long, however busy the computer is."""
 
@@ -58,7 +59,7 @@ def read_all(transport: Any, count: int) -> bytes:
     return data
 
 
-@posix
+@pytest.mark.posix
 def test_bytes_go_both_ways(pty: Pty) -> None:
     with contextlib.closing(open_transport(pty.name)) as transport:
         assert transport.url == pty.name
@@ -69,7 +70,7 @@ def test_bytes_go_both_ways(pty: Pty) -> None:
         assert read_all(transport, 7) == b"answer\0"
 
 
-@posix
+@pytest.mark.posix
 def test_silence_is_no_loss(pty: Pty) -> None:
     with contextlib.closing(open_transport(pty.name)) as transport:
         began = time.monotonic()
@@ -77,7 +78,7 @@ def test_silence_is_no_loss(pty: Pty) -> None:
         assert 0.1 < time.monotonic() - began < LONG
 
 
-@posix
+@pytest.mark.posix
 def test_bytes_that_came_before_the_unplug_are_delivered(pty: Pty) -> None:
     """A read of a fixed size throws away what it holds when the device goes."""
     transport = open_transport(pty.name)
@@ -105,7 +106,7 @@ def test_bytes_that_came_before_the_unplug_are_delivered(pty: Pty) -> None:
     assert sum(map(len, got)) == 1000
 
 
-@posix
+@pytest.mark.posix
 def test_every_call_after_an_unplug_is_a_lost_device(pty: Pty) -> None:
     """in_waiting raises a bare OSError then, write a SerialException, flush a termios.error."""
     with contextlib.closing(open_transport(pty.name)) as transport:
@@ -118,7 +119,7 @@ def test_every_call_after_an_unplug_is_a_lost_device(pty: Pty) -> None:
             transport.write(b"hello")
 
 
-@posix
+@pytest.mark.posix
 def test_what_pyserial_raises_after_an_unplug_is_caught(pty: Pty) -> None:
     """The errors themselves, so that a new version of pyserial that raises others is noticed."""
     import termios
@@ -135,7 +136,7 @@ def test_what_pyserial_raises_after_an_unplug_is_caught(pty: Pty) -> None:
         assert port.is_open
 
 
-@posix
+@pytest.mark.posix
 def test_close_from_another_thread_ends_a_read(pty: Pty) -> None:
     """Closing pyserial's port under its reader is a TypeError in the reader."""
     transport = open_transport(pty.name)
@@ -225,7 +226,7 @@ def test_a_byte_read_is_not_lost_with_the_device() -> None:
     transport.close()
 
 
-@posix
+@pytest.mark.posix
 def test_a_second_open_is_refused(pty: Pty) -> None:
     """Without the lock it succeeds, and the two steal each other's bytes."""
     first = open_transport(pty.name)
@@ -234,13 +235,13 @@ def test_a_second_open_is_refused(pty: Pty) -> None:
     open_transport(pty.name).close()
 
 
-@posix
+@pytest.mark.posix
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(PortError, match=r"no such port.*pfwd ports"):
         open_transport(str(tmp_path / "ttyUSB9"))
 
 
-@posix
+@pytest.mark.posix
 @pytest.mark.parametrize("kind", ["file", "folder"])
 def test_what_is_no_port(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "not-a-port"
@@ -284,7 +285,7 @@ def test_missing_permission_names_the_group(monkeypatch: pytest.MonkeyPatch) -> 
     assert "dialout" not in str(port_error("/dev/cu.usbserial", cause))
 
 
-@posix
+@pytest.mark.posix
 def test_who_does_not_read_blocks_nobody_for_long(pty: Pty) -> None:
     with contextlib.closing(open_transport(pty.name, write_timeout=0.3)) as transport:
         began = time.monotonic()
@@ -293,7 +294,7 @@ def test_who_does_not_read_blocks_nobody_for_long(pty: Pty) -> None:
         assert time.monotonic() - began < LONG
 
 
-@posix
+@pytest.mark.posix
 def test_what_was_sent_before_the_open_is_gone(pty: Pty) -> None:
     """Hence the instrument greets on request, not when it starts."""
     os.write(pty.master, b"greeting")

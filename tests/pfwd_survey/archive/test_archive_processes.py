@@ -185,7 +185,7 @@ def quick(line: Any, options: AnalysisOptions) -> None:
             line.send([SourceOutcome(source, [invented(source)]) for source in line.recv()])
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals between processes")
+@pytest.mark.posix
 def test_an_interrupt_ends_the_processes_too(drops: Path, tmp_path: Path) -> None:
     command = [
         sys.executable, "-c", "import sys; from tui.cli import main; sys.exit(main())",

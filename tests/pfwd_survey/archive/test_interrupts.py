@@ -17,7 +17,7 @@ def interrupted(number: signal.Signals, done: list[str]) -> None:
         done.append("the block to its end")
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no way to send one process a signal")
+@pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_comes_at_the_end(number: signal.Signals) -> None:
     def stop(_number: int, _frame: object) -> None:
@@ -41,7 +41,7 @@ def test_nothing_comes_where_nothing_came() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
-@pytest.mark.skipif(os.name == "nt", reason="masks of signals are POSIX's")
+@pytest.mark.posix
 def test_what_is_started_meanwhile_is_not_interrupted() -> None:
     with interrupts_wait():
         child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)

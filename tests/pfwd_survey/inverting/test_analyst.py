@@ -28,7 +28,6 @@ SETUP = Setup(plate_radius=0.15, plate_mass=10.0, bedrock_depth=float("inf"))
 OPTIONS = AnalysisOptions(seed=3)
 QUICK = AnalysisOptions(method="least-squares", seed=3)
 FINE = Screening("measured")
-POSIX = pytest.mark.skipif(os.name == "nt", reason="looks at processes as POSIX has them")
 
 
 @pytest.fixture
@@ -101,7 +100,7 @@ def test_a_quick_answer_then_the_full_one(
     assert analyst.wait(0)
 
 
-@POSIX
+@pytest.mark.posix
 def test_a_killed_process_is_replaced_and_the_answer_comes(
     analyst: Analyst, answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
@@ -187,7 +186,7 @@ def test_an_error_inside_an_analysis_is_an_answer(
     assert next_answer(answers).fault is None
 
 
-@POSIX
+@pytest.mark.posix
 def test_close_with_work_under_way_leaves_no_process(
     answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
@@ -220,7 +219,7 @@ def test_asking_never_waits_for_the_process(
         analyst.close()
 
 
-@POSIX
+@pytest.mark.posix
 def test_it_ends_when_its_parent_is_killed() -> None:
     script = """
         import time

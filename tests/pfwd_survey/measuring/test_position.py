@@ -206,7 +206,7 @@ def test_over_tcp(server: str) -> None:
         assert receiver.record()["satellites"] == 8
 
 
-@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are of POSIX")
+@pytest.mark.posix
 def test_over_a_serial_port() -> None:
     import pty
 
