@@ -7,19 +7,35 @@ from pfwd_device.recording.checking import CheckReport, check
 from pfwd_device.recording.drop_file import read_drop_file
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import RecoveryReport, recover
+from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage_reports import (
+    BroughtHome,
+    FilesTaken,
+    FilesWrittenAgain,
+    PublishingFailed,
+    SpareUsed,
+    StorageReport,
+)
 from pfwd_device.recording.survey_reader import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 __all__ = [
+    "BroughtHome",
     "CaptureReader",
     "CaptureWriter",
     "CapturedBytes",
     "CheckReport",
     "DropRecord",
+    "FilesTaken",
+    "FilesWrittenAgain",
+    "PublishingFailed",
     "Rebound",
     "RecoveryReport",
+    "SpareFolder",
+    "SpareUsed",
     "Storage",
+    "StorageReport",
     "Survey",
     "SurveyDrop",
     "SurveyPoint",

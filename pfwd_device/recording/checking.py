@@ -10,6 +10,8 @@ from pfwd_device.recording.index import Index, build_index, damage_key
 from pfwd_device.recording.layout import Layout, names_in
 from pfwd_device.recording.lock import is_locked
 from pfwd_device.recording.recovery import describe, lost_texts
+from pfwd_device.recording.returning import waiting_texts
+from pfwd_device.recording.spare import SpareFolder
 
 _HINT = "run pfwd recover"
 
@@ -39,10 +41,11 @@ class CheckReport:
         return not self.damaged
 
 
-def check(folder: str | os.PathLike[str]) -> CheckReport:
+def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -> CheckReport:
     """Compare every byte of a survey with its checksums.
 
-    While a program writes the survey, what it has not finished is a note and no damage.
+    While a program writes the survey, what it has not finished is a note and no damage. What is in
+    the spare folder only is not whole.
 
     Raises
     ------
@@ -63,6 +66,7 @@ def check(folder: str | os.PathLike[str]) -> CheckReport:
     _check_ledger(index, damaged, unfinished)
     published = _check_listed(layout, index, damaged)
     damaged += lost_texts(index)
+    damaged += [f"{text}: {_HINT}" for text in waiting_texts(spare, index)]
     _check_unlisted(layout, index, unfinished)
     for number, drop in sorted(index.drops.items()):
         if layout.relative(layout.drop_file(number)) not in index.files:

@@ -124,6 +124,21 @@ class Index:
         self.entries[entry.sequence] = entry
         self.closed = entry.kind == Kind.CLOSE
 
+    def relocate(self, moved: Mapping[int, Entry]) -> None:
+        """Take in the new places of records, by sequence number."""
+
+        def now(entry: Entry) -> Entry:
+            return moved.get(entry.sequence, entry)
+
+        self.entries = {number: now(entry) for number, entry in self.entries.items()}
+        for drop in self.drops.values():
+            drop.entry = now(drop.entry)
+        for listed in self.files.values():
+            listed.entry = now(listed.entry)
+        # A drop's own list of rebounds is one of these.
+        for entries in (self.events, self.checks, *self.rebounds.values()):
+            entries[:] = map(now, entries)
+
     def _add(self, entry: Entry, data: Mapping[str, Any]) -> None:
         match entry.kind:
             case Kind.SURVEY:

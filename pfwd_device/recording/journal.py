@@ -1,12 +1,14 @@
 """The journal's segments: records are appended, and are on the disk when the append returns."""
 
 import contextlib
-from collections.abc import Iterator
+import io
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfwd_device.errors import RecordingError
-from pfwd_device.recording.framing import Damage, Frame, encode_frame, read_frame, scan
+from pfwd_device.errors import RecordingError, SurveyLocked
+from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Storage
@@ -14,41 +16,102 @@ from pfwd_device.recording.storage import Storage
 LARGEST_SEGMENT = 256 * 2**20
 """Bytes after which a new segment begins: copies and looks at a segment stay quick."""
 
+MOST_OPEN = 64
+"""Segments that stay open, to be read should their files be taken away: 16 GB."""
+
+_LOCK_TRIES = 5
+_LOCK_PAUSE = 0.02  # s; a check that looks whether somebody writes holds the lock for microseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record that is to be written."""
+
+    sequence: int
+    kind: int
+    data: bytes
+    """Header and payload."""
+    about: str = "-"
+
+    @property
+    def check(self) -> int:
+        """CRC-32 in its header."""
+        return int.from_bytes(self.data[44:48], "little")
+
+    def at(self, segment: int, offset: int) -> Entry:
+        """Its entry for the ledger."""
+        return Entry(
+            self.sequence, self.kind, segment, offset, len(self.data), self.check, self.about
+        )
+
+
+@dataclass(slots=True)
+class _Segment:
+    descriptor: int
+    end: int
+    """Bytes that it holds as far as this program knows."""
+
+
+def open_segment(layout: Layout, number: int, storage: Storage) -> int:
+    """A descriptor of a segment that exists, locked.
+
+    Raises
+    ------
+    SurveyLocked
+        If another program has locked it.
+    OSError
+    """
+    descriptor = storage.open(layout.segment(number))
+    try:
+        for _ in range(_LOCK_TRIES):
+            if storage.lock(descriptor):
+                break
+            time.sleep(_LOCK_PAUSE)
+        else:
+            raise SurveyLocked(
+                f"{layout.segment(number)}: expected to be the only program that writes, came "
+                "another that has the journal open; end it first, or name another folder"
+            )
+    except BaseException:
+        storage.close(descriptor)
+        raise
+    return descriptor
+
 
 class JournalWriter:
     """Appends to the last segment, at an offset of its own.
 
-    After a failed write the segment is cut back to its last good end; where that fails, or a sync
-    failed, the segment is left alone from then on and a new one begins.
+    After a failed write the segment is cut back to its last good end; where that fails, a sync
+    failed, somebody else wrote to it or it got a second name, the segment is left alone from then
+    on and a new one begins. Segments stay open, so that they can be read when their files are gone.
+
+    Parameters
+    ----------
+    layout : Layout
+    storage : Storage
+    continued : (int, int), optional
+        Number and descriptor of the segment to go on with.
     """
 
     def __init__(
-        self,
-        layout: Layout,
-        survey: bytes,
-        storage: Storage,
-        *,
-        sequence: int = 1,
-        continued: int | None = None,
+        self, layout: Layout, storage: Storage, *, continued: tuple[int, int] | None = None
     ) -> None:
         self._layout = layout
-        self._survey = survey
         self._storage = storage
-        self._sequence = sequence
-        self._segment = 0
-        self._descriptor: int | None = None
-        self._end = 0
+        self._number = 0
+        self._current: _Segment | None = None
+        self._earlier: dict[int, _Segment] = {}
+        last = continued[0] if continued is not None else None
+        for number in layout.segments()[-MOST_OPEN:]:
+            if number != last:
+                with contextlib.suppress(OSError):  # then it cannot be read should it be deleted
+                    descriptor = storage.open(layout.segment(number))
+                    self._earlier[number] = _Segment(descriptor, storage.size(descriptor))
         if continued is not None:
-            path = layout.segment(continued)
-            self._descriptor = storage.open(path)
-            self._segment, self._end = continued, path.stat().st_size
+            self._number, descriptor = continued
+            self._current = _Segment(descriptor, storage.size(descriptor))
 
-    @property
-    def sequence(self) -> int:
-        """Number of the next record."""
-        return self._sequence
-
-    def append(self, kind: int, payload: bytes, about: str = "-") -> Entry:
+    def append(self, record: Record) -> Entry:
         """The record's entry for the ledger, once the record is on the disk.
 
         Raises
@@ -56,86 +119,153 @@ class JournalWriter:
         OSError
             If the disk refuses; the journal is then as it was before.
         """
-        data = encode_frame(kind, self._survey, self._sequence, payload)
-        if self._descriptor is None or self._end + len(data) > LARGEST_SEGMENT:
-            self._begin_segment()
-        self._write(data)
+        segment = self._ready(len(record.data))
+        self._write(segment, record.data)
         try:
-            self._sync()
+            self._storage.sync(segment.descriptor)
         except OSError:
             # The system may have dropped what it could not write and call the next sync a success.
-            self._cut()
-            self._leave_segment()
-            self._begin_segment()
-            self._write(data)
+            self._cut(segment)
+            segment = self._begin_segment()
+            self._write(segment, record.data)
             try:
-                self._sync()
+                self._storage.sync(segment.descriptor)
             except OSError:
-                self._cut()
-                self._leave_segment()
+                self._cut(segment)
+                self._leave()
                 raise
-        check = int.from_bytes(data[44:48], "little")
-        entry = Entry(self._sequence, kind, self._segment, self._end, len(data), check, about)
-        self._end += len(data)
-        self._sequence += 1
+        entry = record.at(self._number, segment.end)
+        segment.end += len(record.data)
         return entry
 
-    def mark(self) -> tuple[int, int, int]:
-        """The state to go back to when the next record cannot be acknowledged."""
-        return self._segment, self._end, self._sequence
+    def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
+        """Entries of many records by sequence number, once all are on the disk.
 
-    def rewind(self, mark: tuple[int, int, int], *, cut: bool = True) -> None:
-        """Go back to a mark; the number of the record after it is used again.
+        Raises
+        ------
+        OSError
+            If the disk refuses. Some may be there then; without a line in the ledger they count
+            when they are written again.
+        """
+        entries: dict[int, Entry] = {}
+        for record in records:
+            before = self._current
+            segment = self._ready(len(record.data))
+            if before is not None and segment is not before and entries:
+                self._storage.sync(before.descriptor)
+            self._write(segment, record.data)
+            entries[record.sequence] = record.at(self._number, segment.end)
+            segment.end += len(record.data)
+        if entries and self._current is not None:
+            self._storage.sync(self._current.descriptor)
+        return entries
+
+    def mark(self) -> tuple[int, int]:
+        """The state to go back to when the next record cannot be acknowledged."""
+        return self._number, self._current.end if self._current is not None else 0
+
+    def rewind(self, mark: tuple[int, int], *, cut: bool = True) -> None:
+        """Go back to a mark.
 
         Parameters
         ----------
         cut : bool
             Take the record away; else it stays where it is, and the next one comes after it.
         """
-        segment, end, self._sequence = mark
-        if cut and self._descriptor is not None:
-            self._end = end if segment == self._segment else 0
-            self._cut()
+        if cut and self._current is not None:
+            number, end = mark
+            self._current.end = end if number == self._number else 0
+            self._cut(self._current)
+
+    def problem(self) -> str | None:
+        """Why others do not find in the journal's folder what was written; None: they do."""
+        segments = dict(self._earlier)
+        if self._current is not None:
+            segments[self._number] = self._current
+        for number, segment in sorted(segments.items()):
+            path = self._layout.segment(number)
+            why = self._storage.misplaced(segment.descriptor, path, segment.end)
+            if why is not None:
+                return f"journal/{why}"
+        return None
+
+    def read(self, entry: Entry) -> Record | None:
+        """A record from a segment that is still open, whatever its path leads to; None: damaged."""
+        segment = self._earlier.get(entry.segment)
+        if segment is None and entry.segment == self._number:
+            segment = self._current
+        if segment is None:
+            return None
+        try:
+            data = self._storage.read_at(segment.descriptor, entry.length, entry.offset)
+        except OSError:
+            return None
+        frame = read_frame(io.BytesIO(data), 0)
+        if frame is None or (frame.sequence, frame.check) != (entry.sequence, entry.check):
+            return None
+        return Record(entry.sequence, entry.kind, data, entry.about)
 
     def close(self) -> None:
-        """Give the descriptor back."""
-        self._leave_segment()
+        """Give the descriptors back."""
+        self._leave()
+        for segment in self._earlier.values():
+            with contextlib.suppress(OSError):  # everything in it was synced
+                self._storage.close(segment.descriptor)
+        self._earlier.clear()
 
-    def _write(self, data: bytes) -> None:
-        assert self._descriptor is not None
+    def _ready(self, length: int) -> _Segment:
+        """The segment that takes a record of this length."""
+        segment = self._current
+        if segment is not None and (
+            segment.end + length > LARGEST_SEGMENT
+            # Others wrote to it: what they wrote must not be written over.
+            or self._storage.size(segment.descriptor) != segment.end
+            # It has another name, as in a backup made of links: that must stay as it is.
+            or self._storage.names(segment.descriptor) > 1
+        ):
+            segment = None
+        return segment if segment is not None else self._begin_segment()
+
+    def _write(self, segment: _Segment, data: bytes) -> None:
         try:
-            self._storage.write_at(self._descriptor, data, self._end)
+            self._storage.write_at(segment.descriptor, data, segment.end)
         except OSError:
-            self._cut()
+            self._cut(segment)
             raise
 
-    def _sync(self) -> None:
-        assert self._descriptor is not None
-        self._storage.sync(self._descriptor)
-
-    def _cut(self) -> None:
-        assert self._descriptor is not None
+    def _cut(self, segment: _Segment) -> None:
         try:
-            self._storage.truncate(self._descriptor, self._end)
+            self._storage.truncate(segment.descriptor, segment.end)
         except OSError:
-            self._leave_segment()
+            self._leave(whole=False)
 
-    def _leave_segment(self) -> None:
-        if self._descriptor is not None:
-            descriptor, self._descriptor = self._descriptor, None
+    def _leave(self, *, whole: bool = True) -> None:
+        """Write no more to the segment; `whole`: its length is as known, and watched."""
+        segment, self._current = self._current, None
+        if segment is None:
+            return
+        if not whole:
             with contextlib.suppress(OSError):
-                self._storage.close(descriptor)
+                segment.end = self._storage.size(segment.descriptor)
+        self._earlier[self._number] = segment
+        while len(self._earlier) > MOST_OPEN:
+            oldest = self._earlier.pop(min(self._earlier))
+            with contextlib.suppress(OSError):
+                self._storage.close(oldest.descriptor)
 
-    def _begin_segment(self) -> None:
-        self._leave_segment()
-        number = max([self._segment, *self._layout.segments()]) + 1
-        self._descriptor = self._storage.open(self._layout.segment(number), create=True)
-        self._segment, self._end = number, 0
+    def _begin_segment(self) -> _Segment:
+        self._leave(whole=False)
+        number = max([self._number, *self._layout.segments()]) + 1
+        descriptor = self._storage.open(self._layout.segment(number), create=True)
+        self._storage.lock(descriptor)  # nobody else can have a file that was made just now
+        self._number, self._current = number, _Segment(descriptor, 0)
         try:
             self._storage.sync_directory(self._layout.journal)
         except OSError:
-            self._leave_segment()  # a file without a name is no place for a record
+            # A file without a name is no place for a record.
+            self._leave()
             raise
+        return self._current
 
 
 @dataclass(frozen=True, slots=True)

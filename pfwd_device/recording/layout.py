@@ -1,8 +1,12 @@
 """Names of the files of a survey."""
 
+import os
 import re
+import stat
 from dataclasses import dataclass
 from pathlib import Path
+
+from pfwd_device.errors import RecordingError
 
 FORMAT_VERSION = 1
 
@@ -54,6 +58,10 @@ class Layout:
         return self.folder / "writer.txt"
 
     @property
+    def log(self) -> Path:
+        return self.folder / "log"
+
+    @property
     def folders(self) -> tuple[Path, ...]:
         return (self.journal, self.drops, self.results, self.captures, self.damaged)
 
@@ -78,6 +86,50 @@ class Layout:
     def exists(self) -> bool:
         """Whether anything of a survey is in the folder."""
         return bool(self.ledger.exists() or self.segments() or self.drop_files())
+
+
+def refuse_links(layout: Layout) -> None:
+    """Refuse a survey that leads out of its folder; nothing is written through a link in it.
+
+    The folder itself may be reached by a link: that is the will of whoever named it.
+
+    Raises
+    ------
+    RecordingError
+        If something in the survey is a link, or no file where one belongs. Naming it.
+    """
+    inner = (*layout.folders, layout.log)
+    for folder in (layout.folder, *inner):
+        for entry in _entries(folder):
+            path = Path(entry.path)
+            if path in inner:
+                expected = "a folder"
+                fine = entry.is_dir(follow_symlinks=False) and not _is_junction(entry)
+            else:
+                expected = "a file"
+                fine = entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)
+            if entry.is_symlink() or not fine:
+                came = "a link" if entry.is_symlink() or _is_junction(entry) else "something else"
+                raise RecordingError(
+                    f"{path}: expected {expected} of the survey, came {came}; take it away, and "
+                    "put in its place what it leads to if that belongs to the survey"
+                )
+
+
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    try:
+        if folder.is_symlink():
+            return []  # refused as an entry of the survey
+        with os.scandir(folder) as found:
+            return list(found)
+    except OSError:
+        return []
+
+
+def _is_junction(entry: os.DirEntry[str]) -> bool:
+    """Whether it is a folder's link of Windows, which does not count as a symbolic one."""
+    tag = getattr(entry.stat(follow_symlinks=False), "st_reparse_tag", 0)
+    return bool(tag) and tag == getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)
 
 
 def names_in(folder: Path) -> list[str]:

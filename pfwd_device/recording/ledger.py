@@ -6,6 +6,7 @@ hexadecimal digits. ``about`` is ``-`` or for a drop ``number:point/drop`` with 
 percent-encoded. The first line names the format and the survey.
 """
 
+import contextlib
 import os
 import re
 import zlib
@@ -160,11 +161,29 @@ class LedgerWriter:
         self._entries.append(entry)
         self.doubtful = None
 
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """What is acknowledged, in the order of the lines."""
+        return tuple(self._entries)
+
+    def problem(self) -> str | None:
+        """Why others do not find in the ledger's place what was written; None: they do."""
+        if self._descriptor is None:  # the next line puts a whole ledger in place
+            return None
+        return self._storage.misplaced(self._descriptor, self._path, self._end)
+
+    def replace(self, entries: list[Entry]) -> None:
+        """Put a whole ledger of these entries in place; raises OSError."""
+        self.close()
+        self._rewrite(entries)
+        self._entries = entries
+
     def close(self) -> None:
         """Give the descriptor back."""
         if self._descriptor is not None:
             descriptor, self._descriptor = self._descriptor, None
-            self._storage.close(descriptor)
+            with contextlib.suppress(OSError):  # every line in it was synced
+                self._storage.close(descriptor)
 
     def forget(self, sequence: int) -> None:
         """Take no line of this number or later for written; the next one rewrites the ledger."""

@@ -23,9 +23,45 @@ class SurveyLock:
 
     def __init__(self, layout: Layout, storage: Storage) -> None:
         self._layout = layout
-        self._lock = FileLock(layout.lock, timeout=0, thread_local=False)
+        self._storage = storage
+        self._acquire()
+
+    def problem(self) -> str | None:
+        """Why the lock does not keep other programs out any more; None: it does."""
+        path = self._layout.lock
         try:
-            self._acquire()
+            there = os.lstat(path)
+        except FileNotFoundError:
+            return f"{path.name} is gone"
+        except OSError as err:
+            return f"{path.name} cannot be reached any more ({err.strerror or err})"
+        if (there.st_dev, there.st_ino) != self._file:
+            return f"{path.name} was replaced by another file"
+        return None
+
+    def acquire_again(self) -> None:
+        """Lock the file that is in the lock's place now.
+
+        Raises
+        ------
+        SurveyLocked, RecordingError
+            If another program was faster, or the folder cannot be written.
+        """
+        before = self._lock
+        self._acquire()
+        with contextlib.suppress(OSError):  # of a file that nobody finds any more
+            before.release()
+
+    def release(self) -> None:
+        """Let the next program write."""
+        self._lock.release()
+
+    def _acquire(self) -> None:
+        layout = self._layout
+        lock = FileLock(layout.lock, timeout=0, thread_local=False)
+        try:
+            _try(lock)
+            there = os.lstat(layout.lock)
         except Timeout as err:
             raise SurveyLocked(
                 f"{layout.folder}: expected to be the only program that writes, came another: "
@@ -35,31 +71,48 @@ class SurveyLock:
             raise RecordingError(
                 f"{layout.folder}: expected a folder that can be written, came {err}"
             ) from err
+        self._lock, self._file = lock, (there.st_dev, there.st_ino)
         with contextlib.suppress(OSError):  # names the holder, protects nothing
             text = (
                 f"pid {os.getpid()}\nhost {clean(socket.gethostname())}\n"
                 f"since {datetime.now(UTC).isoformat(timespec='seconds')}\n"
             )
-            storage.write_file(layout.writer, text.encode())
+            self._storage.write_file(layout.writer, text.encode())
 
-    def _acquire(self) -> None:
-        for _ in range(_TRIES - 1):
-            try:
-                self._lock.acquire()
-            except Timeout:
-                time.sleep(_PAUSE)
-            else:
-                return
-        self._lock.acquire()
 
-    def release(self) -> None:
-        """Let the next program write."""
-        self._lock.release()
+def _try(lock: FileLock) -> None:
+    for _ in range(_TRIES - 1):
+        try:
+            lock.acquire()
+        except Timeout:
+            time.sleep(_PAUSE)
+        else:
+            return
+    lock.acquire()
 
 
 def is_locked(layout: Layout) -> bool:
     """Whether a program writes the survey now."""
-    if not layout.lock.exists():
+    return _lock_is_held(layout) or _journal_is_held(layout)
+
+
+def _journal_is_held(layout: Layout) -> bool:
+    """Whether the last segment is locked, as it is though somebody took ``survey.lock`` away."""
+    storage = Storage()
+    for number in layout.segments()[-1:]:
+        try:
+            descriptor = storage.open(layout.segment(number))
+        except OSError:  # a medium that cannot be written to
+            return False
+        try:
+            return not storage.lock(descriptor)
+        finally:
+            storage.close(descriptor)
+    return False
+
+
+def _lock_is_held(layout: Layout) -> bool:
+    if not layout.lock.exists() or layout.lock.is_symlink():
         return False
     lock = FileLock(layout.lock, timeout=0, thread_local=False)
     try:

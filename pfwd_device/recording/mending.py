@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.books import Books
 from pfwd_device.recording.files import file_facts, now, publish_request, set_aside
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import FileEntry, Index
@@ -12,6 +11,7 @@ from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import names_in
 from pfwd_device.recording.payload import decode_json, payload_data
 from pfwd_device.recording.publishing import Publisher
+from pfwd_device.recording.record_log import RecordLog
 
 MOST_FAILURES = 3
 """Drops that cannot be published before the rest waits for the next recovery."""
@@ -23,16 +23,16 @@ LARGEST_RESULT = 64 * 2**20
 class FileMender:
     """Goes through drops, results and captures once."""
 
-    def __init__(self, books: Books, index: Index, helper: Publisher, *, thorough: bool) -> None:
+    def __init__(self, log: RecordLog, index: Index, helper: Publisher, *, thorough: bool) -> None:
         self.sound: set[str] = set()
         """Paths of files that are listed and as they were."""
         self.damaged: list[str] = []
         """Files that cannot be made again."""
         self.actions: list[str] = []
         """What was done with files other than those of drops."""
-        self._books = books
-        self._layout = books.layout
-        self._storage = books.storage
+        self._log = log
+        self._layout = log.layout
+        self._storage = log.storage
         self._index = index
         self._helper = helper
         self._thorough = thorough
@@ -162,7 +162,7 @@ class FileMender:
 
     def _list(self, facts: dict[str, Any]) -> None:
         data = facts | {"time_utc": now()}
-        self._index.add(self._books.append(Kind.FILE, data), data)
+        self._index.add(self._log.append(Kind.FILE, data), data)
         self.sound.add(facts["path"])
 
 

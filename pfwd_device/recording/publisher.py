@@ -97,6 +97,8 @@ def publish(
             raise RecordingError(f"{target}: expected the file of drop {number}, came another")
         return _published(layout, target, target.read_bytes(), number)
     data = drop_file_bytes(record, number, survey)
+    if not layout.drops.is_dir():  # somebody has deleted it meanwhile
+        storage.make_folder(layout.drops)
     draft = draft_of(target)
     storage.write_draft(draft, data)
     again = draft.read_bytes()

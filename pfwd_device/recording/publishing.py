@@ -123,17 +123,20 @@ class PublishingThread:
     ----------
     publisher : Publisher
     published : called with the request and the answer
+    failed : called with the survey-wide number of a drop and why it has no file yet
     """
 
     def __init__(
         self,
         publisher: Publisher,
         published: Callable[[Mapping[str, Any], dict[str, Any]], None],
+        failed: Callable[[int, str], None] = lambda number, reason: None,
     ) -> None:
         self.failures: dict[int, str] = {}
         """Why a drop has no file yet, by survey-wide number; recovery tries again."""
         self._publisher = publisher
         self._published = published
+        self._failed = failed
         self._queue: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
         self._stopped = threading.Event()
         self._hurry = threading.Event()
@@ -169,8 +172,10 @@ class PublishingThread:
             except Exception as err:  # whatever it is, the drop stays safe in the journal
                 self.failures[number] = str(err)
                 _log.warning("drop %d is not published yet: %s", number, err)
+                self._failed(number, str(err))
                 pause = min(LONGEST_PAUSE, max(0.5, 2 * pause))
             else:
+                self.failures.pop(number, None)
                 pause = 0.0
                 _log.debug("drop %d published in %.3f s", number, time.monotonic() - begun)
 

@@ -1,26 +1,35 @@
 """Puts a survey right after a crash or damage; each step may be interrupted and done again."""
 
 import base64
+import contextlib
 import os
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.books import Books, refused
+from pfwd_device.recording.drop_payload import (
+    drop_from_parts,
+    rebound_from_payload,
+    rebound_payload,
+)
 from pfwd_device.recording.files import keep_copy, now
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import Index, about_of, build_index, damage_key
-from pfwd_device.recording.journal import read_record
-from pfwd_device.recording.layout import FORMAT_VERSION, Layout
+from pfwd_device.recording.journal import open_segment, read_record
+from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.mending import FileMender
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import ChildPublisher, Publisher
+from pfwd_device.recording.record import Rebound
+from pfwd_device.recording.record_log import RecordLog, refused
+from pfwd_device.recording.returning import bring_home, waiting_texts
+from pfwd_device.recording.spare import SpareFolder, home_of
 from pfwd_device.recording.storage import Storage
 
 PUBLISH_TIMEOUT = 30.0
@@ -55,8 +64,12 @@ def recover(
     storage: Storage | None = None,
     *,
     publisher: Publisher | None = None,
+    spare: SpareFolder | None = None,
 ) -> RecoveryReport:
     """Put right whatever a crash left in a survey; doing it again changes nothing.
+
+    What the spare folder holds of the survey is brought home; a survey of which nothing else is
+    left is made anew from it.
 
     Raises
     ------
@@ -68,65 +81,132 @@ def recover(
     storage = storage or Storage()
     layout = Layout(Path(folder).absolute())
     if not layout.exists():
-        raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
-        )
+        if not (spare is not None and spare.parts(home=layout.folder)):
+            raise RecordingError(
+                f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+            )
+        try:
+            storage.make_folder(layout.folder)
+        except OSError as err:
+            raise refused(err, str(layout.folder)) from err
+    prepare(layout)
     lock = SurveyLock(layout, storage)
     helper = publisher or ChildPublisher()
-    books: Books | None = None
+    log: RecordLog | None = None
     try:
         for path in layout.folders:
             storage.make_folder(path)
-        books, index = begin(layout, storage, helper)
-        report = repair(books, index, helper, thorough=True)
+        log, index, actions = begin(layout, storage, helper, lock, spare)
+        report = repair(log, index, helper, thorough=True)
         if not index.closed:
-            books.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
-        return report
+            log.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
+        left = waiting_texts(spare, index)
+        return replace(
+            report, damaged=(*report.damaged, *left), actions=(*actions, *report.actions)
+        )
     except OSError as err:
         if isinstance(err, RecordingError):
             raise
         raise refused(err, str(layout.folder)) from err
     finally:
-        if books is not None:
-            books.close()
+        if log is not None:
+            log.close()
         helper.close()
         lock.release()
 
 
-def begin(layout: Layout, storage: Storage, helper: Publisher) -> tuple[Books, Index]:
-    """Journal and ledger ready to be appended to: torn ends cut, the ledger mended.
+def prepare(layout: Layout) -> None:
+    """Refuse a folder that is not to be written to as a survey.
 
-    Raises OSError or RecordingError.
+    Raises
+    ------
+    RecordingError
+        If it is a part of the spare folder, or holds links.
     """
+    facts = home_of(layout.folder)
+    if facts is not None:
+        raise RecordingError(
+            f"{layout.folder}: expected a survey, came what the spare folder keeps of "
+            f"{facts['survey']}; try pfwd recover {facts['survey']}, or pfwd import it elsewhere"
+        )
+    refuse_links(layout)
+
+
+def begin(
+    layout: Layout,
+    storage: Storage,
+    helper: Publisher,
+    lock: SurveyLock,
+    spare: SpareFolder | None = None,
+) -> tuple[RecordLog, Index, list[str]]:
+    """Journal and ledger ready to be appended to, and what was brought home.
+
+    Torn ends are cut, the ledger is put right. Raises OSError or RecordingError.
+    """
+    segments = layout.segments()
+    continued: tuple[int, int] | None = None
+    if segments:
+        # First of all: while another program has it open, nothing is to be cut.
+        continued = segments[-1], open_segment(layout, segments[-1], storage)
+    try:
+        log, index = _begin(layout, storage, helper, lock, spare, continued)
+    except BaseException:
+        if continued is not None:
+            with contextlib.suppress(OSError):
+                storage.close(continued[1])
+        raise
+    try:
+        actions = bring_home(log, index, spare)
+        if not index.info:
+            data: dict[str, Any] = {
+                "format_version": FORMAT_VERSION,
+                "survey_id": log.survey.hex(),
+                "created_utc": now(),
+                "software": _software(),
+            }
+            index.add(log.append(Kind.SURVEY, data), data)
+    except BaseException:
+        log.close()
+        raise
+    return log, index, actions
+
+
+def _begin(
+    layout: Layout,
+    storage: Storage,
+    helper: Publisher,
+    lock: SurveyLock,
+    spare: SpareFolder | None,
+    continued: tuple[int, int] | None,
+) -> tuple[RecordLog, Index]:
     index = build_index(layout)
     if index.survey is None:
-        index.survey = _survey_of_files(layout, helper) or uuid.uuid4().bytes
+        index.survey = (
+            _survey_of_files(layout, helper)
+            or _survey_of_spare(layout, spare)
+            or uuid.uuid4().bytes
+        )
     for stretch in index.damage:
         if stretch.damage.at_end:
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
     _sync_journal(layout, storage, index)
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
     _mend_ledger(layout, storage, index, entries)
-    segments = layout.segments()
-    continued = segments[-1] if segments else None
-    books = Books(layout, index.survey, storage, entries=entries, continued=continued)
-    if not index.info:
-        data: dict[str, Any] = {
-            "format_version": FORMAT_VERSION,
-            "survey_id": index.survey.hex(),
-            "created_utc": now(),
-            "software": _software(),
-        }
-        try:
-            index.add(books.append(Kind.SURVEY, data), data)
-        except BaseException:
-            books.close()
-            raise
-    return books, index
+    log = RecordLog(
+        layout,
+        index.survey,
+        storage,
+        entries=entries,
+        continued=continued,
+        lock=lock,
+        spare=spare,
+    )
+    log.moved = index.relocate
+    return log, index
 
 
 def repair(
-    books: Books,
+    log: RecordLog,
     index: Index,
     helper: Publisher,
     *,
@@ -142,23 +222,25 @@ def repair(
     thorough : bool
         Compare the content of every file, not only its size.
     """
-    layout = books.layout
+    layout = log.layout
     unlisted = set(index.unacknowledged)
     recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
     actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
     _wait_for_publisher(layout)
-    mender = FileMender(books, index, helper, thorough=thorough)
+    mender = FileMender(log, index, helper, thorough=thorough)
     mender.take_drafts_away()
     for number in _restorable(layout, index):
-        if _restore(books, index, helper, number):
+        if _restore(log, index, helper, number):
             recovered.add(number)
             actions.append(f"drop {number} restored from its file")
-    _restore_points(books, index)
+    _restore_points(log, index)
+    rebounds = _restore_rebounds(log, index, helper)
+    actions += [f"rebound of drop {number} restored from its file" for number in rebounds.values()]
     made = mender.mend_drop_files(publish=publish)
     recovered |= set(made)
     actions += [f"drop {number} published" for number in made]
     mender.mend_other_files()
-    _settle(books, index, files_listed=publish)
+    _settle(log, index, files_listed=publish, restored=set(rebounds))
     return RecoveryReport(
         str(layout.folder),
         len(index.drops) + len(index.lost_drops),
@@ -248,7 +330,7 @@ def _restorable(layout: Layout, index: Index) -> list[int]:
     return [number for number in layout.drop_files() if number not in index.drops]
 
 
-def _restore(books: Books, index: Index, helper: Publisher, number: int) -> bool:
+def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bool:
     """Whether the drop, whose record is damaged, could be taken from its file."""
     lost = {
         about[0]: entry
@@ -256,8 +338,8 @@ def _restore(books: Books, index: Index, helper: Publisher, number: int) -> bool
         if entry.kind == Kind.DROP and (about := read_about(entry.about)) is not None
     }
     try:
-        found = _file_record(books.layout, helper, number)
-        if found["number"] != number or found["survey_id"] != books.survey.hex():
+        found = _file_record(log.layout, helper, number)
+        if found["number"] != number or found["survey_id"] != log.survey.hex():
             return False
         data, arrays = decode_payload(base64.b64decode(found["payload"]))
         key = data["metadata"].get("key")
@@ -269,8 +351,53 @@ def _restore(books: Books, index: Index, helper: Publisher, number: int) -> bool
         "key": key if isinstance(key, str) else None,
         "restored_from": entry.sequence if entry else 0,
     }
-    index.add(books.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
+    index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
     return True
+
+
+def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[int, int]:
+    """Numbers of the drops whose lost rebounds were in their files, by number of the lost record.
+
+    The ledger does not say whose rebound a lost record was; each that a file holds and the journal
+    does not settles one of them.
+    """
+    lost = [
+        number
+        for number, entry in sorted(index.lost.items())
+        if entry.kind == Kind.REBOUND and number not in index.settled
+    ]
+    restored: dict[int, int] = {}
+    for number in sorted(index.drops) if lost else ():
+        for rebound in _rebounds_of_file_alone(log, index, helper, number):
+            if not lost:
+                break
+            payload = rebound_payload(number, rebound)
+            index.add(log.append_payload(Kind.REBOUND, payload), {"number": number})
+            restored[lost.pop(0)] = number
+    return restored
+
+
+def _rebounds_of_file_alone(
+    log: RecordLog, index: Index, helper: Publisher, number: int
+) -> list[Rebound]:
+    """Rebounds that the drop's file holds and the journal does not."""
+    layout, drop = log.layout, index.drops[number]
+    if not layout.drop_file(number).exists():
+        return []
+    try:
+        found = _file_record(layout, helper, number)
+        if found["number"] != number or found["survey_id"] != log.survey.hex():
+            return []
+        in_file = drop_from_parts(*decode_payload(base64.b64decode(found["payload"])))
+        frame = read_record(layout, drop.entry.segment, drop.entry.offset)
+        known = list(drop_from_parts(*decode_payload(frame.payload)).rebounds)
+        for entry in drop.rebounds:
+            frame = read_record(layout, entry.segment, entry.offset)
+            known.append(rebound_from_payload(frame.payload))
+    except (RecordingError, KeyError, ValueError, TypeError):
+        return []  # what is damaged is named by others
+    there = {(rebound.first_sample, rebound.delay) for rebound in known}
+    return [r for r in in_file.rebounds if (r.first_sample, r.delay) not in there]
 
 
 def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, Any]:
@@ -287,11 +414,20 @@ def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
     return None
 
 
-def _restore_points(books: Books, index: Index) -> None:
+def _survey_of_spare(layout: Layout, spare: SpareFolder | None) -> bytes | None:
+    """Identity of the survey from the spare folder, when nothing is left at home."""
+    for part in spare.parts(home=layout.folder) if spare is not None else ():
+        facts = home_of(part.folder)
+        if facts is not None:
+            return bytes.fromhex(facts["survey_id"])
+    return None
+
+
+def _restore_points(log: RecordLog, index: Index) -> None:
     for drop in sorted(index.drops.values(), key=lambda drop: drop.number):
         if drop.point in index.points:
             continue
-        frame = read_record(books.layout, drop.entry.segment, drop.entry.offset)
+        frame = read_record(log.layout, drop.entry.segment, drop.entry.offset)
         declared = payload_data(frame.payload).get("declared")
         data = {
             "name": drop.point,
@@ -299,25 +435,25 @@ def _restore_points(books: Books, index: Index) -> None:
             "declared": declared if isinstance(declared, dict) else {},
             "time_utc": now(),
         }
-        index.add(books.append(Kind.POINT, data), data)
+        index.add(log.append(Kind.POINT, data), data)
 
 
-def _settle(books: Books, index: Index, *, files_listed: bool) -> None:
+def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[int]) -> None:
     """Note which damage has been dealt with, so that a check does not name it again."""
     replaced = {Kind.CLOSE, Kind.SURVEY} | ({Kind.FILE} if files_listed else set())
     settled = sorted(
         number
         for number, entry in index.lost.items()
-        if entry.kind in replaced and number not in index.settled
+        if (entry.kind in replaced or number in restored) and number not in index.settled
     )
     damage = [
-        damage_key(books.layout, stretch) for stretch in index.damage if not stretch.damage.at_end
+        damage_key(log.layout, stretch) for stretch in index.damage if not stretch.damage.at_end
     ]
     damage += [(e.segment, e.offset, e.length, e.check) for e, _ in index.strange]
     fresh = [list(key) for key in damage if key not in index.known_damage]
     if settled or fresh:
         data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
-        index.add(books.append(Kind.EVENT, data), data)
+        index.add(log.append(Kind.EVENT, data), data)
 
 
 def _software() -> str:

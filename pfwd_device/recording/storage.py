@@ -15,6 +15,9 @@ FULL_ERRORS = frozenset(
 """What the system says when a disk, a quota or the longest file is full."""
 
 _BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends otherwise
+_NO_LINK = getattr(
+    os, "O_NOFOLLOW", 0
+)  # a survey from a stranger may hold links that lead out of it
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
@@ -27,7 +30,7 @@ class Storage:
 
     def open(self, path: Path, *, create: bool = False) -> int:
         """A descriptor for reading and writing; `create`: the file must not exist yet."""
-        flags = os.O_RDWR | _BINARY | _NOT_INHERITED
+        flags = os.O_RDWR | _BINARY | _NOT_INHERITED | _NO_LINK
         if create:
             flags |= os.O_CREAT | os.O_EXCL
         return os.open(path, flags, 0o666)
@@ -63,6 +66,64 @@ class Storage:
             os.fdatasync(descriptor)
         else:
             os.fsync(descriptor)
+
+    def read_at(self, descriptor: int, length: int, offset: int) -> bytes:
+        """What is at `offset`; fewer bytes than asked for where the file ends."""
+        parts = []
+        while length > 0:
+            if hasattr(os, "pread"):
+                part = os.pread(descriptor, length, offset)
+            else:
+                os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
+                part = os.read(descriptor, length)
+            if not part:
+                break
+            parts.append(part)
+            length -= len(part)
+            offset += len(part)
+        return b"".join(parts)
+
+    def lock(self, descriptor: int) -> bool:
+        """Whether no other program has locked the file; it is locked until it is closed.
+
+        On Windows nothing is locked and nothing needs to be: there a lock keeps readers out, and a
+        file that is open, such as ``survey.lock``, can be neither deleted nor replaced.
+        """
+        if sys.platform == "win32":
+            return True
+        import fcntl
+
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as err:
+            # Other errors: a file system without locks. What others write is noticed all the same.
+            return err.errno not in (errno.EACCES, errno.EAGAIN)
+        return True
+
+    def size(self, descriptor: int) -> int:
+        """Length of the file, bytes."""
+        return os.fstat(descriptor).st_size
+
+    def names(self, descriptor: int) -> int:
+        """How many names the file has: 0 when it was deleted, 2 when it was linked."""
+        return os.fstat(descriptor).st_nlink
+
+    def misplaced(self, descriptor: int, path: Path, end: int) -> str | None:
+        """Why the file at `path` is not the open one with `end` bytes; None when it is."""
+        try:
+            there = os.lstat(path)
+        except OSError as err:
+            if isinstance(err, FileNotFoundError):
+                return f"{path.name} is gone"
+            return f"{path.name} cannot be reached any more ({err.strerror or err})"
+        mine = os.fstat(descriptor)
+        if not os.path.samestat(mine, there):
+            return f"{path.name} was replaced by another file"
+        if mine.st_size < end:
+            return f"{path.name} was cut from {end} to {mine.st_size} bytes"
+        if mine.st_size > end:
+            return f"{path.name} was written to by another program"
+        return None
 
     def truncate(self, descriptor: int, size: int) -> None:
         """Cut the file at `size` bytes."""

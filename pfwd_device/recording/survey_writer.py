@@ -1,27 +1,39 @@
 """Writes a survey: what :meth:`SurveyWriter.save_drop` returned for is never lost again."""
 
+import contextlib
 import hashlib
 import logging
 import os
+import queue
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.recording.books import RESERVE_BYTES, Books, refused
 from pfwd_device.recording.capture import CaptureWriter
 from pfwd_device.recording.drop_payload import drop_parts, rebound_payload
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of
 from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
+from pfwd_device.recording.mending import FileMender
 from pfwd_device.recording.payload import decode_json, encode_json
-from pfwd_device.recording.publishing import ChildPublisher, Publisher, PublishingThread
+from pfwd_device.recording.publishing import (
+    ChildPublisher,
+    InlinePublisher,
+    Publisher,
+    PublishingThread,
+)
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
-from pfwd_device.recording.recovery import RecoveryReport, begin, repair
+from pfwd_device.recording.record_log import RESERVE_BYTES, RecordLog, refused
+from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repair
+from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage_reports import PublishingFailed, StorageReport
 
 WARN_BYTES = 200 * 10**6
 """Free space below which the operator is told."""
@@ -52,7 +64,7 @@ class SurveyWriter:
         layout: Layout,
         storage: Storage,
         lock: SurveyLock,
-        books: Books,
+        log: RecordLog,
         index: Index,
         report: RecoveryReport,
     ) -> None:
@@ -62,15 +74,20 @@ class SurveyWriter:
         self._layout = layout
         self._storage = storage
         self._survey_lock = lock
-        self._books = books
+        self._records = log
         self._index = index
-        self._lock = books.lock
+        self._lock = log.lock
         self._thread: PublishingThread | None = None
         self._submitted: set[int] = set()
         self._unlisted: list[dict[str, Any]] = []
         self._captures: list[CaptureWriter] = []
         self._drop_bytes = USUAL_DROP
         self._closed = False
+        self._reports: queue.SimpleQueue[StorageReport] = queue.SimpleQueue()
+        self._deferred: set[int] = set()
+        self._rewritten = False
+        log.report = self._reports.put
+        log.moved = self._relocate
 
     @classmethod
     def open(
@@ -81,6 +98,7 @@ class SurveyWriter:
         publish: bool = True,
         publisher: Publisher | None = None,
         reserve_bytes: int = RESERVE_BYTES,
+        spare: SpareFolder | None = None,
     ) -> Self:
         """Begin a survey in `folder`, or continue the one that is there.
 
@@ -98,6 +116,8 @@ class SurveyWriter:
             Makes the files instead of the child process.
         reserve_bytes : int
             Held back for the drop in hand when the disk is full.
+        spare : SpareFolder, optional
+            Takes records that the folder does not; what it holds of the survey is brought home.
 
         Raises
         ------
@@ -108,25 +128,27 @@ class SurveyWriter:
         """
         storage = storage or Storage()
         layout = Layout(Path(folder).absolute())
+        prepare(layout)
         try:
             storage.make_folder(layout.folder)
         except OSError as err:
             raise refused(err, str(layout.folder)) from err
         lock = SurveyLock(layout, storage)
         helper = publisher or ChildPublisher()
-        books: Books | None = None
+        log: RecordLog | None = None
         try:
             for path in layout.folders:
                 storage.make_folder(path)
-            books, index = begin(layout, storage, helper)
+            log, index, actions = begin(layout, storage, helper, lock, spare)
             if reserve_bytes:
-                books.make_reserve(reserve_bytes)
-            report = repair(books, index, helper, publish=publish)
-            writer = cls(layout, storage, lock, books, index, report)
+                log.make_reserve(reserve_bytes)
+            report = repair(log, index, helper, publish=publish)
+            report = replace(report, actions=(*actions, *report.actions))
+            writer = cls(layout, storage, lock, log, index, report)
             writer._start(helper, publish)
         except BaseException as err:
-            if books is not None:
-                books.close()
+            if log is not None:
+                log.close()
             helper.close()
             lock.release()
             if isinstance(err, OSError) and not isinstance(err, RecordingError):
@@ -155,7 +177,7 @@ class SurveyWriter:
     @property
     def survey_id(self) -> str:
         """Identity of the survey, 32 hexadecimal digits."""
-        return self._books.survey.hex()
+        return self._records.survey.hex()
 
     @property
     def drops_acknowledged(self) -> int:
@@ -167,6 +189,27 @@ class SurveyWriter:
     def publishing_failures(self) -> dict[int, str]:
         """Why a drop has no file yet, by survey-wide number; its record is safe in the journal."""
         return dict(self._thread.failures) if self._thread else {}
+
+    def take_reports(self) -> list[StorageReport]:
+        """What happened to the files since the last call, in order; from any thread."""
+        found = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                found.append(self._reports.get_nowait())
+        return found
+
+    def look_after(self) -> None:
+        """See to it that everything recorded is at home; to be called every second or so.
+
+        Files that were taken away are written again, what the spare folder holds is brought home.
+        What happens is among :meth:`take_reports`.
+        """
+        self._records.look_after()
+
+    def kept_in_spare(self, number: int) -> Path | None:
+        """The folder that holds a drop which the survey's own does not take; None: it is home."""
+        with self._lock:
+            return self._records.away(self._drop(number).entry)
 
     def next_number(self, point: str) -> int:
         """The number that the next drop of the point gets, from 1."""
@@ -214,7 +257,7 @@ class SurveyWriter:
             number = self._index.next_number()
             data, arrays = drop_parts(record)
             data |= {"number": number, "key": key, "restored_from": None}
-            entry = self._books.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
+            entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
             self._index.add(entry, data)
             # The file takes about as much again as the record.
             self._drop_bytes = max(2 * entry.length, 4096)
@@ -225,7 +268,7 @@ class SurveyWriter:
         with self._lock:
             self._drop(number)
             payload = rebound_payload(number, rebound)
-            entry = self._books.append_payload(Kind.REBOUND, payload)
+            entry = self._records.append_payload(Kind.REBOUND, payload)
             self._index.add(entry, {"number": number})
 
     def edit(
@@ -278,7 +321,9 @@ class SurveyWriter:
             try:
                 self._storage.write_file(path, text.encode("ascii"))
             except OSError as err:
-                raise refused(err, str(path)) from err
+                if not self._records.has_spare:
+                    raise refused(err, str(path)) from err
+                # The journal's record holds it too, and recovery makes the file from that.
             self._list_file(path, text.encode("ascii"), number, content=text)
             return path
 
@@ -287,6 +332,9 @@ class SurveyWriter:
         with self._lock:
             drop = self._drop(number)
             if self._thread is None or number in self._submitted:
+                return
+            if any(self._records.away(entry) for entry in (drop.entry, *drop.rebounds)):
+                self._deferred.add(number)  # its file is made at home
                 return
             self._submitted.add(number)
             self._thread.submit(publish_request(self._layout, drop))
@@ -332,30 +380,56 @@ class SurveyWriter:
             if self._closed:
                 return
             self._closed = True
-        try:
-            for number in sorted(self._index.drops):
-                if self._layout.relative(self._layout.drop_file(number)) not in self._index.files:
-                    self.publish(number)
+        with contextlib.ExitStack() as ends:
+            ends.callback(self._survey_lock.release)
+            ends.callback(self._records.close)
             if self._thread is not None:
-                self._thread.close(timeout)
-            for listed in self._unlisted:
-                self._write(Kind.FILE, listed)
-            self._close_captures()
-            self._write(Kind.CLOSE, {"by": "writer"})
-        except (RecordingError, OSError) as err:
-            # What is acknowledged is safe; recovery lists what could not be listed now.
-            _log.warning("%s could not be closed cleanly: %s", self.folder, err)
-        finally:
-            if self._thread is not None:
-                self._thread.close(0.0)
-            self._books.close()
-            self._survey_lock.release()
+                ends.callback(self._thread.close, 0.0)
+            try:
+                self._finish(timeout)
+            except (RecordingError, OSError) as err:
+                # What is acknowledged is safe; recovery lists what could not be listed now.
+                _log.warning("%s could not be closed cleanly: %s", self.folder, err)
+
+    def _finish(self, timeout: float) -> None:
+        self._records.look_after()
+        for number in sorted(self._index.drops):
+            if self._layout.relative(self._layout.drop_file(number)) not in self._index.files:
+                self.publish(number)
+        if self._thread is not None:
+            self._thread.close(timeout)
+        for listed in self._unlisted:
+            self._write(Kind.FILE, listed)
+        self._close_captures()
+        if self._rewritten:
+            # Results were taken away with the rest, and their content is in the journal.
+            helper = InlinePublisher(self._storage)
+            FileMender(self._records, self._index, helper, thorough=False).mend_other_files()
+        self._write(Kind.CLOSE, {"by": "writer"})
 
     def _start(self, helper: Publisher, publish: bool) -> None:
         if publish:
-            self._thread = PublishingThread(helper, self._took)
+            self._thread = PublishingThread(helper, self._took, self._not_published)
         else:
             helper.close()
+
+    def _not_published(self, number: int, reason: str) -> None:
+        """From the publishing thread: a file cannot be made."""
+        with self._lock:
+            drop = self._drop(number)
+        self._reports.put(PublishingFailed(number, drop.point, drop.drop, reason))
+
+    def _relocate(self, moved: Mapping[int, Entry]) -> None:
+        """Records stand elsewhere now: in new files, or at home instead of in the spare folder."""
+        self._index.relocate(moved)
+        self._rewritten = True
+        again = self._deferred | {
+            number for number in self._submitted if not self._layout.drop_file(number).exists()
+        }
+        self._deferred = set()
+        self._submitted -= again
+        for number in sorted(again):
+            self.publish(number)
 
     def _took(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
         """From the publishing thread: a file is there."""
@@ -409,5 +483,5 @@ class SurveyWriter:
     def _write(self, kind: int, data: Mapping[str, Any]) -> None:
         with self._lock:
             whole = dict(data) | {"time_utc": now()}
-            entry = self._books.append(kind, whole)
+            entry = self._records.append(kind, whole)
             self._index.add(entry, whole)

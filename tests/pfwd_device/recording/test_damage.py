@@ -228,19 +228,24 @@ def test_records_of_another_survey_are_not_taken_in(tmp_path: Path, new_survey: 
 def test_paths_in_a_journal_do_not_lead_out_of_the_survey(
     tmp_path: Path, new_survey: NewSurvey
 ) -> None:
-    from pfwd_device.recording.books import Books
     from pfwd_device.recording.index import build_index
+    from pfwd_device.recording.journal import open_segment
     from pfwd_device.recording.layout import Layout
+    from pfwd_device.recording.lock import SurveyLock
+    from pfwd_device.recording.record_log import RecordLog
 
     new_survey()
-    layout = Layout(tmp_path / "survey")
+    layout, storage = Layout(tmp_path / "survey"), Storage()
     index = build_index(layout)
     assert index.survey is not None
     entries = [entry for _, entry in sorted(index.entries.items())]
-    books = Books(layout, index.survey, Storage(), entries=entries, continued=1)
+    lock = SurveyLock(layout, storage)
+    continued = (1, open_segment(layout, 1, storage))
+    log = RecordLog(layout, index.survey, storage, entries=entries, continued=continued, lock=lock)
     for path in ("../outside.json", "results/../../outside.json", "/etc/x", "results\\x.json"):
-        books.append(Kind.FILE, {"path": path, "size": 2, "sha256": "0" * 64, "content": "{}"})
-    books.close()
+        log.append(Kind.FILE, {"path": path, "size": 2, "sha256": "0" * 64, "content": "{}"})
+    log.close()
+    lock.release()
     mend(tmp_path / "survey")
     assert not (tmp_path / "outside.json").exists()
     assert set(build_index(layout).files) == set(index.files)

@@ -1,0 +1,539 @@
+"""Journal and ledger together: a record counts when both hold it, where others find them.
+
+A record goes to the survey's folder, its home. Before it counts, the open files are compared with
+what is at their paths: when a journal, a ledger or a lock was deleted, replaced, cut or written to
+by somebody else, new files are begun there, and what the folder does not hold any more is written
+again. Where home does not take it, the record goes to the spare folder, if there is one, with the
+number that it has; it is brought home as soon as home takes it.
+"""
+
+import contextlib
+import errno
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording.framing import Kind, encode_frame
+from pfwd_device.recording.index import Index, build_index
+from pfwd_device.recording.journal import JournalWriter, Record
+from pfwd_device.recording.layout import Layout, refuse_links
+from pfwd_device.recording.ledger import Entry, LedgerWriter, read_about
+from pfwd_device.recording.lock import SurveyLock
+from pfwd_device.recording.payload import Array, encode_payload
+from pfwd_device.recording.spare import SpareFolder, SparePart
+from pfwd_device.recording.storage import Storage, is_full
+from pfwd_device.recording.storage_reports import (
+    BroughtHome,
+    FilesTaken,
+    FilesWrittenAgain,
+    SpareUsed,
+    StorageReport,
+)
+
+RESERVE_BYTES = 2 * 2**20
+"""Held back for the drop in hand when the disk is full: several drops, and hardly missed."""
+
+RECENT_BYTES = 32 * 2**20
+"""Of the last records kept in memory: some 300 drops, should a journal be cut under its writer."""
+
+HOME_AGAIN = 2.0
+"""s between attempts to write at home while records go to the spare folder."""
+
+MOST_REPAIRS = 3
+"""Times that files are begun anew for one record; somebody who takes them away faster wins."""
+
+
+class RecordFiles:
+    """Journal and ledger of one folder, each on the disk before the next step."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        survey: bytes,
+        storage: Storage,
+        *,
+        entries: list[Entry],
+        continued: tuple[int, int] | None = None,
+    ) -> None:
+        self._journal = JournalWriter(layout, storage, continued=continued)
+        self._ledger = LedgerWriter(layout.ledger, survey, entries, storage)
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """What is acknowledged here."""
+        return self._ledger.entries
+
+    def append(self, record: Record) -> Entry:
+        """The record's entry, once journal and ledger are on the disk; raises OSError."""
+        mark = self._journal.mark()
+        entry: Entry | None = None
+        try:
+            entry = self._journal.append(record)
+            self._ledger.append(entry)
+        except BaseException as err:
+            # A line that may be on the disk keeps its record: without it, it would read as a loss.
+            listed = entry is not None and self._ledger.doubtful == entry
+            self._journal.rewind(mark, cut=not listed)
+            if not isinstance(err, OSError):  # an interrupt, anywhere
+                self._ledger.forget(record.sequence)
+            raise
+        return entry
+
+    def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
+        """Entries of many records by sequence number, once journal and ledger are on the disk."""
+        new = self._journal.append_all(records)
+        known = {entry.sequence: entry for entry in self._ledger.entries} | new
+        self._ledger.replace([entry for _, entry in sorted(known.items())])
+        return new
+
+    def forget(self, sequence: int) -> None:
+        """Take no record of this number or later for acknowledged."""
+        self._ledger.forget(sequence)
+
+    def problem(self) -> str | None:
+        """Why others do not find what was written; None: they do."""
+        return self._journal.problem() or self._ledger.problem()
+
+    def read(self, entry: Entry) -> Record | None:
+        """A record, whatever its path leads to by now; None: it cannot be read."""
+        return self._journal.read(entry)
+
+    def close(self) -> None:
+        """Give the descriptors back."""
+        self._journal.close()
+        self._ledger.close()
+
+
+class RecordLog:
+    """Writes the records of a survey.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the survey's folder.
+    survey : bytes
+        Its identity.
+    storage : Storage
+    entries : list of Entry
+        What is acknowledged already.
+    continued : (int, int), optional
+        Number and descriptor of the segment to go on with.
+    lock : SurveyLock
+        Keeps other programs from writing.
+    spare : SpareFolder, optional
+        Takes what home does not.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        survey: bytes,
+        storage: Storage,
+        *,
+        entries: list[Entry],
+        continued: tuple[int, int] | None,
+        lock: SurveyLock,
+        spare: SpareFolder | None = None,
+    ) -> None:
+        self.layout = layout
+        self.survey = survey
+        self.storage = storage
+        self.lock = threading.RLock()
+        self.report: Callable[[StorageReport], None] = lambda _: None
+        """Told what happens to the files."""
+        self.moved: Callable[[Mapping[int, Entry]], None] = lambda _: None
+        """Told the new places of records, by sequence number."""
+        self._closed = False
+        self._survey_lock = lock
+        self._sequence = max((entry.sequence for entry in entries), default=0) + 1
+        self._recent: dict[int, Record] = {}
+        self._recent_bytes = 0
+        self._disk = _disk_of(layout.folder.parent)
+        self._spare = spare
+        self._spare_part: SparePart | None = None
+        self._spare_files: RecordFiles | None = None
+        self._spare_holds_home = False
+        self._away: dict[int, Entry] = {}
+        self._refused_records: set[tuple[int, int]] = set()
+        self._home_failure: RecordingError | None = None
+        self._next_try = 0.0
+        self._told_problem: str | None = None
+        try:
+            self._home = RecordFiles(layout, survey, storage, entries=entries, continued=continued)
+        except OSError as err:
+            raise refused(err, "the journal") from err
+
+    def append(
+        self,
+        kind: int,
+        data: Mapping[str, Any],
+        arrays: Mapping[str, Array] | None = None,
+        about: str = "-",
+    ) -> Entry:
+        """The record's entry, once journal and ledger are on the disk.
+
+        Raises
+        ------
+        StorageFull
+            If there is no room, even with the reserve. Nothing is recorded; try again when there
+            is.
+        RecordingError
+            If the disk fails otherwise, or the data cannot be written as JSON.
+        """
+        return self.append_payload(kind, encode_payload(data, arrays), about)
+
+    def append_payload(self, kind: int, payload: bytes, about: str = "-") -> Entry:
+        """As :meth:`append`, for a payload that is ready."""
+        with self.lock:
+            self._refuse_closed()
+            data = encode_frame(kind, self.survey, self._sequence, payload)
+            record = Record(self._sequence, kind, data, about)
+            entry = self._append(record)
+            self._sequence += 1
+            self._remember(record)
+            return entry
+
+    def take_in(self, record: Record) -> Entry:
+        """Write a record of this survey with the number that it has, which must be free."""
+        with self.lock:
+            self._refuse_closed()
+            entry = self._append(record)
+            self._sequence = max(self._sequence, record.sequence + 1)
+            return entry
+
+    @property
+    def has_spare(self) -> bool:
+        """Whether there is a second place for what home does not take."""
+        return self._spare is not None
+
+    def away(self, entry: Entry) -> Path | None:
+        """The folder that holds a record which is not at home; None: it is at home."""
+        with self.lock:
+            if entry.sequence in self._away and self._spare_part is not None:
+                return self._spare_part.layout.folder
+            return None
+
+    def look_after(self) -> None:
+        """Look whether the files are still in place, and put right what is not; raises nothing.
+
+        To be called every second or so: somebody may take them away while no drop falls.
+        """
+        with self.lock:
+            if self._closed or (self._home_failure is not None and not self._try_home()):
+                return
+            if not self._away and self._problem() is None:
+                return
+            try:
+                self._settle()
+            except (OSError, RecordingError) as err:
+                self._home_refused(_as_recording_error(err, self.layout))
+                if self._spare is not None:
+                    # What the spare folder says is told when the next drop comes.
+                    with contextlib.suppress(OSError, RecordingError):
+                        self._open_spare()
+            else:
+                self._home_failure = None
+
+    def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
+        """Whether the reserve is there; it is not when the disk is nearly full already."""
+        path = self.layout.reserve
+        with contextlib.suppress(OSError):
+            if path.exists() and path.stat().st_size == size:
+                return True
+            if self.storage.free_bytes(self.layout.folder) < 4 * size:
+                return False
+            # Random bytes: a file system that compresses would keep nothing back for zeros.
+            self.storage.write_file(path, os.urandom(size))
+            return True
+        return False
+
+    def release_reserve(self) -> bool:
+        """Give the reserve's room to the drop in hand; False when there was none."""
+        try:
+            self.storage.unlink(self.layout.reserve)
+            self.storage.sync_directory(self.layout.folder)
+        except OSError:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Give the descriptors back."""
+        with self.lock:
+            self._closed = True
+            self._home.close()
+            self._close_spare()
+
+    def _refuse_closed(self) -> None:
+        if self._closed:
+            raise RecordingError(
+                f"{self.layout.folder}: expected an open survey, came a closed one; open it"
+            )
+
+    def _remember(self, record: Record) -> None:
+        self._recent[record.sequence] = record
+        self._recent_bytes += len(record.data)
+        while self._recent_bytes > RECENT_BYTES and len(self._recent) > 1:
+            self._recent_bytes -= len(self._recent.pop(next(iter(self._recent))).data)
+
+    def _try_home(self) -> bool:
+        return self._home_failure is None or time.monotonic() >= self._next_try
+
+    def _append(self, record: Record) -> Entry:
+        if self._try_home():
+            try:
+                entry = self._append_home(record)
+            except RecordingError as err:
+                self._home_refused(err)
+                self._refused_records.add((record.sequence, record.check))
+                if self._spare is None:
+                    raise
+            else:
+                self._home_failure = None
+                return entry
+        return self._append_spare(record)
+
+    def _home_refused(self, err: RecordingError) -> None:
+        self._home_failure = err
+        # Without a spare folder every drop is a new attempt.
+        self._next_try = time.monotonic() + (HOME_AGAIN if self._spare is not None else 0.0)
+
+    def _append_home(self, record: Record) -> Entry:
+        try:
+            self._settle()
+            try:
+                entry = self._home.append(record)
+            except OSError as err:
+                if not (is_full(err) and self.release_reserve()):
+                    raise
+                entry = self._home.append(record)
+            try:
+                # Only now: what is taken away while a record is written is no place for it.
+                moved = self._settle()
+            except BaseException:
+                self._home.forget(record.sequence)
+                raise
+        except (OSError, RecordingError) as err:
+            raise _as_recording_error(err, self.layout) from err
+        return moved.get(record.sequence, entry)
+
+    def _problem(self) -> str | None:
+        return self._survey_lock.problem() or self._home.problem()
+
+    def _settle(self) -> dict[int, Entry]:
+        """What was acknowledged is at home when this returns; the new places of what moved."""
+        moved: dict[int, Entry] = {}
+        repairs = 0
+        while (problem := self._problem()) is not None:
+            if repairs == MOST_REPAIRS:
+                raise OSError(errno.EBUSY, f"{problem}, again and again")
+            repairs += 1
+            moved |= self._write_again(problem)
+        self._told_problem = None
+        if self._away:
+            moved |= self._bring_home()
+        return moved
+
+    def _write_again(self, problem: str) -> dict[int, Entry]:
+        """New files in the survey's folder, with everything in them that it does not hold."""
+        if problem != self._told_problem:
+            self._told_problem = problem
+            self.report(FilesTaken(self.layout.folder, problem))
+        self._prepare_folder()
+        found = build_index(self.layout)
+        acknowledged = {entry.sequence: entry for entry in self._home.entries}
+        self._refuse_strangers(found, acknowledged)
+        there = {
+            number: found.entries[number]
+            for number, entry in acknowledged.items()
+            if number in found.entries and found.entries[number].check == entry.check
+        }
+        entries = [there.get(number, entry) for number, entry in sorted(acknowledged.items())]
+        files = RecordFiles(self.layout, self.survey, self.storage, entries=entries)
+        lost: list[Entry] = []
+        missing = [entry for number, entry in sorted(acknowledged.items()) if number not in there]
+        try:
+            again = files.append_all(self._still_readable(missing, lost))
+        except BaseException:
+            files.close()
+            raise
+        self._home.close()
+        self._home = files
+        moved = there | again
+        self.moved(moved)
+        drops = sum(entry.kind == Kind.DROP for entry in again.values())
+        self.report(
+            FilesWrittenAgain(
+                self.layout.folder, len(again), drops, tuple(_name_of(entry) for entry in lost)
+            )
+        )
+        return moved
+
+    def _refuse_strangers(self, found: Index, acknowledged: dict[int, Entry]) -> None:
+        """Refuse a folder in which another program acknowledged something."""
+        mine = {(number, entry.check) for number, entry in (acknowledged | self._away).items()}
+        mine |= self._refused_records
+        theirs = {(line.sequence, line.check) for line in found.ledger.entries} - mine
+        if theirs or found.survey not in (None, self.survey):
+            raise RecordingError(
+                f"{self.layout.folder}: expected the survey that is being written, came one with "
+                "records of another program; take it away, or name another folder"
+            )
+
+    def _prepare_folder(self) -> None:
+        folder = self.layout.folder
+        if not folder.is_dir() and _disk_of(folder.parent) != self._disk:
+            # Made on the disk below, it would be hidden as soon as the right one is back.
+            raise OSError(errno.ENOENT, f"{folder.parent} is not the disk that it was")
+        self.storage.make_folder(folder)
+        if self._survey_lock.problem() is not None:
+            self._survey_lock.acquire_again()
+        refuse_links(self.layout)
+        for path in self.layout.folders:
+            self.storage.make_folder(path)
+
+    def _still_readable(self, entries: Iterable[Entry], lost: list[Entry]) -> Iterator[Record]:
+        """The records that the open files or the memory hold; the others are added to `lost`."""
+        for entry in entries:
+            record = self._home.read(entry) or self._recent.get(entry.sequence)
+            if record is not None:
+                yield record
+            else:
+                lost.append(entry)
+
+    def _bring_home(self) -> dict[int, Entry]:
+        assert self._spare_part is not None
+        assert self._spare_files is not None
+        folder = self._spare_part.layout.folder
+        records = []
+        for number, entry in sorted(self._away.items()):
+            record = self._spare_files.read(entry) or self._recent.get(number)
+            if record is None:
+                raise OSError(errno.EIO, f"{folder} cannot be read")
+            records.append(record)
+        moved = self._home.append_all(records)
+        problem = self._problem()
+        if problem is not None:
+            raise OSError(errno.EBUSY, problem)
+        self._away.clear()
+        self._close_spare()
+        self.moved(moved)
+        drops = sum(entry.kind == Kind.DROP for entry in moved.values())
+        self.report(BroughtHome(self.layout.folder, folder, len(moved), drops))
+        return moved
+
+    def _append_spare(self, record: Record) -> Entry:
+        assert self._home_failure is not None
+        try:
+            files = self._open_spare()
+            entry = files.append(record)
+            problem = files.problem()
+            if problem is not None:
+                files.forget(record.sequence)
+                raise OSError(errno.EBUSY, problem)
+        except (OSError, RecordingError) as err:
+            reason = None if isinstance(err, RecordingError) else err.strerror
+            error = type(self._home_failure)
+            raise error(
+                f"{self._home_failure}; the spare folder refuses it too: {reason or err}"
+            ) from err
+        self._away[record.sequence] = entry
+        return entry
+
+    def _open_spare(self) -> RecordFiles:
+        """Journal and ledger in the spare folder, with what the home folder does not hold."""
+        assert self._spare is not None
+        if self._spare_files is not None and self._spare_files.problem() is not None:
+            self._replace_spare()
+        if self._spare_files is None:
+            files = self._begin_spare()
+            try:
+                self._copy_to_spare(files)
+            except BaseException:
+                self._close_spare()
+                raise
+            folder = self._spare_part.layout.folder if self._spare_part else self._spare.root
+            self.report(SpareUsed(self.layout.folder, folder, str(self._home_failure)))
+        else:
+            files = self._spare_files
+            self._copy_to_spare(files)
+        return files
+
+    def _begin_spare(self) -> RecordFiles:
+        assert self._spare is not None
+        part = self._spare.open(self.layout.folder, self.survey, self.storage)
+        try:
+            files = RecordFiles(part.layout, self.survey, self.storage, entries=part.entries)
+        except BaseException:
+            part.lock.release()
+            raise
+        self._spare_part, self._spare_files, self._spare_holds_home = part, files, False
+        return files
+
+    def _replace_spare(self) -> None:
+        """Open the spare folder anew, its files were taken away too, and write them again."""
+        assert self._spare_files is not None
+        records = []
+        for number, entry in self._away.items():
+            record = self._spare_files.read(entry) or self._recent.get(number)
+            if record is not None:
+                records.append(record)
+        self._close_spare()
+        self._away |= self._begin_spare().append_all(records)
+
+    def _copy_to_spare(self, spare: RecordFiles) -> None:
+        """What the spare cannot be read without, and everything that is nowhere else."""
+        gone = self._home.problem() is not None
+        if self._spare_holds_home and gone:
+            return
+        known = {entry.sequence for entry in spare.entries}
+        wanted = [
+            entry
+            for entry in self._home.entries
+            if (gone or entry.kind in (Kind.SURVEY, Kind.POINT)) and entry.sequence not in known
+        ]
+        if wanted:
+            spare.append_all(self._still_readable(wanted, []))
+        self._spare_holds_home = gone
+
+    def _close_spare(self) -> None:
+        files, self._spare_files = self._spare_files, None
+        if files is not None:
+            files.close()
+        if self._spare_part is not None:
+            self._spare_part.lock.release()
+
+
+def refused(err: OSError, where: str) -> RecordingError:
+    """The error of this package for what the system said."""
+    reason = err.strerror or str(err)
+    if is_full(err):
+        return StorageFull(
+            f"{where}: expected room to write, came {reason!r}; nothing is lost yet: free some "
+            "space and save again"
+        )
+    return RecordingError(
+        f"{where}: expected a disk that takes what is written, came {reason!r}; save to another one"
+    )
+
+
+def _as_recording_error(err: Exception, layout: Layout) -> RecordingError:
+    if isinstance(err, RecordingError):
+        return err
+    assert isinstance(err, OSError)
+    return refused(err, str(layout.folder))
+
+
+def _name_of(entry: Entry) -> str:
+    about = read_about(entry.about) if entry.kind == Kind.DROP else None
+    return f"drop {about[1]}/{about[2]}" if about is not None else f"record {entry.sequence}"
+
+
+def _disk_of(folder: Path) -> int | None:
+    try:
+        return os.stat(folder).st_dev
+    except OSError:
+        return None

@@ -1,0 +1,142 @@
+"""The spare folder: a second place for records that a survey's folder does not take.
+
+In it stands one folder for each survey that needed it, named after the survey and its identity,
+with a journal and a ledger like the survey's own. The records keep the survey's identity and the
+numbers that they would have had at home, so that they can be brought home as they are.
+``home.json`` says where home is.
+"""
+
+import contextlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.index import build_index
+from pfwd_device.recording.layout import Layout, names_in, refuse_links
+from pfwd_device.recording.ledger import Entry
+from pfwd_device.recording.lock import SurveyLock
+from pfwd_device.recording.payload import decode_json, encode_json
+from pfwd_device.recording.storage import Storage
+from pfwd_device.text import clean
+
+HOME_FILE = "home.json"
+
+RETURNED_FILE = "returned.json"
+
+_LARGEST_NOTE = 64 * 2**20
+"""Bytes of a file of this module; a million records that were brought home take less."""
+
+_LONGEST_NAME = 40
+
+
+@dataclass(frozen=True, slots=True)
+class SparePart:
+    """What the spare folder holds for a survey, open for writing."""
+
+    layout: Layout
+    entries: list[Entry]
+    """What is acknowledged there already."""
+    lock: SurveyLock
+
+
+@dataclass(frozen=True, slots=True)
+class SpareFolder:
+    """The folder that holds the parts of all surveys."""
+
+    root: Path
+
+    def layout_of(self, home: Path, survey: bytes) -> Layout:
+        """Names of the files for a survey."""
+        name = "".join(c if c.isalnum() and c.isascii() else "-" for c in home.name)
+        return Layout(self.root / f"{name[:_LONGEST_NAME] or 'survey'}-{survey.hex()}")
+
+    def open(self, home: Path, survey: bytes, storage: Storage) -> SparePart:
+        """The part of a survey, made when it is not there.
+
+        Raises
+        ------
+        OSError, RecordingError
+            If it cannot be made or written, or another program writes it.
+        """
+        layout = self.layout_of(home, survey)
+        storage.make_folder(layout.journal)
+        refuse_links(layout)
+        lock = SurveyLock(layout, storage)
+        try:
+            where = layout.folder / HOME_FILE
+            if not where.exists():
+                text = encode_json({"survey": str(home), "survey_id": survey.hex()})
+                storage.write_file(where, text.encode("ascii") + b"\n")
+            index = build_index(layout)
+            # What an ended program wrote is there to be read, and need not be on the disk.
+            for number in layout.segments():
+                descriptor = storage.open(layout.segment(number))
+                try:
+                    storage.sync(descriptor)
+                finally:
+                    storage.close(descriptor)
+            storage.sync_directory(layout.journal)
+        except BaseException:
+            lock.release()
+            raise
+        entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
+        return SparePart(layout, entries, lock)
+
+    def parts(self, *, home: Path | None = None, survey: bytes | None = None) -> list[Layout]:
+        """The parts of the survey with this identity, or of whatever was recorded at `home`."""
+        found = []
+        for name in names_in(self.root):
+            layout = Layout(self.root / name)
+            facts = home_of(layout.folder)
+            if facts is None:
+                continue
+            if survey is not None:
+                fits = facts["survey_id"] == survey.hex()
+            else:
+                fits = home is not None and facts["survey"] == str(home)
+            if fits:
+                found.append(layout)
+        return found
+
+
+def home_of(folder: Path) -> dict[str, str] | None:
+    """Path (``survey``) and identity (``survey_id``) of the survey that a part belongs to."""
+    data = _read_json(folder / HOME_FILE)
+    if not isinstance(data, dict):
+        return None
+    survey, identity = data.get("survey"), data.get("survey_id")
+    if not isinstance(survey, str) or not isinstance(identity, str):
+        return None
+    with contextlib.suppress(ValueError):
+        if len(bytes.fromhex(identity)) == 16:
+            return {"survey": clean(survey, limit=4096), "survey_id": identity}
+    return None
+
+
+def returned(layout: Layout) -> set[tuple[int, int]]:
+    """Sequence number and check of the records that were brought home under other numbers."""
+    data = _read_json(layout.folder / RETURNED_FILE)
+    pairs = data if isinstance(data, list) else []
+    return {
+        (pair[0], pair[1])
+        for pair in pairs
+        if isinstance(pair, list) and len(pair) == 2 and all(type(value) is int for value in pair)
+    }
+
+
+def note_returned(layout: Layout, storage: Storage, pairs: set[tuple[int, int]]) -> None:
+    """Keep what was brought home under other numbers; raises OSError."""
+    text = json.dumps(sorted(pairs)) + "\n"
+    storage.write_file(layout.folder / RETURNED_FILE, text.encode("ascii"))
+
+
+def _read_json(path: Path) -> Any:
+    """What a small file of ours holds; None when it is missing or damaged."""
+    try:
+        if path.is_symlink() or not path.is_file() or path.stat().st_size > _LARGEST_NOTE:
+            return None
+        return decode_json(path.read_bytes())
+    except (OSError, RecordingError):
+        return None

@@ -1,0 +1,336 @@
+"""Files of a survey that others delete, replace, move or cut while it is being written."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.power_loss import make_record
+from pfwd_device.errors import RecordingError, SurveyLocked
+from pfwd_device.recording import (
+    DropRecord,
+    FilesTaken,
+    FilesWrittenAgain,
+    Storage,
+    SurveyWriter,
+    check,
+    read_survey,
+    recover,
+)
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.publishing import InlinePublisher
+
+pytestmark = pytest.mark.posix  # Windows refuses to delete, rename or replace a file that is open
+
+
+def replace_by_copy(path: Path) -> None:
+    """As programs that synchronise folders do, restores and editors: a copy, renamed over it."""
+    copy = path.with_name("copy")
+    shutil.copy2(path, copy)
+    os.replace(copy, path)
+
+
+def replace_folder_by_copy(path: Path) -> None:
+    copy = path.with_name("copy")
+    shutil.copytree(path, copy, ignore=shutil.ignore_patterns("*.lock", ".*"))
+    delete(path)
+    os.rename(copy, path)
+
+
+def delete(path: Path) -> None:
+    """Away at once: the publisher may be at its next file."""
+    os.rename(path, path.with_name("deleted"))
+    shutil.rmtree(path.with_name("deleted"))
+
+
+ATTACKS: dict[str, Callable[[Path], None]] = {
+    "folder deleted": delete,
+    "folder moved away": lambda survey: os.rename(survey, survey.with_name("moved")),
+    "folder replaced by its copy": replace_folder_by_copy,
+    "journal replaced": lambda survey: replace_by_copy(survey / "journal" / "0001.pfwdj"),
+    "journal deleted": lambda survey: (survey / "journal" / "0001.pfwdj").unlink(),
+    "journal's folder deleted": lambda survey: delete(survey / "journal"),
+    "ledger replaced": lambda survey: replace_by_copy(survey / "acknowledged.txt"),
+    "ledger deleted": lambda survey: (survey / "acknowledged.txt").unlink(),
+    "lock deleted": lambda survey: (survey / "survey.lock").unlink(),
+    "lock replaced": lambda survey: replace_by_copy(survey / "survey.lock"),
+    "journal cut": lambda survey: os.truncate(survey / "journal" / "0001.pfwdj", 1000),
+    "journal emptied": lambda survey: os.truncate(survey / "journal" / "0001.pfwdj", 0),
+    "ledger cut": lambda survey: os.truncate(survey / "acknowledged.txt", 60),
+    "journal written to": lambda survey: append(survey / "journal" / "0001.pfwdj", b"x" * 500),
+    "ledger written to": lambda survey: append(survey / "acknowledged.txt", b"1 2 3\n"),
+    "drop files deleted": lambda survey: shutil.rmtree(survey / "drops", ignore_errors=True),
+}
+
+
+def append(path: Path, data: bytes) -> None:
+    with path.open("ab") as stream:
+        stream.write(data)
+
+
+def open_writer(folder: Path) -> SurveyWriter:
+    return SurveyWriter.open(folder, publisher=InlinePublisher(Storage()), reserve_bytes=0)
+
+
+def save(writer: SurveyWriter, number: int) -> str:
+    record = make_record(number, np.random.default_rng(number))
+    assert writer.save_drop(record) == number
+    return drop_digest(record, 0)
+
+
+def digests(folder: Path) -> dict[int, str]:
+    return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("publish", [False, True])
+def test_nothing_acknowledged_is_lost(tmp_path: Path, attack: str, publish: bool) -> None:
+    survey = tmp_path / "survey"
+    expected = {}
+    with open_writer(survey) as writer:
+        for number in range(1, 9):
+            if number in (4, 7):
+                ATTACKS[attack](survey)
+                shutil.rmtree(tmp_path / "moved", ignore_errors=True)
+            expected[number] = save(writer, number)
+            if publish:
+                writer.publish(number)
+            if number == 2:
+                writer.edit("note", "wet", number=1)
+                writer.save_result(1, {"modulus_pa": 45e6})
+            # Acknowledged is what others can find, at every moment.
+            assert digests(survey) == {n: expected[n] for n in range(1, number + 1)}
+    told = writer.take_reports()
+    if attack != "drop files deleted":
+        assert any(isinstance(report, FilesTaken) for report in told)
+        assert not any(r.lost for r in told if isinstance(r, FilesWrittenAgain))
+    again = recover(survey)
+    assert again.ok, again.damaged
+    assert check(survey).ok
+    assert digests(survey) == expected
+    assert read_survey(survey).drops[0].notes == ("wet",)
+    assert len(read_survey(survey).drops[0].results) == 1
+
+
+@pytest.mark.parametrize("attack", ["folder deleted", "journal replaced", "journal cut"])
+def test_what_is_taken_away_is_put_back_before_the_next_drop(tmp_path: Path, attack: str) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {number: save(writer, number) for number in (1, 2, 3)}
+        ATTACKS[attack](survey)
+        writer.look_after()
+        told = writer.take_reports()
+        assert [type(report) for report in told] == [FilesTaken, FilesWrittenAgain]
+        assert "NOT SAFE" in told[0].text
+        assert digests(survey) == expected
+        writer.look_after()
+        assert writer.take_reports() == []
+
+
+def test_a_close_puts_back_what_was_taken_after_the_last_drop(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {1: save(writer, 1)}
+        writer.save_result(1, {"modulus_pa": 45e6})
+        shutil.rmtree(survey)
+    assert digests(survey) == expected
+    assert check(survey).ok
+
+
+def test_older_copies_of_journal_and_ledger_are_completed(tmp_path: Path) -> None:
+    """As a restore of a backup does; the records after it must not be believed to be whole."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {1: save(writer, 1)}
+        shutil.copytree(survey, tmp_path / "backup")
+        expected |= {number: save(writer, number) for number in (2, 3, 4)}
+        for name in ("journal/0001.pfwdj", "acknowledged.txt"):
+            os.replace(tmp_path / "backup" / name, survey / name)
+        expected[5] = save(writer, 5)
+        assert digests(survey) == expected
+    assert check(survey).ok
+
+
+def test_a_cut_journal_is_written_again_from_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond what memory holds, what cannot be written again is named at once, not later."""
+    from pfwd_device.recording import record_log
+
+    survey = tmp_path / "survey"
+    monkeypatch.setattr(record_log, "RECENT_BYTES", 12_000)
+    with open_writer(survey) as writer:
+        for number in range(1, 11):
+            save(writer, number)
+        os.truncate(survey / "journal" / "0001.pfwdj", 0)
+        writer.look_after()
+        (lost,) = [r.lost for r in writer.take_reports() if isinstance(r, FilesWrittenAgain)]
+        there = set(digests(survey))
+        assert {3, 10} & there == {10}
+        named = {f"drop P 1/{number}" for number in range(1, 11) if number not in there}
+        assert named <= set(lost)
+    assert not check(survey).ok
+
+
+def test_another_survey_in_the_place_is_not_written_to(tmp_path: Path) -> None:
+    survey, other = tmp_path / "survey", tmp_path / "other"
+    with open_writer(other) as writer:
+        theirs = {1: save(writer, 1)}
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        os.rename(survey, tmp_path / "moved")
+        os.rename(other, survey)
+        with pytest.raises(RecordingError, match="records of another program"):
+            writer.save_drop(make_record(2, np.random.default_rng(2)))
+    assert digests(survey) == theirs
+    assert check(survey).ok
+
+
+def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {1: save(writer, 1)}
+        (survey / "survey.lock").unlink()
+        for action in (SurveyWriter.open, recover):
+            with pytest.raises(SurveyLocked, match="has the journal open"):
+                action(survey)
+        assert "a program writes it" in check(survey).notes
+        expected[2] = save(writer, 2)
+    assert digests(survey) == expected
+    assert check(survey).ok
+
+
+SECOND = """
+import sys
+import numpy as np
+from benchmarks.power_loss import make_record
+from pfwd_device.recording import SurveyWriter
+with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
+    print(writer.save_drop(make_record(9, np.random.default_rng(9))), flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_the_first_writer_stops_where_a_second_one_goes_on(tmp_path: Path) -> None:
+    """Lock and journal replaced: nothing keeps the second one out, and it is not written over."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        replace_by_copy(survey / "journal" / "0001.pfwdj")
+        (survey / "survey.lock").unlink()
+        with subprocess.Popen(
+            [sys.executable, "-c", SECOND, str(survey)],
+            cwd=Path(__file__).parents[3],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as second:
+            assert second.stdout is not None
+            assert second.stdout.readline() == "2\n"
+            with pytest.raises(SurveyLocked, match=f"came another: pid {second.pid}"):
+                writer.save_drop(make_record(2, np.random.default_rng(2)))
+            second.communicate("\n")
+    theirs = drop_digest(make_record(9, np.random.default_rng(9)), 0)
+    assert digests(survey)[2] == theirs
+    assert recover(survey).ok
+
+
+def test_a_journal_that_others_have_written_to_is_left_alone(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        append(survey / "journal" / "0001.pfwdj", b"somebody's")
+        before = (survey / "journal" / "0001.pfwdj").read_bytes()
+        save(writer, 2)
+        assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
+        assert (survey / "journal" / "0002.pfwdj").exists()
+
+
+def test_a_journal_with_a_second_name_is_not_appended_to(tmp_path: Path) -> None:
+    """A backup made of links has the journal's own file: it must stay as it was made."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        os.link(survey / "journal" / "0001.pfwdj", tmp_path / "backup")
+        before = (tmp_path / "backup").read_bytes()
+        save(writer, 2)
+        assert writer.take_reports() == []
+    assert (tmp_path / "backup").read_bytes() == before
+    assert check(survey).ok
+
+
+def test_someone_who_takes_the_files_away_again_and_again_is_told_of(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+
+    class Fast(Storage):
+        def sync(self, descriptor: int) -> None:
+            super().sync(descriptor)
+            if taking:
+                shutil.rmtree(survey / "journal", ignore_errors=True)
+
+    taking: list[bool] = []
+    with SurveyWriter.open(survey, storage=Fast(), publish=False, reserve_bytes=0) as writer:
+        save(writer, 1)
+        taking.append(True)
+        with pytest.raises(RecordingError):
+            writer.save_drop(make_record(2, np.random.default_rng(2)))
+        taking.clear()
+        assert writer.save_drop(make_record(2, np.random.default_rng(2))) == 2
+    assert len(digests(survey)) == 2
+    assert check(survey).ok
+
+
+def test_a_survey_is_not_begun_on_another_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A memory stick that was pulled: what is made in its place would be hidden by it later."""
+    from pfwd_device.recording import record_log
+
+    survey = tmp_path / "stick" / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        shutil.rmtree(survey)
+        monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
+        with pytest.raises(RecordingError, match="not the disk that it was"):
+            writer.save_drop(make_record(2, np.random.default_rng(2)))
+        assert not survey.exists()
+
+
+def test_a_descriptor_that_cannot_be_closed_leaves_no_lock(tmp_path: Path) -> None:
+    class Failing(Storage):
+        def close(self, descriptor: int) -> None:
+            super().close(descriptor)
+            if failing:
+                raise OSError(5, "input/output error")
+
+    failing: list[bool] = []
+    writer = SurveyWriter.open(tmp_path / "s", storage=Failing(), publish=False, reserve_bytes=0)
+    save(writer, 1)
+    failing.append(True)
+    writer.close()
+    failing.clear()
+    with SurveyWriter.open(tmp_path / "s", publish=False, reserve_bytes=0) as again:
+        assert again.drops_acknowledged == 1
+
+
+def test_the_file_of_a_drop_is_made_again(
+    tmp_path: Path, new_record: Callable[[int], DropRecord]
+) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        for number in (1, 2):
+            writer.save_drop(new_record(number))
+            writer.publish(number)
+        while not (survey / "drops" / "drop-000002.h5").exists():
+            assert writer.publishing_failures == {}
+        shutil.rmtree(survey)
+        writer.save_drop(new_record(3))
+    assert sorted(path.name for path in (survey / "drops").glob("*.h5")) == [
+        f"drop-00000{number}.h5" for number in (1, 2, 3)
+    ]
+    assert check(survey).ok
