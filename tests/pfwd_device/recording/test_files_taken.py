@@ -1,5 +1,6 @@
 """Files of a survey that others delete, replace, move or cut while it is being written."""
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -38,8 +39,10 @@ def replace_by_copy(path: Path) -> None:
 def replace_folder_by_copy(path: Path) -> None:
     copy = path.with_name("copy")
     shutil.copytree(path, copy, ignore=shutil.ignore_patterns("*.lock", ".*"))
-    delete(path)
-    os.rename(copy, path)
+    while copy.exists():
+        delete(path)
+        with contextlib.suppress(OSError):  # the writer was faster and has begun it anew
+            os.rename(copy, path)
 
 
 def delete(path: Path) -> None:
@@ -328,7 +331,7 @@ def test_the_file_of_a_drop_is_made_again(
             writer.publish(number)
         while not (survey / "drops" / "drop-000002.h5").exists():
             assert writer.publishing_failures == {}
-        shutil.rmtree(survey)
+        delete(survey)
         writer.save_drop(new_record(3))
     assert sorted(path.name for path in (survey / "drops").glob("*.h5")) == [
         f"drop-00000{number}.h5" for number in (1, 2, 3)
