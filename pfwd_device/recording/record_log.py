@@ -192,15 +192,20 @@ class RecordLog:
             self._refuse_closed()
             data = encode_frame(kind, self.survey, self._sequence, payload)
             record = Record(self._sequence, kind, data, about)
-            entry = self._append(record)
+            self._remember(record)  # before: somebody may cut the journal while it is written
+            try:
+                entry = self._append(record)
+            except BaseException:
+                self._forget(record)
+                raise
             self._sequence += 1
-            self._remember(record)
             return entry
 
     def take_in(self, record: Record) -> Entry:
         """Write a record of this survey with the number that it has, which must be free."""
         with self.lock:
             self._refuse_closed()
+            self._remember(record)
             entry = self._append(record)
             self._sequence = max(self._sequence, record.sequence + 1)
             return entry
@@ -277,7 +282,11 @@ class RecordLog:
         self._recent[record.sequence] = record
         self._recent_bytes += len(record.data)
         while self._recent_bytes > RECENT_BYTES and len(self._recent) > 1:
-            self._recent_bytes -= len(self._recent.pop(next(iter(self._recent))).data)
+            self._forget(next(iter(self._recent.values())))
+
+    def _forget(self, record: Record) -> None:
+        if self._recent.pop(record.sequence, None) is not None:
+            self._recent_bytes -= len(record.data)
 
     def _try_home(self) -> bool:
         return self._home_failure is None or time.monotonic() >= self._next_try

@@ -140,7 +140,11 @@ class Storage:
     def make_directory(self, path: Path) -> None:
         """Make one folder; one that exists is fine."""
         if not path.is_dir():
-            os.mkdir(path)
+            try:
+                os.mkdir(path)
+            except FileExistsError:  # another program was faster
+                if not path.is_dir():
+                    raise
 
     def sync_directory(self, path: Path) -> None:
         """Return when names made or changed in the folder are on the disk."""

@@ -337,3 +337,23 @@ def test_the_file_of_a_drop_is_made_again(
         f"drop-00000{number}.h5" for number in (1, 2, 3)
     ]
     assert check(survey).ok
+
+
+def test_a_journal_that_is_cut_while_a_record_is_written(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+
+    class Cut(Storage):
+        def sync(self, descriptor: int) -> None:
+            super().sync(descriptor)
+            if cuts and os.fstat(descriptor).st_size > 2000:
+                cuts.pop()
+                os.truncate(survey / "journal" / "0001.pfwdj", 0)
+
+    cuts: list[bool] = []
+    with SurveyWriter.open(survey, storage=Cut(), publish=False, reserve_bytes=0) as writer:
+        expected = {1: save(writer, 1)}
+        cuts.append(True)
+        expected[2] = save(writer, 2)
+        assert cuts == []
+        assert digests(survey) == expected
+    assert check(survey).ok
