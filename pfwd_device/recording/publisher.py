@@ -56,6 +56,8 @@ def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
         return _read(layout, int(request["number"]))
     drop = (int(request["drop"][0]), int(request["drop"][1]))
     rebounds = [(int(segment), int(offset)) for segment, offset in request["rebounds"]]
+    if not layout.journal.is_dir():  # the lock would make the folder again
+        raise RecordingError(f"{layout.journal}: expected the journal, came none")
     try:
         with FileLock(layout.publish_lock, timeout=LOCK_TIMEOUT, thread_local=False):
             return publish(layout, drop, rebounds, storage, parent=request.get("parent"))

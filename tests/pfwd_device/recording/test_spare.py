@@ -1,0 +1,369 @@
+"""The spare folder: a second place for drops that the survey's own folder does not take."""
+
+import errno
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.power_loss import make_record
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording import (
+    BroughtHome,
+    Rebound,
+    SpareFolder,
+    SpareUsed,
+    Storage,
+    SurveyWriter,
+    check,
+    read_survey,
+    record_log,
+    recover,
+)
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.publishing import InlinePublisher
+
+
+class Refusing(Storage):
+    """A disk that takes nothing below a folder."""
+
+    def __init__(self, folder: Path, number: int = errno.ENOSPC) -> None:
+        self.folder: Path | None = None
+        self._below = folder
+        self._number = number
+        self._paths: dict[int, Path] = {}
+
+    def refuse(self, refused: bool = True) -> None:
+        self.folder = self._below if refused else None
+
+    def open(self, path: Path, *, create: bool = False) -> int:
+        if create:
+            self._may_refuse(path)
+        descriptor = super().open(path, create=create)
+        self._paths[descriptor] = path
+        return descriptor
+
+    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+        self._may_refuse(self._paths[descriptor])
+        return super().pwrite(descriptor, data, offset)
+
+    def _may_refuse(self, path: Path) -> None:
+        if self.folder is not None and self.folder in path.parents:
+            raise OSError(self._number, "refused")
+
+
+@pytest.fixture(autouse=True)
+def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    return tmp_path / "site 1"
+
+
+@pytest.fixture
+def spare(tmp_path: Path) -> SpareFolder:
+    return SpareFolder(tmp_path / "spare")
+
+
+@pytest.fixture
+def disk(survey: Path) -> Refusing:
+    return Refusing(survey)
+
+
+def open_writer(survey: Path, disk: Storage, spare: SpareFolder | None) -> SurveyWriter:
+    return SurveyWriter.open(
+        survey, storage=disk, publisher=InlinePublisher(disk), reserve_bytes=0, spare=spare
+    )
+
+
+def save(writer: SurveyWriter, number: int) -> str:
+    record = make_record(number, np.random.default_rng(number))
+    assert writer.save_drop(record) == number
+    return drop_digest(record, 0)
+
+
+def digests(folder: Path) -> dict[int, str]:
+    return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
+
+
+def a_rebound() -> Rebound:
+    return Rebound(0.41, 912.5, 7000, np.arange(12, dtype=np.int32).reshape(4, 3))
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
+def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
+    survey: Path, spare: SpareFolder, number: int
+) -> None:
+    disk = Refusing(survey, number)
+    writer = open_writer(survey, disk, spare)
+    expected = {1: save(writer, 1)}
+    assert writer.kept_in_spare(1) is None
+    disk.refuse()
+    expected |= {n: save(writer, n) for n in (2, 3)}
+    (part,) = spare.root.iterdir()
+    assert writer.kept_in_spare(2) == part
+    assert part.name == f"site-1-{writer.survey_id}"
+    assert digests(part) == {n: expected[n] for n in (2, 3)}
+    (told,) = writer.take_reports()
+    assert isinstance(told, SpareUsed)
+    assert f"NOT SAFE in {survey}" in told.text
+    assert str(part) in told.text
+    writer.close()
+    assert digests(survey) == {1: expected[1]}
+    report = check(survey, spare=spare)
+    assert not report.ok
+    assert [text for text in report.damaged if "P 1/2 is in the spare folder" in text]
+    disk.refuse(False)
+    home = recover(survey, spare=spare)
+    assert home.ok, home.damaged
+    assert f"2 drops brought home from the spare folder {part}" in home.actions
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
+    assert sorted(path.name for path in (survey / "drops").iterdir()) == [
+        f"drop-00000{n}.h5" for n in (1, 2, 3)
+    ]
+    again = recover(survey, spare=spare)
+    assert (again.ok, again.actions) == (True, ())
+
+
+def test_everything_said_of_a_drop_comes_home_with_it(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        save(writer, 2)
+        writer.save_rebound(2, a_rebound())
+        writer.edit("note", "a stone", number=2)
+        writer.save_result(2, {"modulus_pa": 45e6})
+        writer.note_event("gap", {"samples": 3})
+        writer.add_point("P 9", {"plate_radius_m": 0.1})
+    disk.refuse(False)
+    assert recover(survey, spare=spare).ok
+    (_, second) = read_survey(survey).drops
+    assert len(second.read().rebounds) == 1
+    assert second.notes == ("a stone",)
+    assert [path.read_text() for path in second.results] == ['{"modulus_pa":45000000.0}\n']
+    assert read_survey(survey).points[-1].name == "P 9"
+    assert [event["event"] for event in read_survey(survey).events] == ["gap"]
+    assert check(survey, spare=spare).ok
+
+
+def test_home_takes_everything_back_as_soon_as_it_can(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        expected = {1: save(writer, 1)}
+        disk.refuse()
+        expected[2] = save(writer, 2)
+        writer.publish(2)
+        disk.refuse(False)
+        writer.look_after()
+        used, home = writer.take_reports()
+        assert isinstance(used, SpareUsed)
+        assert isinstance(home, BroughtHome)
+        assert home.drops == 1
+        assert writer.kept_in_spare(2) is None
+        assert digests(survey) == expected
+        disk.refuse()
+        expected[3] = save(writer, 3)
+        disk.refuse(False)
+        expected[4] = save(writer, 4)
+        assert writer.kept_in_spare(3) is None
+    assert digests(survey) == expected
+    assert (survey / "drops" / "drop-000002.h5").exists()
+    assert check(survey, spare=spare).ok
+
+
+def test_home_is_not_tried_at_every_drop(
+    survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A network drive that is gone may need seconds to say so."""
+    monkeypatch.setattr(record_log, "HOME_AGAIN", 3600.0)
+    with open_writer(survey, disk, spare) as writer:
+        disk.refuse()
+        save(writer, 1)
+        disk.refuse(False)
+        save(writer, 2)
+        assert writer.kept_in_spare(2) is not None
+
+
+def test_the_next_program_brings_home_what_waits(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        expected = {1: save(writer, 1)}
+        disk.refuse()
+        expected[2] = save(writer, 2)
+    disk.refuse(False)
+    with open_writer(survey, disk, spare) as writer:
+        assert any("brought home" in text for text in writer.recovery.actions)
+        expected[3] = save(writer, 3)
+    assert digests(survey) == expected
+
+
+def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        save(writer, 2)
+        writer.save_rebound(2, a_rebound())
+        writer.edit("note", "the first", number=2)
+    disk.refuse(False)
+    other = make_record(7, np.random.default_rng(7))
+    with open_writer(survey, disk, None) as writer:  # another computer: no spare folder there
+        assert writer.save_drop(other) == 2
+        writer.edit("note", "the other", number=2)
+    assert recover(survey, spare=spare).ok
+    drops = {drop.number: drop for drop in read_survey(survey).drops}
+    assert drops[2].notes == ("the other",)
+    assert drops[3].notes == ("the first",)
+    assert (drops[3].point, drops[3].drop) == ("P 1", 2)
+    assert len(drops[3].read().rebounds) == 1
+    assert check(survey, spare=spare).ok
+    assert recover(survey, spare=spare).actions == ()
+    assert len(read_survey(survey).drops) == 3
+
+
+def test_the_same_point_and_drop_number_become_the_next(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        save(writer, 2)
+    disk.refuse(False)
+    with open_writer(survey, disk, None) as writer:
+        record = make_record(2, np.random.default_rng(99))
+        record.metadata["key"] = "another"  # type: ignore[index]
+        assert writer.save_drop(record) == 2
+    assert recover(survey, spare=spare).ok
+    names = [(drop.number, drop.point, drop.drop) for drop in read_survey(survey).drops]
+    assert names == [(1, "P 1", 1), (2, "P 1", 2), (3, "P 1", 3)]
+
+
+def test_a_drop_that_was_recorded_again_comes_home_once(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        disk.refuse()
+        save(writer, 1)
+    disk.refuse(False)
+    with open_writer(survey, disk, None) as writer:
+        save(writer, 1)  # the instrument offered it again
+    assert recover(survey, spare=spare).ok
+    assert len(read_survey(survey).drops) == 1
+
+
+@pytest.mark.posix
+def test_a_folder_that_is_gone_for_good_is_kept_whole(
+    tmp_path: Path, survey: Path, spare: SpareFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A memory stick that was pulled: everything the program still holds goes to the spare."""
+    disk = Storage()
+    with open_writer(survey, disk, spare) as writer:
+        expected = {n: save(writer, n) for n in (1, 2)}
+        shutil.rmtree(survey)
+        monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
+        writer.look_after()
+        (part,) = spare.root.iterdir()
+        assert digests(part) == expected
+        expected[3] = save(writer, 3)
+        assert digests(part) == expected
+    assert not survey.exists()
+    monkeypatch.undo()
+    assert recover(survey, spare=spare).ok
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
+    with pytest.raises(RecordingError, match="expected the folder of a survey, came none"):
+        recover(tmp_path / "another", spare=spare)
+
+
+@pytest.mark.posix
+def test_a_spare_folder_that_is_taken_away_too_is_begun_anew(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        disk.refuse()
+        expected = {1: save(writer, 1)}
+        shutil.rmtree(spare.root)
+        expected[2] = save(writer, 2)
+        (part,) = spare.root.iterdir()
+        assert digests(part) == expected
+        disk.refuse(False)
+        writer.look_after()
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
+
+
+def test_two_places_that_refuse_leave_the_drop_with_the_caller(tmp_path: Path) -> None:
+    survey = tmp_path / "all" / "survey"
+    disk = Refusing(tmp_path / "all")
+    spare = SpareFolder(tmp_path / "all" / "spare")
+    with open_writer(survey, disk, spare) as writer:
+        expected = {1: save(writer, 1)}
+        disk.refuse()
+        record = make_record(2, np.random.default_rng(2))
+        with pytest.raises(StorageFull, match=r"survey: .*; the spare folder refuses it too: ref"):
+            writer.save_drop(record)
+        assert writer.drops_acknowledged == 1
+        disk.refuse(False)
+        expected[2] = save(writer, 2)
+    assert digests(survey) == expected
+    assert check(survey, spare=spare).ok
+
+
+def test_without_a_spare_folder_nothing_else_happens(survey: Path, disk: Refusing) -> None:
+    with open_writer(survey, disk, None) as writer:
+        disk.refuse()
+        with pytest.raises(StorageFull, match="expected room to write"):
+            writer.save_drop(make_record(1, np.random.default_rng(1)))
+        disk.refuse(False)
+
+
+def test_a_part_of_the_spare_folder_is_no_survey_to_go_on_with(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        disk.refuse()
+        save(writer, 1)
+    (part,) = spare.root.iterdir()
+    for action in (SurveyWriter.open, recover):
+        with pytest.raises(RecordingError, match=f"keeps of {survey}; try pfwd recover {survey}"):
+            action(part)
+    assert len(read_survey(part).drops) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"survey": 1}', '{"survey_id": "zz"}', "\xff", "[" * 9999]
+)
+def test_a_damaged_note_of_home_is_no_note(tmp_path: Path, text: str) -> None:
+    part = tmp_path / "spare" / "x"
+    part.mkdir(parents=True)
+    (part / "home.json").write_text(text, encoding="latin-1")
+    assert SpareFolder(tmp_path / "spare").parts(home=tmp_path) == []
+
+
+def test_a_killed_program_leaves_its_drops_in_the_spare_folder(
+    tmp_path: Path, survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    writer = open_writer(survey, disk, spare)
+    expected = {1: save(writer, 1)}
+    disk.refuse()
+    expected[2] = save(writer, 2)
+    # As killed: the locks are gone, and nothing was closed.
+    shutil.copytree(survey, tmp_path / "killed", ignore=shutil.ignore_patterns("*.lock"))
+    (part,) = spare.root.iterdir()
+    with (part / "journal" / "0001.pfwdj").open("ab") as stream:
+        stream.write(b"torn")
+    writer.close()
+    shutil.rmtree(survey)
+    shutil.copytree(tmp_path / "killed", survey)
+    disk.refuse(False)
+    assert recover(survey, spare=spare).ok
+    assert digests(survey) == expected
