@@ -1,7 +1,7 @@
 """What several of the mirrored folders need."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,14 @@ TOP = Path(__file__).resolve().parents[1]
 settings.register_profile("everyday", derandomize=True)
 settings.register_profile("explore", derandomize=False, print_blob=True)
 settings.load_profile("everyday")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_spare_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test writes to the place where the drops of whoever runs it would go."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PFWD_SPARE", str(tmp_path_factory.mktemp("spare")))
+        yield
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -5,6 +5,7 @@ import logging.handlers
 import time
 from pathlib import Path
 
+from pfwd_survey.files.upkeep import refuse_links_in
 from tui.output import clean
 
 LARGEST = 1_000_000
@@ -24,7 +25,14 @@ class _OneLineEach(logging.Formatter):
 
 
 def open_log(folder: str | Path) -> logging.Handler:
-    """Let everything that is logged go into ``pfwd.log`` of a folder; close what is returned."""
+    """Let everything that is logged go into ``pfwd.log`` of a folder; close what is returned.
+
+    Raises
+    ------
+    RecordingError
+        If the folder, a stranger's survey perhaps, holds a link: the log could go anywhere.
+    """
+    refuse_links_in(folder)
     target = Path(folder) / "log"
     target.mkdir(parents=True, exist_ok=True)
     handler = logging.handlers.RotatingFileHandler(

@@ -251,6 +251,7 @@ def _add_replay(commands: "Commands") -> None:
     replay.add_argument("--live", action="store_true", help="on the screen; space pauses")
     replay.add_argument("--setup", metavar="FILE.toml", help="for a capture: in place of its own")
     replay.add_argument("-o", "--output", metavar="SURVEY", help="record into this survey")
+    _add_spare(replay)
     replay.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
     _add_seed(replay)
@@ -412,12 +413,14 @@ def _add_procedures(commands: "Commands") -> None:
 def _add_recover(commands: "Commands") -> None:
     recover = commands.add_parser("recover", help="whatever a crash left", allow_abbrev=False)
     recover.add_argument("survey", metavar="SURVEY", help="folder")
+    _add_spare(recover)
     recover.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def _add_check(commands: "Commands") -> None:
     check = commands.add_parser("check", help="is this recording whole?", allow_abbrev=False)
     check.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    _add_spare(check)
     check.add_argument("--json", action="store_true", help="one JSON object")
 
 
@@ -438,6 +441,15 @@ def _add_instrument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="SURVEY", required=True, help="folder")
     parser.add_argument(
         "--setup", metavar="FILE.toml", help="what is declared; wins over the device"
+    )
+    _add_spare(parser)
+
+
+def _add_spare(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--spare",
+        metavar="FOLDER",
+        help="for drops that SURVEY does not take (default: PFWD_SPARE, or the platform's place)",
     )
 
 

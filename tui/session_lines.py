@@ -10,6 +10,7 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropAnalysis, result_record
 from pfwd_survey.measuring.events import (
     DropAnalysed,
+    DropNotPublished,
     DropNotSaved,
     DropSaved,
     HandedOn,
@@ -20,6 +21,7 @@ from pfwd_survey.measuring.events import (
     Rebounded,
     SensorCheck,
     SessionEvent,
+    SurveyFilesChanged,
     TableBuilding,
 )
 from tui.format import drop_line
@@ -70,6 +72,10 @@ class SessionLines:
             case DropNotSaved(point, number, reason):
                 text = f"drop {point}/{number} is NOT SAFE yet, kept in memory: {reason}"
                 self._say(text, logging.ERROR)
+            case DropNotPublished():
+                self._not_published(event)
+            case SurveyFilesChanged(text, safe):
+                self._say(text, logging.INFO if safe else logging.ERROR)
             case DropAnalysed():
                 self._analysis(event)
             case Rebounded(point, number, delay, load):
@@ -118,7 +124,8 @@ class SessionLines:
     def _saved(self, event: DropSaved) -> None:
         one = event.one
         self._identical[one.point, one.number] = event.identical
-        log.info("drop %s/%s saved as %s", one.point, one.number, one.record)
+        where = "" if one.spare is None else f" in the spare folder {one.spare}"
+        log.info("drop %s/%s saved as %s%s", one.point, one.number, one.record, where)
         for mark in event.marks:
             self._say(f"drop {one.point}/{one.number}: {mark}", logging.WARNING)
         if self._bell:
@@ -127,6 +134,18 @@ class SessionLines:
             analysis = DropAnalysis(one.drop, one.screening, None)
             self._line(one, result_record(one.file, analysis))
             self._forget(one)
+
+    def _not_published(self, event: DropNotPublished) -> None:
+        self._say(event.text, logging.WARNING)
+        if self._as_json:
+            line = {
+                "point": event.point,
+                "drop": event.number,
+                "saved": True,
+                "published": False,
+                "reason": event.reason,
+            }
+            print(json_text(line), flush=True)
 
     def _analysis(self, event: DropAnalysed) -> None:
         one, result = event.one, event.result
@@ -156,6 +175,7 @@ class SessionLines:
                 "drop": one.number,
                 "saved": one.record is not None or identical is not None,
                 **({} if one.record is None else {"record": one.record}),
+                **({} if one.spare is None else {"spare": one.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
                 **{key: value for key, value in result.items() if key not in ("point", "drop")},
@@ -165,4 +185,6 @@ class SessionLines:
         line_text = drop_line(one.point, one.number, result)
         if identical is False:
             line_text += "  NOT the recorded traces"
+        if one.spare is not None:
+            line_text += "  IN THE SPARE FOLDER"
         print(line_text, flush=True)

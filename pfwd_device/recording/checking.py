@@ -7,7 +7,7 @@ from pathlib import Path
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.index import Index, build_index, damage_key
-from pfwd_device.recording.layout import Layout, names_in
+from pfwd_device.recording.layout import Layout, names_in, refuse_special_files
 from pfwd_device.recording.lock import is_locked
 from pfwd_device.recording.recovery import describe, lost_texts
 from pfwd_device.recording.returning import waiting_texts
@@ -57,6 +57,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
         raise RecordingError(
             f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
         )
+    refuse_special_files(layout)
     written = is_locked(layout)
     index = build_index(layout)
     damaged: list[str] = []

@@ -102,24 +102,43 @@ def refuse_links(layout: Layout) -> None:
     for folder in (layout.folder, *inner):
         for entry in _entries(folder):
             path = Path(entry.path)
-            if path in inner:
-                expected = "a folder"
-                fine = entry.is_dir(follow_symlinks=False) and not _is_junction(entry)
-            else:
-                expected = "a file"
-                fine = entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)
-            if entry.is_symlink() or not fine:
-                came = "a link" if entry.is_symlink() or _is_junction(entry) else "something else"
+            if entry.is_symlink() or _is_junction(entry):
+                expected = "a folder" if path in inner else "a file"
                 raise RecordingError(
-                    f"{path}: expected {expected} of the survey, came {came}; take it away, and "
+                    f"{path}: expected {expected} of the survey, came a link; take it away, and "
                     "put in its place what it leads to if that belongs to the survey"
                 )
+    refuse_special_files(layout)
+
+
+def refuse_special_files(layout: Layout) -> None:
+    """Refuse a survey that holds named pipes, devices and the like: reading them may never end.
+
+    Raises
+    ------
+    RecordingError
+        Naming the first.
+    """
+    for folder in (layout.folder, *layout.folders):
+        for entry in _entries(folder):
+            special = not (entry.is_file() or entry.is_dir() or entry.is_symlink())
+            if special or (entry.is_symlink() and _leads_to_special(entry)):
+                raise RecordingError(
+                    f"{entry.path}: expected a file of the survey, came something else (a named "
+                    "pipe or a device); take it away"
+                )
+
+
+def _leads_to_special(entry: os.DirEntry[str]) -> bool:
+    try:
+        mode = entry.stat().st_mode
+    except OSError:  # it leads nowhere
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
     try:
-        if folder.is_symlink():
-            return []  # refused as an entry of the survey
         with os.scandir(folder) as found:
             return list(found)
     except OSError:

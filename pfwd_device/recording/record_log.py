@@ -124,8 +124,6 @@ class RecordLog:
         Number and descriptor of the segment to go on with.
     lock : SurveyLock
         Keeps other programs from writing.
-    spare : SpareFolder, optional
-        Takes what home does not.
     """
 
     def __init__(
@@ -137,7 +135,6 @@ class RecordLog:
         entries: list[Entry],
         continued: tuple[int, int] | None,
         lock: SurveyLock,
-        spare: SpareFolder | None = None,
     ) -> None:
         self.layout = layout
         self.survey = survey
@@ -147,13 +144,14 @@ class RecordLog:
         """Told what happens to the files."""
         self.moved: Callable[[Mapping[int, Entry]], None] = lambda _: None
         """Told the new places of records, by sequence number."""
+        self.spare: SpareFolder | None = None
+        """Takes what home does not, once it is set."""
         self._closed = False
         self._survey_lock = lock
         self._sequence = max((entry.sequence for entry in entries), default=0) + 1
         self._recent: dict[int, Record] = {}
         self._recent_bytes = 0
         self._disk = _disk_of(layout.folder.parent)
-        self._spare = spare
         self._spare_part: SparePart | None = None
         self._spare_files: RecordFiles | None = None
         self._spare_holds_home = False
@@ -210,11 +208,6 @@ class RecordLog:
             self._sequence = max(self._sequence, record.sequence + 1)
             return entry
 
-    @property
-    def has_spare(self) -> bool:
-        """Whether there is a second place for what home does not take."""
-        return self._spare is not None
-
     def away(self, entry: Entry) -> Path | None:
         """The folder that holds a record which is not at home; None: it is at home."""
         with self.lock:
@@ -236,7 +229,7 @@ class RecordLog:
                 self._settle()
             except (OSError, RecordingError) as err:
                 self._home_refused(_as_recording_error(err, self.layout))
-                if self._spare is not None:
+                if self.spare is not None:
                     # What the spare folder says is told when the next drop comes.
                     with contextlib.suppress(OSError, RecordingError):
                         self._open_spare()
@@ -298,7 +291,7 @@ class RecordLog:
             except RecordingError as err:
                 self._home_refused(err)
                 self._refused_records.add((record.sequence, record.check))
-                if self._spare is None:
+                if self.spare is None:
                     raise
             else:
                 self._home_failure = None
@@ -308,7 +301,7 @@ class RecordLog:
     def _home_refused(self, err: RecordingError) -> None:
         self._home_failure = err
         # Without a spare folder every drop is a new attempt.
-        self._next_try = time.monotonic() + (HOME_AGAIN if self._spare is not None else 0.0)
+        self._next_try = time.monotonic() + (HOME_AGAIN if self.spare is not None else 0.0)
 
     def _append_home(self, record: Record) -> Entry:
         try:
@@ -454,7 +447,7 @@ class RecordLog:
 
     def _open_spare(self) -> RecordFiles:
         """Journal and ledger in the spare folder, with what the home folder does not hold."""
-        assert self._spare is not None
+        assert self.spare is not None
         if self._spare_files is not None and self._spare_files.problem() is not None:
             self._replace_spare()
         if self._spare_files is None:
@@ -464,7 +457,7 @@ class RecordLog:
             except BaseException:
                 self._close_spare()
                 raise
-            folder = self._spare_part.layout.folder if self._spare_part else self._spare.root
+            folder = self._spare_part.layout.folder if self._spare_part else self.spare.root
             self.report(SpareUsed(self.layout.folder, folder, str(self._home_failure)))
         else:
             files = self._spare_files
@@ -472,8 +465,8 @@ class RecordLog:
         return files
 
     def _begin_spare(self) -> RecordFiles:
-        assert self._spare is not None
-        part = self._spare.open(self.layout.folder, self.survey, self.storage)
+        assert self.spare is not None
+        part = self.spare.open(self.layout.folder, self.survey, self.storage)
         try:
             files = RecordFiles(part.layout, self.survey, self.storage, entries=part.entries)
         except BaseException:

@@ -138,10 +138,13 @@ def begin(
     helper: Publisher,
     lock: SurveyLock,
     spare: SpareFolder | None = None,
+    *,
+    fall_back: bool = False,
 ) -> tuple[RecordLog, Index, list[str]]:
     """Journal and ledger ready to be appended to, and what was brought home.
 
-    Torn ends are cut, the ledger is put right. Raises OSError or RecordingError.
+    Torn ends are cut, the ledger is put right. With `fall_back` the spare folder takes what the
+    survey's own refuses from then on. Raises OSError or RecordingError.
     """
     segments = layout.segments()
     continued: tuple[int, int] | None = None
@@ -168,6 +171,8 @@ def begin(
     except BaseException:
         log.close()
         raise
+    if fall_back:
+        log.spare = spare
     return log, index, actions
 
 
@@ -199,7 +204,6 @@ def _begin(
         entries=entries,
         continued=continued,
         lock=lock,
-        spare=spare,
     )
     log.moved = index.relocate
     return log, index

@@ -93,13 +93,5 @@ class PublishingFailed:
     """Number within the point."""
     reason: str
 
-    @property
-    def text(self) -> str:
-        """For people."""
-        return (
-            f"drop {self.point}/{self.drop} has no file of its own yet (it is safe in the journal; "
-            f"pfwd recover makes the file): {self.reason}"
-        )
-
 
 StorageReport = FilesTaken | FilesWrittenAgain | SpareUsed | BroughtHome | PublishingFailed

@@ -16,7 +16,7 @@ from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import DropEntry, Index, build_index
 from pfwd_device.recording.journal import read_record
-from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
@@ -291,6 +291,7 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         raise RecordingError(
             f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
         )
+    refuse_special_files(layout)
     return Survey(layout, build_index(layout))
 
 

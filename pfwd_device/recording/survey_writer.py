@@ -99,6 +99,7 @@ class SurveyWriter:
         publisher: Publisher | None = None,
         reserve_bytes: int = RESERVE_BYTES,
         spare: SpareFolder | None = None,
+        fall_back: bool = True,
     ) -> Self:
         """Begin a survey in `folder`, or continue the one that is there.
 
@@ -117,7 +118,9 @@ class SurveyWriter:
         reserve_bytes : int
             Held back for the drop in hand when the disk is full.
         spare : SpareFolder, optional
-            Takes records that the folder does not; what it holds of the survey is brought home.
+            What it holds of the survey is brought home.
+        fall_back : bool
+            Records that the folder does not take go to the spare folder; else they are refused.
 
         Raises
         ------
@@ -139,7 +142,7 @@ class SurveyWriter:
         try:
             for path in layout.folders:
                 storage.make_folder(path)
-            log, index, actions = begin(layout, storage, helper, lock, spare)
+            log, index, actions = begin(layout, storage, helper, lock, spare, fall_back=fall_back)
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
             report = repair(log, index, helper, publish=publish)
@@ -210,6 +213,12 @@ class SurveyWriter:
         """The folder that holds a drop which the survey's own does not take; None: it is home."""
         with self._lock:
             return self._records.away(self._drop(number).entry)
+
+    def drops_in_spare(self) -> dict[int, Path]:
+        """The folders of the drops that the survey's own does not hold, by survey-wide number."""
+        with self._lock:
+            places = {n: self._records.away(drop.entry) for n, drop in self._index.drops.items()}
+        return {number: place for number, place in places.items() if place is not None}
 
     def next_number(self, point: str) -> int:
         """The number that the next drop of the point gets, from 1."""
@@ -321,7 +330,7 @@ class SurveyWriter:
             try:
                 self._storage.write_file(path, text.encode("ascii"))
             except OSError as err:
-                if not self._records.has_spare:
+                if not self._records.spare:
                     raise refused(err, str(path)) from err
                 # The journal's record holds it too, and recovery makes the file from that.
             self._list_file(path, text.encode("ascii"), number, content=text)

@@ -13,6 +13,7 @@ from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.spare import spare_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ def edit_survey(
     _refuse_contradictions(survey, chosen, edits)
     if not edits:
         return
-    with SurveyWriter.open(folder, publish=False) as writer:
+    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
         for edit in edits:
             name = None if number is not None else chosen.name
             writer.edit(edit.what, edit.value, point=name, number=number)

@@ -21,6 +21,7 @@ from pfwd_survey.files.header import Setup, declared_values
 from pfwd_survey.files.imported import Imported
 from pfwd_survey.files.importing_survey import import_survey
 from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import is_survey_file
 from pfwd_survey.files.traces import TracePoint
 
@@ -59,7 +60,7 @@ def import_files(
     RecordingError
         If the survey cannot be written.
     """
-    with SurveyWriter.open(survey) as writer:
+    with SurveyWriter.open(survey, spare=spare_folder(), fall_back=False) as writer:
         before = {one.number: one.drop for one in read_survey(writer.folder).drops}
         for file in files:
             try:

@@ -1,27 +1,50 @@
 """Recovery and check of a survey, as the command line shows them."""
 
 import os
+from pathlib import Path
 from typing import Any
 
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
+from pfwd_device.recording.layout import Layout, refuse_links
 from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import check_survey_file, is_survey_file
 
 
-def recover_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
+def refuse_links_in(folder: str | os.PathLike[str]) -> None:
+    """Refuse a survey, begun or not, that leads out of its folder by a link.
+
+    Raises
+    ------
+    RecordingError
+        Naming the link.
+    """
+    refuse_links(Layout(Path(folder).absolute()))
+
+
+def recover_survey(
+    folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
+) -> tuple[dict[str, Any], list[str]]:
     """Put right whatever a crash left; the record of ``pfwd recover`` and what was done.
+
+    What the spare folder (by default the platform's) holds of the survey is brought home; a survey
+    of which nothing else is left is made anew from it.
 
     Raises
     ------
     SurveyError, RecordingError
         If it is no survey, or another program writes it.
     """
-    refuse_no_survey(folder)
-    report = recover(folder)
+    second = spare_folder(spare)
+    if not second.parts(home=Path(folder).absolute()):
+        refuse_no_survey(folder)
+    report = recover(folder, spare=second)
     return _record(folder, report), list(report.actions)
 
 
-def check_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
+def check_survey(
+    folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
+) -> tuple[dict[str, Any], list[str]]:
     """Look at every byte of a survey, in its folder or exported; the record of ``pfwd check`` and
     what is unfinished but no damage.
 
@@ -33,7 +56,7 @@ def check_survey(folder: str | os.PathLike[str]) -> tuple[dict[str, Any], list[s
     if os.path.isfile(folder) and is_survey_file(folder):
         return check_survey_file(folder), []
     refuse_no_survey(folder)
-    report = check(folder)
+    report = check(folder, spare=spare_folder(spare))
     return _record(folder, report), list(report.notes)
 
 

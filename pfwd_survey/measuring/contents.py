@@ -14,6 +14,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.screening import screen_next
 from pfwd_survey.inverting.signals import displacement_of, remove_offset
 from pfwd_survey.measuring.events import HandedOn
@@ -136,7 +137,7 @@ def add_result(folder: str | os.PathLike[str], record: int, result: Mapping[str,
         If another program writes it.
     """
     refuse_no_survey(folder)
-    with SurveyWriter.open(folder, publish=False) as writer:
+    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
         writer.save_result(record, result)
 
 

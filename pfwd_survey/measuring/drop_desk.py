@@ -4,6 +4,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from pfwd_device.drop import Drop
@@ -110,7 +111,7 @@ class DropDesk:
         if self.keeper is not None:
             self.keeper.keep(record)
         else:
-            self._on_saved(record, None)
+            self._on_saved(record, None, None)
 
     def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
         """Keep a rebound with its drop; one that was recorded with it is there already."""
@@ -127,7 +128,7 @@ class DropDesk:
             self.keeper.publish(self._last_record)
         self._last = self._last_record = None
 
-    def _on_saved(self, record: DropRecord, number: int | None) -> None:
+    def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
         """A drop is safe: acknowledge it, then have it inverted."""
         key = record.point, record.drop.number
         coming = self._coming.pop(key)
@@ -140,7 +141,16 @@ class DropDesk:
             else:  # its rebounds are over, and were held with it
                 self.keeper.publish(number)
         screening = self._screen(record.drop, setup, record.point)
-        one = HandedOn(*key, number, file, record.drop, setup, screening, received=coming.received)
+        one = HandedOn(
+            *key,
+            number,
+            file,
+            record.drop,
+            setup,
+            screening,
+            spare=None if spare is None else str(spare),
+            received=coming.received,
+        )
         self.acknowledged += 1
         marks = tuple(map(str, record.metadata.get("marks", ())))
         identical = None

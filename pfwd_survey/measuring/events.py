@@ -91,6 +91,8 @@ class HandedOn:
     drop: Drop
     setup: Setup
     screening: Screening
+    spare: str | None = None
+    """Folder that keeps it because the survey's own does not take it; None: it is at home."""
     received: float | None = None
     """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
 
@@ -113,6 +115,33 @@ class DropNotSaved:
     point: str
     number: int
     reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyFilesChanged:
+    """Somebody took files of the survey away, its folder refuses, or all is well again."""
+
+    text: str
+    """For people."""
+    safe: bool
+    """Whether everything acknowledged is in the survey's own folder again."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropNotPublished:
+    """A drop has no file of its own yet; it is safe in the journal."""
+
+    point: str
+    number: int
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
+            f"journal; pfwd recover makes the file): {self.reason}"
+        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -191,6 +220,8 @@ SessionEvent = (
     | SensorCheck
     | DropSaved
     | DropNotSaved
+    | SurveyFilesChanged
+    | DropNotPublished
     | DropAnalysed
     | Rebounded
     | PointBegan

@@ -7,9 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording import (
+    BroughtHome,
+    FilesTaken,
+    FilesWrittenAgain,
+    PublishingFailed,
+    SpareUsed,
+)
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
-from pfwd_survey.measuring.events import DropNotSaved, Notice
+from pfwd_survey.measuring.events import (
+    DropNotPublished,
+    DropNotSaved,
+    Notice,
+    SurveyFilesChanged,
+)
 
 TRY_AGAIN = 2.0
 """s between attempts to save what the disk did not take."""
@@ -20,8 +32,11 @@ LAST_ATTEMPTS = 30.0
 PAUSE = 0.05
 """s between two looks whether it was."""
 
-Saved = Callable[[DropRecord, int], None]
-Tell = Callable[[DropNotSaved | Notice], None]
+LOOK_AFTER = 1.0
+"""s between two looks whether the survey's files are still in place."""
+
+Saved = Callable[[DropRecord, int, Path | None], None]
+Tell = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
 
 
 class Keeper:
@@ -31,7 +46,8 @@ class Keeper:
     ----------
     writer : SurveyWriter
     saved : callable
-        Told every drop with its number within the survey once it is safe.
+        Told every drop once it is safe, with its number within the survey and the spare folder that
+        keeps it; None: the survey's own does.
     tell : callable
         Told what goes wrong.
     """
@@ -42,7 +58,7 @@ class Keeper:
         self._tell = tell
         self._held: list[DropRecord] = []
         self._told = 0
-        self._next_try = 0.0
+        self._next_try = self._next_look = 0.0
         self._filling_told = False
 
     @property
@@ -72,9 +88,14 @@ class Keeper:
         self._save()
 
     def try_again(self) -> None:
-        """Try to save what is held, from time to time."""
-        if self._held and time.monotonic() >= self._next_try:
+        """From time to time: save what is held, and see to it that nothing is taken away."""
+        now = time.monotonic()
+        if self._held and now >= self._next_try:
             self._save()
+        if now >= self._next_look:
+            self._next_look = now + LOOK_AFTER
+            self.writer.look_after()
+        self._tell_reports()
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
         """The last attempts to save what is held; one, when the session was told to end."""
@@ -87,13 +108,25 @@ class Keeper:
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
             self._tell(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
+        self.writer.look_after()
+        self._tell_reports()
+        away = self.writer.drops_in_spare()
+        if away:
+            folder = next(iter(away.values()))
+            text = (
+                f"{len(away)} drops are NOT in {self.writer.folder} but in {folder}; "
+                f"pfwd recover {self.writer.folder} brings them home"
+            )
+            self._tell(SurveyFilesChanged(text, safe=False))
 
     def _save(self) -> None:
         while self._held:
             record = self._held[0]
             try:
                 number = self.writer.save_drop(record)
+                spare = self.writer.kept_in_spare(number)
             except RecordingError as err:
+                self._tell_reports()
                 self._next_try = time.monotonic() + TRY_AGAIN
                 new, self._told = self._held[self._told :], len(self._held)
                 for one in new:
@@ -101,8 +134,21 @@ class Keeper:
                 return
             del self._held[0]
             self._told = max(0, self._told - 1)
-            self._saved(record, number)
+            self._tell_reports()  # before: what was NOT SAFE is said before the next drop is
+            self._saved(record, number, spare)
         self._announce_filling()
+
+    def _tell_reports(self) -> None:
+        for report in self.writer.take_reports():
+            match report:
+                case PublishingFailed(_, point, drop, reason):
+                    self._tell(DropNotPublished(point, drop, reason))
+                case FilesTaken() | SpareUsed():
+                    self._tell(SurveyFilesChanged(report.text, safe=False))
+                case FilesWrittenAgain(lost=lost):
+                    self._tell(SurveyFilesChanged(report.text, safe=not lost))
+                case BroughtHome():
+                    self._tell(SurveyFilesChanged(report.text, safe=True))
 
     def _announce_filling(self) -> None:
         warning = self.writer.storage_warning()

@@ -19,6 +19,7 @@ from typing import Any
 from pfwd_device.recording import CaptureWriter, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.reading import is_survey
+from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.events import Notice
 from pfwd_survey.measuring.live import LiveFeed, random_stream
@@ -38,6 +39,7 @@ def measure(
     *,
     capture: bool = False,
     control: Control = nullcontext,
+    spare: str | os.PathLike[str] | None = None,
 ) -> Ending:
     """Measure with an instrument into a survey, new or begun.
 
@@ -53,6 +55,8 @@ def measure(
         Keep every byte of the link beside the drops.
     control : callable, optional
         Given the session, returns the context that it runs in, as `stopped_by_signals`.
+    spare : path, optional
+        Folder for drops that the survey's own does not take; by default the platform's.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def measure(
         If port, survey or setup cannot be used; what was acknowledged is safe.
     """
     plan = plan or SessionPlan()
-    with SurveyWriter.open(survey) as writer:
+    with SurveyWriter.open(survey, spare=spare_folder(spare)) as writer:
         _tell_recovery(writer, listener)
         writer.check_room()
         stream = random_stream()
@@ -113,6 +117,7 @@ def replay(
     output: str | os.PathLike[str] | None = None,
     drops: int | None = None,
     control: Control = nullcontext,
+    spare: str | os.PathLike[str] | None = None,
 ) -> Ending:
     """Recorded drops, or the recorded bytes of a link, through the same pipeline.
 
@@ -132,6 +137,8 @@ def replay(
     drops : int, optional
         End after so many.
     control : callable, optional
+        As for `measure`.
+    spare : path, optional
         As for `measure`.
 
     Returns
@@ -154,7 +161,7 @@ def replay(
     else:
         hint = "pfwd log and pfwd import make surveys"
         raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
-    with _writer(output) as writer:
+    with _writer(output, spare) as writer:
         session = Session(feed, listener, plan, writer)
         with control(session):
             ending = session.run()
@@ -171,11 +178,13 @@ def _survey_feed(path: Path, speed: float | Pace, listener: Listener) -> Recorde
 
 
 @contextmanager
-def _writer(output: str | os.PathLike[str] | None) -> Iterator[SurveyWriter | None]:
+def _writer(
+    output: str | os.PathLike[str] | None, spare: str | os.PathLike[str] | None
+) -> Iterator[SurveyWriter | None]:
     if output is None:
         yield None
         return
-    with SurveyWriter.open(output) as writer:
+    with SurveyWriter.open(output, spare=spare_folder(spare)) as writer:
         yield writer
 
 

@@ -24,6 +24,6 @@ def run(args: argparse.Namespace) -> int:
     receiver = PositionReceiver(args.gps) if args.gps is not None else None
     plan = SessionPlan(point=args.point, setup=setup, options=options, position=receiver)
     target = None if args.target is None else target_pa(args.target)
-    source = LiveSource(args.url, Path(args.output), with_seating(plan, SEATING))
+    source = LiveSource(args.url, Path(args.output), with_seating(plan, SEATING), args.spare)
     with receiver or contextlib.nullcontext():
         return show(source, "live", target)

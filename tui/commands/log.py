@@ -58,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
                 plan,
                 capture=args.capture,
                 control=stopped_by_signals,
+                spare=args.spare,
             )
     finally:
         close_log(handler)

@@ -25,6 +25,7 @@ def run(args: argparse.Namespace) -> int:
         output=args.output,
         drops=args.drops,
         control=stopped_by_signals,
+        spare=args.spare,
     )
     return STATUS_OF_ENDING[ending]
 
@@ -40,5 +41,6 @@ def _on_screen(args: argparse.Namespace) -> int:
         setup=read_setup_file(args.setup) if args.setup else None,
         output=Path(args.output) if args.output else None,
         drops=args.drops,
+        spare=args.spare,
     )
     return show(source, "replay")

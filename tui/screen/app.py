@@ -17,7 +17,14 @@ from textual.screen import Screen
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.measuring.contents import survey_contents
-from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Edited, Notice
+from pfwd_survey.measuring.events import (
+    DropNotPublished,
+    DropNotSaved,
+    DropSaved,
+    Edited,
+    Notice,
+    SurveyFilesChanged,
+)
 from pfwd_survey.measuring.plan import SessionPlan
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
@@ -235,6 +242,12 @@ class PfwdApp(App[int]):
             case DropNotSaved(_, number, reason):
                 self._ring(2)
                 self.say(f"drop {number} is NOT SAFE: {reason}")
+            case SurveyFilesChanged(text, safe):
+                if not safe:
+                    self._ring(2)
+                self.say(text)
+            case DropNotPublished():
+                self.say(event.text)
             case Notice(text):
                 self.say(text)
             case Edited():

@@ -4,6 +4,7 @@ import logging
 
 from pfwd_survey.measuring.events import (
     DropAnalysed,
+    DropNotPublished,
     DropNotSaved,
     DropSaved,
     Edited,
@@ -14,6 +15,7 @@ from pfwd_survey.measuring.events import (
     Ready,
     Rebounded,
     SensorCheck,
+    SurveyFilesChanged,
 )
 from tui.format import drop_line
 from tui.screen.session.screen_events import ScreenEvent, SessionEnded
@@ -45,6 +47,10 @@ def log_event(event: ScreenEvent) -> None:
                 log.info("drop %s/%s rejected: %s", one.point, one.number, one.screening.reason)
         case DropNotSaved(point, number, reason):
             log.error("drop %s/%s is not safe yet: %s", point, number, reason)
+        case DropNotPublished():
+            log.warning("%s", event.text)
+        case SurveyFilesChanged(text, safe):
+            log.log(logging.INFO if safe else logging.ERROR, "%s", text)
         case DropAnalysed(one, delay, result):
             after = "" if delay is None else f", {delay:.3f} s after its last sample"
             log.info("%s%s", drop_line(one.point, one.number, result), after)

@@ -47,20 +47,25 @@ class LiveSource:
     url : str
     survey : path of a folder
     plan : SessionPlan
+    spare : path of a folder, optional
+        For drops that the survey's own does not take.
     """
 
     writes = True
     pace: Pace | None = None
 
-    def __init__(self, url: str, survey: Path, plan: SessionPlan) -> None:
+    def __init__(self, url: str, survey: Path, plan: SessionPlan, spare: str | None = None) -> None:
         self.url, self.plan = url, plan
+        self._spare = spare
         self.survey: Path | None = survey
         self.title = survey.name or str(survey)
 
     def run(self, listener: Listener, control: Control) -> Ending:
         """Measure until it is told to stop."""
         assert self.survey is not None
-        return measure(self.url, self.survey, listener, self.plan, control=control)
+        return measure(
+            self.url, self.survey, listener, self.plan, control=control, spare=self._spare
+        )
 
     def close(self) -> None:
         """Nothing is left."""
@@ -147,6 +152,8 @@ class ReplaySource:
         Survey to record into.
     drops : int, optional
         End after so many.
+    spare : path of a folder, optional
+        For drops that the output does not take.
     paused : bool
         Begin paused.
     """
@@ -162,6 +169,7 @@ class ReplaySource:
         setup: MeasuringSetup | None = None,
         output: Path | None = None,
         drops: int | None = None,
+        spare: str | None = None,
         paused: bool = False,
     ) -> None:
         self.recording = recording
@@ -170,7 +178,7 @@ class ReplaySource:
         self.pace: Pace | None = Pace(speed, paused=paused)
         self.plan = SessionPlan(options=options, drops=drops)
         self.title = f"replay of {recording.name}"
-        self._setup, self._output = setup, output
+        self._setup, self._output, self._spare = setup, output, spare
 
     def run(self, listener: Listener, control: Control) -> Ending:
         """Replay from the beginning to the end."""
@@ -183,6 +191,7 @@ class ReplaySource:
             setup=self._setup,
             output=self._output,
             drops=self.plan.drops,
+            spare=self._spare,
             control=control,
         )
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pfwd_survey.measuring.events import (
     DropAnalysed,
+    DropNotPublished,
     DropNotSaved,
     DropSaved,
     Edited,
@@ -21,6 +22,7 @@ from pfwd_survey.measuring.events import (
     Ready,
     Rebounded,
     SensorCheck,
+    SurveyFilesChanged,
     TableBuilding,
 )
 from pfwd_survey.measuring.plan import Ending
@@ -106,6 +108,8 @@ class SessionState:
         self.ended: SessionEnded | None = None
         self.storage = ""
         """What there is to say about room on the disk."""
+        self.files_trouble = ""
+        """Why the survey's own folder does not hold everything; empty: it does."""
         self.recorded = False
         """Whether drops come from a recording: then nobody has to lift a weight."""
         self.version = 0
@@ -227,6 +231,11 @@ class SessionState:
                 self._on_saved(event)
             case DropNotSaved():
                 self._on_not_saved(event)
+            case SurveyFilesChanged(text, safe):
+                self.files_trouble = "" if safe else text
+                self._on_notice(Notice(text, serious=not safe))
+            case DropNotPublished():
+                self._on_notice(Notice(event.text, serious=True))
             case DropAnalysed():
                 self._on_analysed(event)
             case Rebounded():
