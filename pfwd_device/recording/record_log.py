@@ -323,6 +323,8 @@ class RecordLog:
         return moved.get(record.sequence, entry)
 
     def _problem(self) -> str | None:
+        if not self.layout.folder.is_dir():
+            return f"{self.layout.folder.name}, the folder of the survey, is gone"
         return self._survey_lock.problem() or self._home.problem()
 
     def _settle(self) -> dict[int, Entry]:

@@ -16,7 +16,7 @@ class FilesTaken:
     @property
     def text(self) -> str:
         """For people."""
-        return f"NOT SAFE: {self.reason} in {self.folder}; what was recorded is being written again"
+        return f"NOT SAFE in {self.folder}: {self.reason}; what was recorded is written again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,10 @@ class FilesWrittenAgain:
     @property
     def text(self) -> str:
         """For people."""
+        again = f"{self.drops} drops and {self.records - self.drops} other records written again"
         text = (
-            f"safe again: {self.folder} holds everything that was recorded ({self.records} records "
-            f"were missing and have been written again, {self.drops} of them drops)"
+            f"safe again: {self.folder} holds everything that was recorded "
+            f"({again if self.records else 'nothing was missing'})"
         )
         if self.lost:
             names = ", ".join(self.lost[:10]) + (", ..." if len(self.lost) > 10 else "")

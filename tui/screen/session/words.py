@@ -60,7 +60,7 @@ def _trouble(state: SessionState, now: float, pulse_age: float | None) -> Word |
         text = f"{_drops(state.held)} only in memory: make room on the disk, leave this open"
         return Word("NOT SAFE", text, "alarm")
     if state.files_trouble:
-        return Word("NOT SAFE", state.files_trouble.removeprefix("NOT SAFE: "), "alarm")
+        return Word("NOT SAFE", state.files_trouble, "alarm")
     ended = state.ended
     if ended is not None:
         return _ended(state)
