@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 
 from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Storage, SurveyWriter, check, read_survey, recover
+from pfwd_device.recording import (
+    DropRecord,
+    Rebound,
+    RecoveryReport,
+    Storage,
+    SurveyWriter,
+    check,
+    read_survey,
+    recover,
+)
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import Kind, scan_bytes
 from pfwd_device.recording.publishing import InlinePublisher
@@ -30,8 +39,12 @@ def content(folder: Path) -> dict[str, bytes]:
     }
 
 
-def mend(folder: Path) -> object:
+def mend(folder: Path) -> RecoveryReport:
     return recover(folder, publisher=InlinePublisher(Storage()))
+
+
+def a_rebound(sample: int = 7000) -> Rebound:
+    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 def found(folder: Path) -> dict[int, str]:
@@ -316,3 +329,49 @@ def test_nothing_in_damaged_is_written_over(tmp_path: Path) -> None:
         assert not path.exists()
     kept = {path.name: path.read_bytes() for path in (tmp_path / "damaged").iterdir()}
     assert kept == {"a.json": b"one", "a.json-2": b"two", "a.json-3": b""}
+
+
+@pytest.mark.parametrize("damaged", [(0,), (1,), (0, 1, 2)])
+def test_rebounds_that_only_a_drop_file_holds_come_back(
+    tmp_path: Path, new_record: Callable[[int], DropRecord], damaged: tuple[int, ...]
+) -> None:
+    """A rebound comes after its drop, in a record of its own, and the file is made after both."""
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, publisher=InlinePublisher(Storage()), reserve_bytes=0) as writer:
+        for number in (1, 2):
+            writer.save_drop(new_record(number))
+        for number, sample in ((1, 7000), (1, 9000), (2, 7000)):
+            writer.save_rebound(number, a_rebound(sample))
+    before = {drop.number: drop.read().rebounds for drop in read_survey(survey).drops}
+    journal = survey / "journal" / "0001.pfwdj"
+    data = bytearray(journal.read_bytes())
+    rebounds = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.REBOUND]
+    for index in damaged:
+        data[rebounds[index].offset + 60] ^= 1
+    journal.write_bytes(data)
+    assert not check(survey).ok
+    report = mend(survey)
+    assert report.ok, report.damaged
+    assert sum("restored from its file" in text for text in report.actions) == len(damaged)
+    assert check(survey).ok
+    after = {drop.number: drop.read().rebounds for drop in read_survey(survey).drops}
+    for number, expected in before.items():
+        assert {one.first_sample for one in after[number]} == {one.first_sample for one in expected}
+        assert len(after[number]) == len(expected)
+    assert mend(survey).actions == ()
+
+
+def test_a_rebound_that_nothing_holds_stays_lost(
+    tmp_path: Path, new_record: Callable[[int], DropRecord]
+) -> None:
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(new_record(1))
+        writer.save_rebound(1, a_rebound())
+    journal = survey / "journal" / "0001.pfwdj"
+    data = bytearray(journal.read_bytes())
+    (rebound,) = [frame for frame in scan_bytes(bytes(data))[0] if frame.kind == Kind.REBOUND]
+    data[rebound.offset + 60] ^= 1
+    journal.write_bytes(data)
+    report = mend(survey)
+    assert [text for text in report.damaged if "(rebound) is lost" in text]
