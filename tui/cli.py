@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from types import FrameType
 
 from pfwd_survey.errors import DeviceError, OptionError, SurveyError
+from pfwd_survey.processes import children_shielded
 from tui.output import say
 from tui.parser import build_parser
 
@@ -36,7 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = build_parser().parse_args(argv)
     try:
         _stop_cleanly_on_signals()
-        status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))
+        with children_shielded():
+            status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))
         sys.stdout.flush()  # here, so that a reader who has left is noticed here
     except KeyboardInterrupt:
         say("stopped")

@@ -6,12 +6,12 @@ import logging
 import os
 import queue
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
+from pfwd_device.child_python import python_command, python_environment
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.storage import Storage
 
@@ -184,7 +184,8 @@ def _start() -> subprocess.Popen[bytes]:
     flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
         return subprocess.Popen(
-            [sys.executable, "-m", "pfwd_device.recording.publisher"],
+            python_command("-m", "pfwd_device.recording.publisher"),
+            env=python_environment(),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

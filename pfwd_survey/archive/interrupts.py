@@ -4,7 +4,8 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
-from multiprocessing import resource_tracker
+
+from pfwd_survey.spawning import ensure_tracker
 
 
 @contextlib.contextmanager
@@ -23,7 +24,7 @@ def interrupts_wait() -> Iterator[None]:
     before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in both}
     masks = hasattr(signal, "pthread_sigmask")
     if masks:
-        resource_tracker.ensure_running()  # started later, it would lift the mask
+        ensure_tracker()  # started later, it would lift the mask
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
         yield

@@ -12,7 +12,6 @@ import signal
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from pfwd_survey.archive.interrupts import interrupts_wait
 from pfwd_survey.archive.work import ONE_THREAD, SourceOutcome, invert_batch, limit_threads
 from pfwd_survey.archive.workers import Batch
 from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.spawning import spawn_context
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.options import AnalysisOptions
@@ -137,8 +137,9 @@ class LocalWorkers:
             return self._start_now()
 
     def _start_now(self) -> _Worker:
-        ours, theirs = get_context("spawn").Pipe()
-        process = get_context("spawn").Process(
+        context = spawn_context()
+        ours, theirs = context.Pipe()
+        process = context.Process(
             target=_serve, args=(theirs, self._options), daemon=True, name="pfwd-invert"
         )
         # Set for the moment of starting: the process may load numpy before it runs our first line.

@@ -8,7 +8,6 @@ from collections.abc import Collection, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import DropAnalysis, result_record
 from pfwd_survey.inverting.screening import Screening, screen_point
+from pfwd_survey.spawning import spawn_context
 
 ASSUMED_POISSON_RATIO = 0.35
 """Where none is declared: the usual value of subgrades; said so in every result."""
@@ -224,7 +224,7 @@ def analyse_files(
         _build_surrogate_of(path, options, library)
     # Spawned on every platform alike: a forked copy of a threaded process may hang.
     with ProcessPoolExecutor(
-        min(jobs, len(paths)), get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+        min(jobs, len(paths)), spawn_context(), initializer=_leave_interrupts_to_the_parent
     ) as pool:
         yield from pool.map(partial(_analyse_in_worker, options=options), paths)
 

@@ -9,13 +9,13 @@ import contextlib
 import itertools
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pfwd_device import Drop
+from pfwd_device.child_python import python_command, python_environment
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening import Screening
@@ -178,14 +178,12 @@ def _order(task: Task) -> tuple[int, int]:
 
 
 def _start() -> "subprocess.Popen[bytes]":
-    # The same packages as here, and none that happen to lie in the current folder.
-    path = os.pathsep.join(part for part in sys.path if part)
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "pfwd_survey.inverting.analyst_process"],
+        python_command("-m", "pfwd_survey.inverting.analyst_process"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,  # it answers; a screen must not be written over
-        env={**os.environ, "PYTHONPATH": path},
+        env=python_environment(),
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         # Ctrl+C is for who started it.
         start_new_session=os.name == "posix",

@@ -7,7 +7,6 @@ import signal
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from typing import Any
 
 from inversion import InversionError, SurrogateLibrary
@@ -26,6 +25,7 @@ from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis_entries import Entry, entries_of
 from pfwd_survey.inverting.diagnosis_record import diagnosis_record
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.spawning import spawn_context
 
 DeviceValues = dict[str, dict[str, float]]
 
@@ -100,7 +100,7 @@ def _diagnose_all(
             for one, values, names in zip(records, devices, first, strict=True)
         ]
     with ProcessPoolExecutor(
-        min(jobs, len(records)), get_context("spawn"), initializer=_leave_interrupts
+        min(jobs, len(records)), spawn_context(), initializer=_leave_interrupts
     ) as pool:
         return list(pool.map(_diagnose, records, devices, first))
 
@@ -185,7 +185,7 @@ def _left_out_errors(
         found = list(map(left_out_error, *columns))
     else:
         with ProcessPoolExecutor(
-            min(jobs, len(work)), get_context("spawn"), initializer=_leave_interrupts
+            min(jobs, len(work)), spawn_context(), initializer=_leave_interrupts
         ) as pool:
             found = list(pool.map(left_out_error, *columns))
     for index, error in zip(indices, found, strict=True):

@@ -11,6 +11,7 @@ import numpy as np
 
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.inverting.diagnosis import Diagnosed
+from pfwd_survey.matplotlib_start import start_matplotlib
 
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
@@ -33,6 +34,7 @@ def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> 
     SurveyError
         If there is nothing to draw.
     """
+    start_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

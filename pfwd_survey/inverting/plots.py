@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd_survey.matplotlib_start import start_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +57,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
 
 
 def _write_pages(shown: Sequence[tuple[dict[str, Any], InversionResult]], target: Path) -> None:
+    start_matplotlib()
     from matplotlib.backends.backend_pdf import PdfPages
 
     with PdfPages(target) as pages:
@@ -65,6 +67,7 @@ def _write_pages(shown: Sequence[tuple[dict[str, Any], InversionResult]], target
 
 def _figure(shown: Sequence[tuple[dict[str, Any], InversionResult]]) -> Figure:
     # Without pyplot: no window system is asked for, and figures go when they are dropped.
+    start_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_COLUMN_INCHES * len(shown), _HEIGHT_INCHES), layout="constrained")

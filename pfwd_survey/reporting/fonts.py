@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from functools import cache
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.matplotlib_start import start_matplotlib
 
 CHINESE = (
     "Noto Sans CJK SC",
@@ -37,6 +38,7 @@ LATIN = "DejaVu Sans"
 @cache
 def chinese_family() -> str | None:
     """The family that Chinese letters are drawn with; None: there is none."""
+    start_matplotlib()
     from matplotlib.font_manager import findSystemFonts, fontManager
 
     found = _among(entry.name for entry in fontManager.ttflist)
@@ -84,6 +86,7 @@ class Letters:
     """Widths of letters, and whether there are any, for laying out text."""
 
     def __init__(self) -> None:
+        start_matplotlib()
         from matplotlib.font_manager import FontProperties, findfont, get_font
 
         self._faces = [get_font(findfont(FontProperties(family=name))) for name in families()]

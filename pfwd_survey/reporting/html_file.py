@@ -8,6 +8,7 @@ from typing import Any
 
 import jinja2
 
+from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.reporting.blocks import SIGNS, Block, Picture
 from pfwd_survey.reporting.fonts import families
 from pfwd_survey.reporting.texts import Texts
@@ -51,6 +52,7 @@ def render_html(blocks: Sequence[Block], texts: Texts, title: str) -> str:
 
 
 def _data_address(picture: Picture) -> str:
+    start_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure

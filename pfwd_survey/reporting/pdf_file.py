@@ -8,6 +8,7 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.reporting.blocks import (
     SIGNS,
     Block,
@@ -79,6 +80,7 @@ def render_pdf(blocks: Sequence[Block], texts: Texts, title: str, letters: Lette
     -------
     bytes
     """
+    start_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from pfwd_device.child_python import python_command, python_environment
 from simulators.instrument.checks import ScenarioError
 from simulators.instrument.device import Instrument
 from simulators.instrument.endpoint import EndpointError, open_endpoint
@@ -105,7 +106,8 @@ class SimulatedInstrument:
         self._listener: threading.Thread | None = None
         # Its standard input is its lifeline: it ends when this process does, however that ends.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "simulators.instrument", json.dumps(settings, default=str)],
+            python_command("-m", "simulators.instrument", json.dumps(settings, default=str)),
+            env=python_environment(),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -3,9 +3,9 @@
 import argparse
 import os
 import subprocess
-import sys
 from pathlib import Path
 
+from pfwd_survey.processes import python_command, python_environment
 from tui.output import say
 
 TOP = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
             "the benchmarks run from a checkout of the project"
         )
         return 2
-    path = os.pathsep.join(filter(None, [str(TOP), os.environ.get("PYTHONPATH")]))
-    # -P keeps a folder `benchmarks` of the caller's directory from being taken for the project's.
-    command = [sys.executable, "-P", "-m", "benchmarks", *args.arguments]
-    return subprocess.call(command, env={**os.environ, "PYTHONPATH": path})
+    environment = python_environment()
+    path = os.pathsep.join(filter(None, [str(TOP), environment["PYTHONPATH"]]))
+    command = python_command("-m", "benchmarks", *args.arguments)
+    return subprocess.call(command, env={**environment, "PYTHONPATH": path})

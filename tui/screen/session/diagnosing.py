@@ -4,10 +4,10 @@ import contextlib
 import json
 import os
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 
+from pfwd_survey.processes import python_command, python_environment
 from tui.screen.session.screen_events import Diagnosed
 
 _COMMAND = "from tui.cli import main; raise SystemExit(main())"
@@ -46,8 +46,7 @@ class Diagnoser:
                 process.kill()
 
     def _run(self, file: str) -> None:
-        path = os.pathsep.join(part for part in sys.path if part)
-        command = [sys.executable, "-P", "-c", _COMMAND, "diagnose", file, "--json"]
+        command = python_command("-c", _COMMAND, "diagnose", file, "--json")
         try:
             self._process = subprocess.Popen(
                 command,
@@ -57,7 +56,7 @@ class Diagnoser:
                 text=True,
                 encoding="utf-8",
                 errors="replace",
-                env={**os.environ, "PYTHONPATH": path},
+                env=python_environment(),
                 start_new_session=os.name == "posix",
             )
             out, err = self._process.communicate()

@@ -1,0 +1,37 @@
+"""Worker processes of `multiprocessing` that take no code from the current folder."""
+
+import os
+from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+
+from pfwd_device.child_python import children_shielded
+
+
+class ShieldedProcess(SpawnProcess):
+    """A spawned process that takes no code from the current folder."""
+
+    def start(self) -> None:
+        """Start it."""
+        with children_shielded():
+            super().start()
+
+
+class _ShieldedContext(SpawnContext):
+    Process = ShieldedProcess
+
+
+def spawn_context() -> SpawnContext:
+    """For pools: processes spawned on every platform alike, a forked copy may hang.
+
+    What `multiprocessing.get_context("spawn")` gives starts its processes by ``python -c``, whose
+    first import would come from the current folder.
+    """
+    ensure_tracker()
+    return _ShieldedContext()
+
+
+def ensure_tracker() -> None:
+    """Start the process that takes away what killed workers leave, where there is one."""
+    if os.name == "posix":
+        with children_shielded():
+            resource_tracker.ensure_running()
