@@ -24,6 +24,7 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
+from pfwd_survey.measuring.repeats import Repeats
 from tui.format import drop_line
 from tui.output import say
 
@@ -53,6 +54,7 @@ class SessionLines:
         self._quick: dict[tuple[str, int], float] = {}
         self._identical: dict[tuple[str, int], bool | None] = {}
         self._told_building: set[str] = set()
+        self._repeats = Repeats()
         self.moduli: dict[int, float] = {}
         """Modulus by number of the drop, Pa; the last that was found."""
 
@@ -64,7 +66,8 @@ class SessionLines:
             case InstrumentLost(reason):
                 self._say(f"INSTRUMENT LOST: {reason}", logging.WARNING)
             case Ready():
-                self._say("ready")
+                if self._repeats.due("ready") is not None:
+                    self._say("ready")
             case SensorCheck(details, faults):
                 self._checked(details, faults)
             case DropSaved():
@@ -95,6 +98,11 @@ class SessionLines:
 
     def _ready(self, event: InstrumentReady) -> None:
         identity, setup = event.identity, event.setup
+        untold = self._repeats.due("connections")
+        if untold is None:
+            return
+        if untold:
+            self._say(f"the instrument was connected {untold} more times meanwhile")
         again = "back again: " if event.again else ""
         self._say(
             f"{again}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "

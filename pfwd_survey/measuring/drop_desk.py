@@ -102,7 +102,7 @@ class DropDesk:
         if self.keeper is not None and (known := self.keeper.find(record)) is not None:
             self._last = None
             text = f"drop {known} of the survey came again; nothing is recorded twice"
-            self._tell(Notice(text))
+            self._tell(Notice(text, kind="drops that came again"))
             return
         key = record.point, record.drop.number
         self._coming[key] = _Coming(received, source)

@@ -209,6 +209,9 @@ class Notice:
     serious: bool = False
     details: str = field(default="", repr=False)
     """More, for the log."""
+    kind: str = ""
+    """Of what an instrument can cause as often as it likes: a session tells only some of a kind,
+    see `pfwd_survey.measuring.repeats`. Empty: told whenever it comes."""
 
 
 SessionEvent = (

@@ -7,9 +7,11 @@ is told events, in that thread.
 
 import contextlib
 import datetime
+import math
 import queue
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
@@ -38,6 +40,7 @@ from pfwd_survey.measuring.events import (
 )
 from pfwd_survey.measuring.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.sensor_check import SensorChecker
 from pfwd_survey.measuring.setup_file import response_warnings, setup_of
 
@@ -55,8 +58,17 @@ MOST_UNANSWERED = 4
 LAST_ANSWERS = 120.0
 """s; how long the last analyses may take when the session has ended."""
 
-STOPPED_ANSWERS = 20.0
-"""s; the same when it was told to end: a service manager gives it 90."""
+STOPPED_ANSWERS = 2.0
+"""s; the same when it was told to end, which takes less than 5 s whatever the instrument says: the
+first modulus takes 0.2 s and the full search 0.4 s, and a drop without them is inverted later."""
+
+STOPPED_DROP = 1.0
+"""s by the host; how much longer than its record takes the drop in hand may hold up the end. An
+instrument that is told to trigger and then sends no samples would do it for ever."""
+
+TRIGGER_PAUSE = 1.0
+"""s of samples between two triggers of the instrument: nobody presses a button more often, and each
+makes a drop."""
 
 Listener = Callable[[SessionEvent], None]
 
@@ -82,20 +94,26 @@ class Session:
         writer: SurveyWriter | None = None,
     ) -> None:
         self._feed = feed
-        self._tell = listener
+        self._listener = listener
+        self._repeats = Repeats()
+        self._kept_events = Repeats()
         self._plan = plan or SessionPlan()
         known = writer.points if writer is not None else ()
         self._point = self._plan.named_point or (known[-1] if known else FIRST_POINT)
-        self._desk = DropDesk(listener, self._plan.options, writer, live=feed.live)
+        self._desk = DropDesk(self._tell, self._plan.options, writer, live=feed.live)
         self._keeper, self._analyses = self._desk.keeper, self._desk.analyses
         self._stop = False
+        self._stop_by = math.inf
         self._operator = False
         self._ended = False
         self._identity: Identity | None = None
+        self._connected: Connected | None = None
         self._declared: dict[str, Any] = {}
         self._detector: Detector | None = None
         self._stream: int | None = None
         self._was_ready = False
+        self._connection_kept = True
+        self._sampled = self._next_trigger = 0
         self._checker: SensorChecker | None = None
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
@@ -178,6 +196,7 @@ class Session:
             if self._analyses is not None:
                 self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
             self._answer_requests()
+            self._tell_rest()
         finally:
             self._feed.close()
             if self._analyses is not None:
@@ -226,10 +245,19 @@ class Session:
         if self._ended:
             return True
         if self._stop:
-            return self._detector is None or not self._detector.busy
+            return self._detector is None or not self._detector.busy or self._waited_enough()
         enough = self._plan.drops is not None and self._desk.acknowledged >= self._plan.drops
         # The hammer may still bounce, which belongs to the last drop.
         return enough and self._desk.complete
+
+    def _waited_enough(self) -> bool:
+        """Whether the drop in hand should be there by now, after the end was asked for."""
+        if self._detector is None or not self._feed.live:
+            return False
+        now = time.monotonic()
+        if math.isinf(self._stop_by):
+            self._stop_by = now + self._detector.settings.post_trigger + STOPPED_DROP
+        return now >= self._stop_by
 
     def _gave_up(self) -> bool:
         since = self._feed.lost_since
@@ -239,9 +267,22 @@ class Session:
 
     def _trigger(self) -> None:
         if self._detector is None or self._stream is None:
-            self._tell(Notice("no samples come that could be recorded"))
+            self._tell(Notice("no samples come that could be recorded", kind="no samples"))
         else:
             self._detector.trigger_by_operator()
+
+    def _on_trigger(self) -> None:
+        """The button of the instrument; a person may press it again, an instrument say anything."""
+        if self._stop or (self._detector is not None and self._detector.busy):
+            return
+        if self._sampled < self._next_trigger:
+            text = "the instrument triggers again within a second: no drop is recorded"
+            self._tell(Notice(text, kind="triggers"))
+            return
+        if self._identity is not None and self._stream is not None:
+            pause = round(TRIGGER_PAUSE * self._identity.sampling_rate)
+            self._next_trigger = self._sampled + pause
+        self._trigger()
 
     def _take(self, item: FeedItem) -> None:
         match item:
@@ -263,7 +304,7 @@ class Session:
                 self._on_event(item)
             case Refusal():
                 text = f"the instrument refuses (code {item.code}): {item.text}"
-                self._tell(Notice(text, serious=True))
+                self._tell(Notice(text, serious=True, kind="refusals"))
             case RecordedDrop():
                 self._on_recorded(item)
             case ImportedDrop():
@@ -283,12 +324,10 @@ class Session:
         self._detector = Detector(identity, setup.device.detection)
         self._identity, self._declared = identity, declared
         self._was_ready = False
-        if self._keeper is not None:
-            self._keeper.keep_point(self._point, declared)
-            details = {"url": item.url, "serial_number": identity.serial_number}
-            self._keeper.keep_event("connected", details | {"again": item.again})
-            if setup.procedure is not None:
-                self._keeper.keep_event("procedure", setup.procedure.as_kept())
+        self._connected, self._connection_kept = item, False
+        untold = self._kept_events.due("connected")
+        if untold is not None:
+            self._keep_connection(untold)
         self._tell(
             InstrumentReady(
                 item.url,
@@ -307,23 +346,56 @@ class Session:
         if self._analyses is not None:
             self._analyses.prepare(identity, checked)
 
+    def _keep_connection(self, unkept: int) -> None:
+        """Keep that the instrument is there, with how many times before were not kept."""
+        item, identity = self._connected, self._identity
+        self._connection_kept = True
+        if self._keeper is None or item is None or identity is None:
+            return
+        self._keeper.keep_point(self._point, self._declared)
+        details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
+        self._keeper.keep_event("connected", details | _count(unkept))
+        if self._plan.setup.procedure is not None:
+            self._keeper.keep_event("procedure", self._plan.setup.procedure.as_kept())
+
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
         self._checker = None
-        if self._keeper is not None:
-            self._keeper.keep_event("lost", {"reason": item.reason})
+        unkept = self._kept_events.due("lost")
+        if self._keeper is not None and unkept is not None:
+            self._keeper.keep_event("lost", {"reason": item.reason} | _count(unkept))
         self._tell(InstrumentLost.of(item))
 
     def _on_event(self, item: Event) -> None:
         if item.kind == EventKind.TRIGGER:
-            self._trigger()
+            self._on_trigger()
         elif item.kind == EventKind.END:
             self._finish_drop("the instrument has nothing more")
             self._ended = True
         elif item.kind == EventKind.LOW_BATTERY:
-            self._tell(Notice(f"battery of the instrument is low {item.text}", serious=True))
+            text = f"battery of the instrument is low {item.text}".rstrip()
+            self._tell(Notice(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
-            self._tell(Notice(f"the instrument started anew {item.text}"))
+            text = f"the instrument started anew {item.text}".rstrip()
+            self._tell(Notice(text, kind="starts"))
+
+    def _tell(self, event: SessionEvent) -> None:
+        """Tell the listener, but not every one of what an instrument may say without end.
+
+        A recording has an end.
+        """
+        if isinstance(event, Notice) and event.kind and self._feed.live:
+            untold = self._repeats.due(event.kind)
+            if untold is None:
+                return
+            if untold:
+                event = replace(event, text=f"{event.text} ({untold} more of these meanwhile)")
+        self._listener(event)
+
+    def _tell_rest(self) -> None:
+        """How often the rest came that was not told."""
+        for kind, count in self._repeats.rest().items():
+            self._listener(Notice(f"{count} more messages of the instrument: {kind}"))
 
     def _on_samples(self, item: Samples) -> None:
         if self._detector is None or self._identity is None:
@@ -333,6 +405,7 @@ class Session:
             self._detector.begin(item.stream, item.first)
             self._stream = item.stream
         self._last_samples = item
+        self._sampled += len(item.counts)  # whatever number of its run the instrument gives
         self._found(self._detector.feed(item))
         self._tell(LiveSamples(item, self._identity))
         self._check_sensors(item)
@@ -405,6 +478,8 @@ class Session:
         assert self._identity is not None
         assert self._detector is not None
         self._desk.end_of_rebounds()
+        if not self._connection_kept:
+            self._keep_connection(self._kept_events.take("connected"))
         identity, source = self._identity, self._recorded
         if source is None:
             number = self._desk.number_for(self._point)
@@ -439,3 +514,7 @@ class Session:
             return datetime.datetime.now(datetime.UTC)
         later = last.first + len(last.counts) - (raw.first + raw.trigger)
         return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
+
+
+def _count(unkept: int) -> dict[str, int]:
+    return {"more_before": unkept} if unkept else {}
