@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return DONE
         if os.environ.get("PFWD_DEBUG"):
             raise
-        say(_explain(err, args.command))
+        say(_explain(err, args.command.rstrip("_")))  # import_ is import
         status = USAGE if isinstance(err, OptionError) else REFUSED
     return status
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """One drop that is in the survey now, or a file that was refused."""
+    """One drop that is in the survey now, or a file that was refused, or a remark on one."""
 
     file: str
     point: str = ""
@@ -17,3 +17,5 @@ class Imported:
     """It was there before: nothing is imported twice."""
     error: str | None = None
     """Why the file was refused; None when it was not."""
+    remark: str | None = None
+    """What was left out of a file whose drops are in the survey; then this is no drop."""

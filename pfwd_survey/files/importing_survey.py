@@ -1,13 +1,16 @@
 """Takes an exported survey into another one: counts, metadata, edits, results and all."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter
-from pfwd_survey.errors import SurveyError
+from pfwd_device.recording.index import EDITS
+from pfwd_device.recording.payload import encode_json
+from pfwd_survey.errors import SurveyError, quote
 from pfwd_survey.files.imported import Imported
 from pfwd_survey.files.survey_content import (
     DropContent,
@@ -17,6 +20,12 @@ from pfwd_survey.files.survey_content import (
 )
 from pfwd_survey.files.survey_file import survey_file_content
 
+LONGEST_EDIT = 65_536
+"""Characters of JSON that a survey takes as one edit."""
+
+MOST_NAMED = 3
+"""Kinds of edits that a remark names; a file may hold any number."""
+
 Said = Mapping[str, Any]
 
 
@@ -24,6 +33,9 @@ def import_survey(
     writer: SurveyWriter, file: str, before: MutableMapping[int, int]
 ) -> Iterator[Imported]:
     """Import every drop with what was said of it; nothing is imported or said twice.
+
+    What this version does not know how to keep (an edit of a newer version, say) is left out, and
+    one remark at the end says what and how much.
 
     Parameters
     ----------
@@ -49,22 +61,25 @@ def import_survey(
     except RecordingError as err:
         raise SurveyError(str(err)) from err
     there = folder_content(writer.folder)
+    skipped: Counter[str] = Counter()
     points = {point.name: point for point in there.points}
     drops = {drop.number: drop for drop in there.drops}
     for point in content.points:
         if point.name not in points:
             writer.add_point(point.name, _declared_first(point))
     for drop in content.drops:
-        yield _import_drop(writer, file, content, drop, before, drops)
+        yield _import_drop(writer, file, content, drop, before, drops, skipped)
     for point in content.points:
         known = points.get(point.name)
-        for edit in _new(point.edits, known.edits if known else ()):
+        for edit in _known(_new(point.edits, known.edits if known else ()), skipped):
             writer.edit(edit["what"], edit.get("value"), point=point.name)
-    for check in _new(content.checks, there.checks):
+    for check in _sound(_new(content.checks, there.checks), "check", skipped):
         writer.save_check(dict(check.get("details") or {}))
-    for event in _new(content.events, there.events):
+    for event in _sound(_new(content.events, there.events), "event", skipped):
         if event.get("event") != "recovery":  # that was about files of the other folder
             writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
+    if skipped:
+        yield Imported(file, remark=_remark(file, skipped))
 
 
 def _import_drop(
@@ -74,13 +89,14 @@ def _import_drop(
     drop: DropContent,
     before: MutableMapping[int, int],
     there: Mapping[int, DropContent],
+    skipped: Counter[str],
 ) -> Imported:
     # A drop without a key of its own gets one, so that it is not imported twice.
     key = drop.key or f"export/{content.survey_id}/{drop.number}"
     known = writer.find_key(key)
     if known is not None:
         edits = there[known].edits if known in there else ()
-        for edit in _new(drop.edits, edits):
+        for edit in _known(_new(drop.edits, edits), skipped):
             writer.edit(edit["what"], edit.get("value"), number=known)
         number = before.get(known, drop.drop)
         return Imported(file, drop.point, number, known, before=True)
@@ -99,7 +115,7 @@ def _import_drop(
     writer.publish(saved)
     for result in results:
         writer.save_result(saved, result)
-    for edit in drop.edits:
+    for edit in _known(drop.edits, skipped):
         writer.edit(edit["what"], edit.get("value"), number=saved)
     before[saved] = number
     return Imported(file, record.point, number, saved)
@@ -116,12 +132,44 @@ def _declared_first(point: PointContent) -> dict[str, Any]:
     return {key: value for key, value in point.declared.items() if key not in edited}
 
 
+def _known(edits: Sequence[Said], skipped: Counter[str]) -> Iterator[Said]:
+    """The edits that a survey takes; the others are counted."""
+    for edit in edits:
+        if edit["what"] not in EDITS:
+            skipped[f"edit {quote(edit['what'])}"] += 1
+        elif len(encode_json(edit.get("value"))) > LONGEST_EDIT:
+            skipped[f"edit {edit['what']} of more than {LONGEST_EDIT} characters"] += 1
+        else:
+            yield edit
+
+
+def _sound(said: Sequence[Any], what: str, skipped: Counter[str]) -> Iterator[Said]:
+    """What is laid out as events and checks are; the others are counted."""
+    for one in said:
+        if isinstance(one, Mapping) and isinstance(one.get("details") or {}, Mapping):
+            yield one
+        else:
+            skipped[f"{what} that is none"] += 1
+
+
+def _remark(file: str, skipped: Counter[str]) -> str:
+    count = sum(skipped.values())
+    named = [f"{name} ({times})" for name, times in skipped.most_common(MOST_NAMED)]
+    more = [f"{len(skipped) - MOST_NAMED} other kinds"] if len(skipped) > MOST_NAMED else []
+    return (
+        f"{file}: expected what this version knows, came {count} times something else, which is "
+        f"left out: {', '.join([*named, *more])}; a newer version of this program may know it"
+    )
+
+
 def _new(said: Sequence[Said], known: Sequence[Said]) -> list[Said]:
     """What has not been said yet; when it was said does not count."""
     there = {_meaning(one) for one in known}
     return [one for one in said if _meaning(one) not in there]
 
 
-def _meaning(said: Said) -> str:
+def _meaning(said: Any) -> str:
+    if not isinstance(said, Mapping):
+        return json.dumps(said, sort_keys=True, default=str)
     kept = {key: value for key, value in said.items() if key not in ("time_utc", "number")}
     return json.dumps(kept, sort_keys=True, default=str)

@@ -22,6 +22,8 @@ def run(args: argparse.Namespace) -> int:
         if one.error is not None:
             refused = True
             say(f"import: {one.error}")
+        elif one.remark is not None:
+            say(f"import: {one.remark}")
         elif args.json:
             line = {
                 "file": one.file,
