@@ -30,7 +30,17 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     """
     if isinstance(text, bytes):
         text = text[: 16 * limit].decode("utf-8", "replace")
-    text = unicodedata.normalize("NFC", text[: 4 * limit])[:limit]
+    return harmless(unicodedata.normalize("NFC", text[: 4 * limit])[:limit])
+
+
+def harmless(text: str) -> str:
+    """The text with U+FFFD in place of each such character, at its full length.
+
+    Examples
+    --------
+    >>> harmless("km 12\\x07")
+    'km 12\N{REPLACEMENT CHARACTER}'
+    """
     return "".join(
         "\N{REPLACEMENT CHARACTER}" if unicodedata.category(letter) in _HARMFUL else letter
         for letter in text

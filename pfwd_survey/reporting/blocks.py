@@ -1,15 +1,41 @@
-"""What a report is made of: written as HTML or laid out on pages, from the same blocks."""
+"""What a report is made of: written as HTML or laid out on pages, from the same blocks.
+
+Every text that a report shows stands in one of them, and there each is made harmless, whatever a
+survey, an instrument or the name of a folder holds.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
+
+from pfwd_device.text import harmless
 
 Draw = Callable[[Any], None]
 """Draws into a figure of matplotlib, or a part of one."""
 
 
+def _harmless(value: Any) -> Any:
+    """The same with its texts made harmless; the lines of a text stay lines."""
+    if isinstance(value, str):
+        lines = value.replace("\r\n", "\n").replace("\t", "    ").split("\n")
+        return "\n".join(map(harmless, lines))
+    if isinstance(value, tuple):
+        return tuple(map(_harmless, value))
+    return value  # numbers, and what has been made harmless when it was made
+
+
+class _Harmless:
+    """A block, or a part of one."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for one in fields(self):  # type: ignore[arg-type]
+            object.__setattr__(self, one.name, _harmless(getattr(self, one.name)))
+
+
 @dataclass(frozen=True, slots=True)
-class Heading:
+class Heading(_Harmless):
     """A heading."""
 
     text: str
@@ -18,7 +44,7 @@ class Heading:
 
 
 @dataclass(frozen=True, slots=True)
-class Paragraph:
+class Paragraph(_Harmless):
     """Running text."""
 
     text: str
@@ -27,14 +53,14 @@ class Paragraph:
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
+class Pairs(_Harmless):
     """Labels with their values."""
 
     rows: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Mark(_Harmless):
     """A verdict in a cell: told by its word and by its sign, never by its colour alone."""
 
     kind: str
@@ -43,7 +69,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class Table(_Harmless):
     """A table."""
 
     columns: tuple[str, ...]
@@ -53,7 +79,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Listing:
+class Listing(_Harmless):
     """Items, one below the other."""
 
     items: tuple[str, ...]
@@ -62,14 +88,14 @@ class Listing:
 
 
 @dataclass(frozen=True, slots=True)
-class Code:
+class Code(_Harmless):
     """Text of fixed width."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(_Harmless):
     """A drawing."""
 
     draw: Draw

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.reporting.blocks import Heading
 from pfwd_survey.reporting.composing import compose
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fonts import Letters, require_letters
@@ -52,14 +53,15 @@ def write_report(
     report = gather(Path(survey), options, progress)
     letters = Letters()
     blocks = compose(report, texts, letters)
+    title = next(block.text for block in blocks if isinstance(block, Heading))
     if target.suffix.lower() == ".pdf":
         from pfwd_survey.reporting.pdf_file import render_pdf
 
-        data = render_pdf(blocks, texts, report.title, letters)
+        data = render_pdf(blocks, texts, title, letters)
     else:
         from pfwd_survey.reporting.html_file import render_html
 
-        data = render_html(blocks, texts, report.title).encode("utf-8")
+        data = render_html(blocks, texts, title).encode("utf-8")
     temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         # Another program never sees half of it.

@@ -11,16 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from inversion import SurrogateLibrary
-from pfwd_device import Channel, Drop
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
-from pfwd_survey.files.header import Setup
-from pfwd_survey.files.importing import import_files
-from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import result_record
@@ -32,72 +27,10 @@ from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.report import write_report
 from pfwd_survey.reporting.texts import load_texts
+from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
 
-SETUP = Setup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1)
 HOSTILE = '<script>alert("1")</script> $\\frac{x}$ {{ 7 * 7 }}'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
-
-
-def result_of(number: int, modulus: float = 45e6) -> dict[str, Any]:
-    """A result as a session keeps it."""
-    return {
-        "drop": number,
-        "status": "measured",
-        "method": "mpga",
-        "model": "half-space",
-        "modulus_pa": modulus,
-        "modulus_sd_pa": 2e4,
-        "viscosity_pa_s": 3e4,
-        "viscosity_sd_pa_s": 2e2,
-        "density_kg_m3": 1900.0,
-        "density_sd_kg_m3": 8.0,
-        "bedrock_depth_m": None,
-        "bedrock_depth_sd_m": None,
-        "modulus_interval_pa": [0.98 * modulus, 1.02 * modulus],
-        "poisson_ratio": 0.35,
-        "plate_radius_m": 0.15,
-        "plate": "rigid-rough",
-        "load": "measured",
-        "residual_rms_over_peak": 0.004,
-        "peak_modulus_pa": 50e6,
-        "peak_factor": 1.5708,
-        "seed": 3,
-        "warnings": ["a warning of the search"],
-    }
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two points of four drops with results; made once, for the disk takes its time."""
-    top = tmp_path_factory.mktemp("made")
-    folder = top / "survey"
-    for name, shift in (("A", 0.0), ("B", 30.0)):
-        drops = tuple(half_sine_drop(n, 8000.0 + shift + n) for n in (1, 2, 3, 4))
-        write_traces(top / f"{name}.csv", TracePoint("", SETUP, drops, ()))
-    list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
-    with SurveyWriter.open(folder, publish=False) as writer:
-        for drop in read_survey(folder).drops:
-            writer.save_result(drop.number, result_of(drop.drop, 60e6))  # an older one
-            writer.save_result(drop.number, result_of(drop.drop, 45e6 + 1e5 * drop.drop))
-    return folder
-
-
-def half_sine_drop(number: int, peak: float) -> Drop:
-    """A drop of 18 ms that goes down 0.5 mm per 8 kN, a millisecond late."""
-    time = np.arange(-50, 800) / 1e4
-
-    def pulse(time: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
-        inside = (time > 0) & (time < duration)
-        return np.where(inside, np.sin(np.pi * time / duration), 0.0)
-
-    moved = 5e-4 * peak / 8000 * pulse(time - 1e-3, 0.0216)
-    return Drop(number, time, peak * pulse(time, 0.018), (Channel(0.0, "displacement", moved),))
-
-
-@pytest.fixture
-def survey(made: Path, tmp_path: Path) -> Path:
-    """A copy that a test may change."""
-    return shutil.copytree(made, tmp_path / "survey")
 
 
 class Page(html.parser.HTMLParser):
