@@ -45,8 +45,11 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
     if args.scheduler is not None:
-        from pfwd_survey.archive.cluster import ClusterWorkers
+        from pfwd_survey.archive.cluster import ClusterWorkers, unprotected
 
+        remark = unprotected(args.scheduler)
+        if remark is not None:
+            say(remark)
         return ClusterWorkers(options, args.scheduler)
     from pfwd_survey.archive.local import LocalWorkers
 

@@ -134,7 +134,8 @@ def _add_invert(commands: "Commands") -> None:
     search.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="work on a dask cluster in place of processes, as tcp://host:8786",
+        help="work on a dask cluster in place of processes, as tls://host:8786 with dask's "
+        "certificates, or tcp://host:8786",
     )
     _add_known(invert)
     output = invert.add_argument_group("output")

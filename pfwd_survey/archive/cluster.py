@@ -1,8 +1,15 @@
-"""Workers of an existing dask cluster; needs the package ``distributed`` (extra ``cluster``)."""
+"""Workers of an existing dask cluster; needs the package ``distributed`` (extra ``cluster``).
+
+A scheduler and its workers are trusted with everything: what they send is unpickled, which can run
+any code here, and what is sent to them runs there. Who may be one of them is up to the certificates
+of a ``tls://`` address; see docs/security.md.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import ipaddress
+import ssl
 from collections.abc import Iterator
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -23,6 +30,46 @@ _AHEAD = 2
 """Batches under way for each thread of the cluster: one is worked on, one lies ready."""
 
 
+_PROTECTED = ("tls", "wss", "inproc")
+"""Protocols of dask that ask for certificates, or do not leave the program."""
+
+_CERTIFICATES = "distributed.comm.tls: ca-file, client.cert and client.key (docs/security.md)"
+"""Where dask reads which certificates to show and to believe."""
+
+
+def unprotected(scheduler: str) -> str | None:
+    """What to say of an address at which anybody on the way could give orders; None: nothing.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address, as ``tcp://host:8786``.
+
+    Examples
+    --------
+    >>> unprotected("tls://head-node:8786"), unprotected("tcp://127.0.0.1:8786")
+    (None, None)
+    """
+    protocol, sign, rest = scheduler.rpartition("://")
+    if sign and protocol in _PROTECTED:
+        return None
+    host = rest.rpartition(":")[0].strip("[]") or rest
+    if _is_here(host):
+        return None
+    return (
+        f"--scheduler {scheduler}: without certificates whoever reaches the cluster, or the way to "
+        f"it, can run programs here and there; use tls://{rest} with dask's certificates "
+        "(docs/security.md), or a network that you trust"
+    )
+
+
+def _is_here(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
 class ClusterWorkers:
     """A cluster that inverts batches; what a lost worker had is done again by another one.
 
@@ -33,12 +80,14 @@ class ClusterWorkers:
     ----------
     options : AnalysisOptions
     scheduler : str
-        Address, as ``tcp://host:8786``.
+        Address, as ``tcp://host:8786``, or ``tls://host:8786`` with the certificates that dask is
+        configured with.
 
     Raises
     ------
     OptionError
-        If ``distributed`` is not installed, or the address is none.
+        If ``distributed`` is not installed, the address is none, or it needs certificates that
+        there are none of.
     SurveyError
         If there is no scheduler, no worker, or workers have another version of this program.
     """
@@ -53,15 +102,21 @@ class ClusterWorkers:
             ) from err
         self._options = options
         self._where = f"--scheduler {scheduler}"
+        security = distributed.Security()  # as dask is configured
+        self._check_certificates(security, scheduler)
         try:
             self._client: Any = distributed.Client(
-                scheduler, timeout=_CONNECT_S, set_as_default=False
+                scheduler, timeout=_CONNECT_S, set_as_default=False, security=security
             )
-        except ValueError as err:
+        except (ValueError, RuntimeError) as err:  # the second: dask is told to require tls
             expected = "an address like tcp://host:8786"
             raise OptionError(refusal(self._where, expected, str(err))) from err
         except (OSError, TimeoutError) as err:
-            hint = "is it running, and can it be reached from here?"
+            refused = _refused_certificate(err)
+            if refused is not None:
+                expected, hint = "a scheduler whose certificate fits", f"see {_CERTIFICATES}"
+                raise SurveyError(refusal(self._where, expected, refused, hint)) from err
+            hint = "is it running, does it speak this protocol, and can it be reached from here?"
             raise SurveyError(refusal(self._where, "a scheduler", "no answer", hint)) from err
         try:
             self._check_workers()
@@ -120,6 +175,20 @@ class ClusterWorkers:
         with contextlib.suppress(Exception):
             self._client.close(timeout=5.0)
 
+    def _check_certificates(self, security: Any, scheduler: str) -> None:
+        """Refuse a protected address without certificates, in words of ours."""
+        if not scheduler.startswith(("tls://", "wss://")):
+            return
+        try:
+            found = security.get_connection_args("client").get("ssl_context")
+        except (OSError, ValueError) as err:  # errors of ssl are of the first kind
+            came = str(err)
+        else:
+            if found is not None:
+                return
+            came = "none"
+        raise OptionError(refusal(self._where, f"certificates in {_CERTIFICATES}", came))
+
     def _most(self) -> int:
         """Batches to have under way; asked anew, because clusters grow."""
         threads: int = sum(self._client.nthreads().values())
@@ -146,3 +215,12 @@ class ClusterWorkers:
     def _lost(self, came: str) -> SurveyError:
         hint = "the same command goes on where this one ended"
         return SurveyError(refusal(self._where, "a cluster that answers", came, hint))
+
+
+def _refused_certificate(err: BaseException | None) -> str | None:
+    """Why certificates were refused, if that is behind an error."""
+    while err is not None:
+        if isinstance(err, ssl.SSLError):
+            return err.verify_message if isinstance(err, ssl.SSLCertVerificationError) else str(err)
+        err = err.__cause__ or err.__context__
+    return None
