@@ -1,0 +1,60 @@
+"""Interrupts at random moments while the workers of an archive start.
+
+PFWD_INTERRUPTS=500 tries so many; a process that is cut off inside of a library may crash once in
+hundreds.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COUNT = int(os.environ.get("PFWD_INTERRUPTS", "25"))
+LONGEST_START = 2.0
+"""s; by then the last of two workers is at work, or all is done."""
+
+PATIENCE = 60.0
+MAIN = "import sys; print(flush=True); from tui.cli import main; sys.exit(main())"
+
+
+@pytest.mark.slow
+@pytest.mark.posix
+@pytest.mark.timeout(60 + 10 * COUNT)
+def test_no_moment_of_the_start_is_a_bad_one(drops: Path, tmp_path: Path) -> None:
+    moments = random.Random(1)
+    environment = {**os.environ, "PYTHONFAULTHANDLER": "1"}
+    for number in range(COUNT):
+        wait, group = moments.uniform(0.05, LONGEST_START), number % 2 == 0
+        command = [
+            sys.executable, "-c", MAIN, "invert", str(drops), "--jobs", "2",
+            "--archive", str(tmp_path / f"out-{number}"),
+            "--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2",
+        ]  # fmt: skip
+        with subprocess.Popen(
+            command,
+            cwd=Path(__file__).resolve().parents[3],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        ) as main:
+            assert main.stdout is not None
+            main.stdout.readline()  # Python itself has started
+            time.sleep(wait)
+            if main.poll() is None:
+                # As Ctrl-C does, or as a service manager does it.
+                (os.killpg if group else os.kill)(main.pid, signal.SIGINT)
+            _, said = main.communicate(timeout=PATIENCE)
+        where = f"interrupt {number} after {wait:.3f} s, {'group' if group else 'process'}"
+        # While the modules of the command itself are loaded, Python says it its own way.
+        early = said.startswith("Traceback") and "KeyboardInterrupt" in said and wait < 0.5
+        assert "Fatal Python error" not in said, f"{where}: {said}"
+        assert early or (main.returncode == 0 and said in ("", "pfwd: stopped\n")), (
+            f"{where}: status {main.returncode}: {said}"
+        )
