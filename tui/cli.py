@@ -4,6 +4,7 @@ Nothing heavy is imported here: ``pfwd --help`` has to answer at once, and numpy
 than that. The modules of ``tui.commands`` import what they need when they run.
 """
 
+import atexit
 import contextlib
 import errno
 import importlib
@@ -53,7 +54,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         say(_explain(err, args.command.rstrip("_")))  # import_ is import
         status = USAGE if isinstance(err, OptionError) else REFUSED
+    # Registered last, done first: while Python itself ends, an interrupt would end it by the signal
+    # though the work is done.
+    atexit.register(_take_no_more_signals)
     return status
+
+
+def _take_no_more_signals() -> None:
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _is_reader_gone(err: Exception) -> bool:

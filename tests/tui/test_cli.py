@@ -277,6 +277,33 @@ def endless() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
+LATE = """
+import atexit, os, signal, sys
+# Registered by what was imported first: done after what the command registers.
+atexit.register(lambda: (print("ending", flush=True), sys.stdin.read(1)))
+class Late:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+from tui.cli import main
+sys.late = Late()
+sys.exit(main(["procedures"]))
+"""
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_python_ends_changes_nothing(number: signal.Signals) -> None:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-c", LATE], cwd=TOP, stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert any(line == "ending\n" for line in process.stdout)
+        process.send_signal(number)
+        _, err = process.communicate("x", timeout=60)
+    assert (process.returncode, err) == (0, "")
+
+
 @pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(endless: subprocess.Popen[str], number: int) -> None:
