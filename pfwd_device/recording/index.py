@@ -62,6 +62,43 @@ class FileEntry:
     entry: Entry
 
 
+class _Numbers:
+    """Which numbers are taken, without a look at every drop for each new one."""
+
+    def __init__(self) -> None:
+        self.largest = 0
+        """Survey-wide."""
+        self._of_point: dict[str, Counter[int]] = {}
+        """How many drops have a number; in a journal of another program it may be several."""
+        self._largest: dict[str, int] = {}
+        """Within the point; found anew where it is missing."""
+
+    def is_taken(self, point: str, drop: int) -> bool:
+        """Whether a drop of the point has this number."""
+        return point in self._of_point and self._of_point[point][drop] > 0
+
+    def largest_of(self, point: str) -> int:
+        """The largest number of the point's drops."""
+        if point not in self._largest:
+            self._largest[point] = max(self._of_point.get(point, ()), default=0)
+        return self._largest[point]
+
+    def add(self, drop: DropEntry, replaced: DropEntry | None) -> None:
+        """Take a drop in, which may have been recorded under this number before."""
+        self.largest = max(self.largest, drop.number)
+        if replaced is not None:
+            if (replaced.point, replaced.drop) == (drop.point, drop.drop):
+                return
+            numbers = self._of_point[replaced.point]
+            numbers[replaced.drop] -= 1
+            if not numbers[replaced.drop]:
+                del numbers[replaced.drop]
+            self._largest.pop(replaced.point, None)
+        self._of_point.setdefault(drop.point, Counter())[drop.drop] += 1
+        if drop.point in self._largest:
+            self._largest[drop.point] = max(self._largest[drop.point], drop.drop)
+
+
 @dataclass(slots=True)
 class Index:
     """All that is known of a survey without its arrays."""
@@ -94,6 +131,7 @@ class Index:
     ledger: LedgerText = field(default_factory=lambda: LedgerText(None, (), ()))
     closed: bool = False
     """The last record says that the survey was closed."""
+    _numbers: _Numbers = field(default_factory=_Numbers)
 
     @property
     def lost_drops(self) -> dict[int, tuple[str, int]]:
@@ -107,13 +145,16 @@ class Index:
 
     def next_drop(self, point: str) -> int:
         """The number that the next drop of the point gets."""
-        taken = [drop.drop for drop in self.drops.values() if drop.point == point]
-        taken += [drop for name, drop in self.lost_drops.values() if name == point]
-        return max(taken, default=0) + 1
+        lost = [drop for name, drop in self.lost_drops.values() if name == point]
+        return max([self._numbers.largest_of(point), *lost]) + 1
+
+    def is_taken(self, point: str, drop: int) -> bool:
+        """Whether the journal holds a drop with this number within the point."""
+        return self._numbers.is_taken(point, drop)
 
     def next_number(self) -> int:
         """The survey-wide number that the next drop gets."""
-        return max([0, *self.drops, *self.lost_drops]) + 1
+        return max([self._numbers.largest, *self.lost_drops]) + 1
 
     def add(self, entry: Entry, data: Mapping[str, Any]) -> None:
         """Take a record in; RecordingError when its data are not those of its kind."""
@@ -187,6 +228,7 @@ class Index:
             self.rebounds.setdefault(data["number"], []),
             data.get("restored_from"),
         )
+        self._numbers.add(drop, self.drops.get(drop.number))
         self.drops[drop.number] = drop
         if drop.key is not None:
             self.keys[drop.key] = drop.number

@@ -476,10 +476,7 @@ class SurveyWriter:
     def _check_number(self, record: DropRecord) -> None:
         drop = record.drop.number
         expected = self._index.next_drop(record.point)
-        taken = any(
-            known.point == record.point and known.drop == drop
-            for known in self._index.drops.values()
-        )
+        taken = self._index.is_taken(record.point, drop)
         if drop < 1 or taken or (drop < expected and self._lost(record.point, drop)):
             raise RecordingError(
                 f"drop {record.point}/{drop}: expected a number that is free from 1 on, came one "
