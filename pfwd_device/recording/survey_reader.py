@@ -104,14 +104,11 @@ class Survey:
         for listed in index.files.values():
             if listed.path.startswith("results/"):
                 self._results.setdefault(listed.number, []).append(self.folder / listed.path)
-        self.points: tuple[SurveyPoint, ...] = self._points()
-        """In order."""
-
-    @property
-    def drops(self) -> tuple[SurveyDrop, ...]:
+        found = self._found()
+        self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(found.items()))
         """All drops by survey-wide number."""
-        found = [drop for point in self.points for drop in point.drops]
-        return tuple(sorted(found, key=lambda drop: drop.number))
+        self.points: tuple[SurveyPoint, ...] = self._points(found)
+        """In order."""
 
     @property
     def events(self) -> tuple[dict[str, Any], ...]:
@@ -152,36 +149,29 @@ class Survey:
             )
         return with_rebounds(record, self._rebounds(self._index.rebounds.get(number, [])))
 
-    def _points(self) -> tuple[SurveyPoint, ...]:
+    def _found(self) -> dict[int, SurveyDrop]:
+        """Drops of the journal, then those of files that the journal has lost; sets `damage`."""
         drops = {entry.number: self._drop(entry) for entry in self._index.drops.values()}
-        lost = set(self._index.lost_drops)
-        for number in {*lost, *self._layout.drop_files()} - set(drops):
+        restored: set[str] = set()
+        for number in sorted({*self._index.lost_drops, *self._layout.drop_files()} - set(drops)):
             record = self._from_file(number)
             if record is not None:
-                drops[number] = self._drop_of_file(number, record)
-                lost.discard(number)
-        self.damage = tuple(
-            text for text in lost_texts(self._index) if not self._is_found(text, drops)
-        )
-        known = dict(self._index.points)
-        for drop in drops.values():
-            known.setdefault(
-                drop.point, {"name": drop.point, "order": len(known) + 1, "declared": {}}
-            )
-        ordered = sorted(known.values(), key=lambda point: int(point["order"]))
-        return tuple(
-            self._point(
-                point, tuple(d for n, d in sorted(drops.items()) if d.point == point["name"])
-            )
-            for point in ordered
-        )
+                drops[number] = drop = self._drop_of_file(number, record)
+                restored.add(f"drop {drop.point}/{drop.drop} is lost")
+        self.damage = tuple(text for text in lost_texts(self._index) if text not in restored)
+        return drops
 
-    def _is_found(self, text: str, drops: dict[int, SurveyDrop]) -> bool:
-        return any(
-            text == f"drop {drop.point}/{drop.drop} is lost"
-            for drop in drops.values()
-            if drop.source == "file"
-        )
+    def _points(self, found: dict[int, SurveyDrop]) -> tuple[SurveyPoint, ...]:
+        known = dict(self._index.points)
+        for drop in found.values():  # in the order of their records
+            if drop.point not in known:
+                order = len(known) + 1
+                known[drop.point] = {"name": drop.point, "order": order, "declared": {}}
+        drops: dict[str, list[SurveyDrop]] = {}
+        for drop in self.drops:
+            drops.setdefault(drop.point, []).append(drop)
+        ordered = sorted(known.values(), key=lambda point: int(point["order"]))
+        return tuple(self._point(point, tuple(drops.get(point["name"], ()))) for point in ordered)
 
     def _point(self, data: dict[str, Any], drops: tuple[SurveyDrop, ...]) -> SurveyPoint:
         edits = self._edits_of("point", data["name"])
