@@ -12,7 +12,9 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import quote, unquote
 
 from pfwd_device.recording.storage import Storage
@@ -24,17 +26,17 @@ LARGEST_LEDGER = 512 * 2**20
 LONGEST_LINE = 4096
 
 _LINE = re.compile(
-    r"(\d{1,18}) (\d{1,9}) (\d{1,9}) (\d{1,18}) (\d{1,9}) "
-    r"([0-9a-f]{8}) ([!-~]{1,999}) ([0-9a-f]{8})",
-    re.ASCII,
+    rb"(0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) "
+    rb"([0-9a-f]{8}) ([!-~]{1,999}) ([0-9a-f]{8})"
 )
+"""Exactly what :meth:`Entry.line` writes: a number in another form is damage."""
+
 _ABOUT = re.compile(r"(\d{1,9}):([^/\s]+)/(\d{1,18})", re.ASCII)
 _HEAD = re.compile(r"pfwd-ledger 1 ([0-9a-f]{32}) ([0-9a-f]{8})", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One acknowledged record."""
+class Entry(NamedTuple):
+    """One acknowledged record; a tuple, because a survey has many."""
 
     sequence: int
     kind: int
@@ -74,7 +76,12 @@ def head_line(survey: bytes) -> bytes:
 
 def about_drop(number: int, point: str, drop: int) -> str:
     """What the ledger says of a drop."""
-    return f"{number}:{quote(point, safe='')}/{drop}"
+    return f"{number}:{_quoted(point)}/{drop}"
+
+
+@lru_cache(maxsize=4096)  # the same for all drops of a point
+def _quoted(point: str) -> str:
+    return quote(point, safe="")
 
 
 def read_about(about: str) -> tuple[int, str, int] | None:
@@ -231,9 +238,11 @@ def _text(line: bytes) -> str:
 
 
 def _entry(line: bytes) -> Entry | None:
-    match = _LINE.fullmatch(_text(line))
+    match = _LINE.fullmatch(line) if len(line) <= LONGEST_LINE else None
     if match is None:
         return None
-    sequence, kind, segment, offset, length = (int(match[n]) for n in range(1, 6))
-    entry = Entry(sequence, kind, segment, offset, length, int(match[6], 16), match[7])
-    return entry if entry.line() == line + b"\n" else None
+    sequence, kind, segment, offset, length, check, about, crc = match.groups()
+    if zlib.crc32(line[: -len(crc) - 1]) != int(crc, 16):
+        return None
+    numbers = int(sequence), int(kind), int(segment), int(offset), int(length)
+    return Entry(*numbers, int(check, 16), about.decode("ascii"))

@@ -1,9 +1,10 @@
 """The ledger: every line is checked, and any bytes are read without an error."""
 
+import zlib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.noted_disk import NotingStorage
@@ -57,6 +58,35 @@ def test_any_bytes_are_read(data: bytes) -> None:
 def test_a_missing_ledger_is_told(tmp_path: Path) -> None:
     assert read_ledger(tmp_path / "none").missing
     assert read_ledger(tmp_path).damaged == (1,)
+
+
+NUMBERS = st.from_regex(r"0{0,2}[0-9]{1,12}", fullmatch=True)
+
+
+@example(["07", "3", "1", "9", "9"], "0000000a", "-", True)
+@example(["7", "03", "1", "9", "9"], "0000000a", "-", True)
+@example(["7", "3", "01", "9", "9"], "0000000a", "-", True)
+@example(["7", "3", "1", "09", "9"], "0000000a", "-", True)
+@example(["7", "3", "1", "9", "09"], "0000000a", "-", True)
+@example(["7", "3", "0", "0", "0"], "0000000a", "-", True)
+@example(["7", "3", "1", "9", "9"], "0000000A", "-", True)
+@example(["7", "3", "1", "9", "9"], "0000000a", "-", False)
+@given(
+    numbers=st.lists(NUMBERS, min_size=5, max_size=5),
+    check=st.from_regex(r"[0-9a-fA-F]{8}", fullmatch=True),
+    about=st.sampled_from(["-", "1:A/1", "", "a b", "\x7f", "~" * 1000]),
+    seal=st.booleans(),
+)
+def test_a_line_counts_when_it_is_what_its_entry_writes(
+    numbers: list[str], check: str, about: str, seal: bool
+) -> None:
+    text = f"{' '.join(numbers)} {check} {about}"
+    line = f"{text} {zlib.crc32(text.encode()) if seal else 0:08x}\n".encode()
+    sequence, kind, segment, offset, length = map(int, numbers)
+    entry = Entry(sequence, kind, segment, offset, length, int(check, 16), about)
+    limits = max(sequence, offset) < 10**18 and max(kind, segment, length) < 10**9
+    good = entry.line() == line and limits and about in ("-", "1:A/1")
+    assert parse_ledger(line).entries == ((entry,) if good else ())
 
 
 @pytest.mark.parametrize("call", ["write", "sync"])
