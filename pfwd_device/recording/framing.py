@@ -24,7 +24,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from pfwd_device.errors import RecordingError
 
@@ -53,9 +53,8 @@ class Kind(IntEnum):
     BYTES = 33
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A record that is whole."""
+class Frame(NamedTuple):
+    """A record that is whole; a tuple, because a survey has many."""
 
     kind: int
     """One of Kind; a later version may have more."""

@@ -5,7 +5,7 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.framing import Frame, Kind
@@ -316,8 +316,7 @@ def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
     return (stretch.segment, stretch.damage.offset, stretch.damage.length, crc)
 
 
-@dataclass(slots=True)
-class _Found:
+class _Found(NamedTuple):
     entry: Entry
     identity: bytes
     data: dict[str, Any]

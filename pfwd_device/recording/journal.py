@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
@@ -268,8 +269,7 @@ class JournalWriter:
         return self._current
 
 
-@dataclass(frozen=True, slots=True)
-class Located:
+class Located(NamedTuple):
     """A record with the segment that it is in."""
 
     segment: int

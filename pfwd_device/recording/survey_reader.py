@@ -45,13 +45,19 @@ class SurveyDrop:
     target: Any
     edits: tuple[dict[str, Any], ...]
     """All edits, in order."""
-    results: tuple[Path, ...]
-    """Files with results, in order."""
-    file: Path | None
-    """Its HDF5 file, when it is published."""
     source: str
     """Where the record comes from: "journal", or "file" when the journal is damaged there."""
     _survey: "Survey" = field(repr=False)
+
+    @property
+    def results(self) -> tuple[Path, ...]:
+        """Files with results, in order."""
+        return self._survey.results_of(self.number)
+
+    @property
+    def file(self) -> Path | None:
+        """Its HDF5 file, when it is published."""
+        return self._survey.file_of(self.number)
 
     def read(self) -> DropRecord:
         """The drop with all its rebounds.
@@ -100,10 +106,10 @@ class Survey:
         for edit in index.edits:
             key = "number" if edit.get("number") is not None else "point"
             self._edits.setdefault((key, str(edit.get(key))), []).append(edit)
-        self._results: dict[int | None, list[Path]] = {}
+        self._results: dict[int | None, list[str]] = {}
         for listed in index.files.values():
             if listed.path.startswith("results/"):
-                self._results.setdefault(listed.number, []).append(self.folder / listed.path)
+                self._results.setdefault(listed.number, []).append(listed.path)
         found = self._found()
         self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(found.items()))
         """All drops by survey-wide number."""
@@ -148,6 +154,15 @@ class Survey:
                 "whole; try pfwd recover"
             )
         return with_rebounds(record, self._rebounds(self._index.rebounds.get(number, [])))
+
+    def results_of(self, number: int) -> tuple[Path, ...]:
+        """Files with results of the drop with this survey-wide number, in order."""
+        return _in_order([self.folder / path for path in self._results.get(number, ())])
+
+    def file_of(self, number: int) -> Path | None:
+        """The HDF5 file of the drop with this survey-wide number, when it is published."""
+        path = self._layout.drop_file(number)
+        return path if self._layout.relative(path) in self._index.files else None
 
     def _found(self) -> dict[int, SurveyDrop]:
         """Drops of the journal, then those of files that the journal has lost; sets `damage`."""
@@ -204,7 +219,6 @@ class Survey:
     def _made(self, number: int, point: str, drop: int, key: str | None, source: str) -> SurveyDrop:
         edits = self._edits_of("number", number)
         state = _state(edits)
-        path = self._layout.drop_file(number)
         return SurveyDrop(
             number=number,
             point=point,
@@ -215,8 +229,6 @@ class Survey:
             position=state.get("position"),
             target=state.get("target"),
             edits=edits,
-            results=_in_order(self._results.get(number, [])),
-            file=path if self._layout.relative(path) in self._index.files else None,
             source=source,
             _survey=self,
         )
