@@ -1,5 +1,6 @@
 """Reads a survey without locking it, also while another program writes it."""
 
+import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -68,6 +69,10 @@ class SurveyDrop:
             If neither journal nor file holds it whole.
         """
         return self._survey.read_drop(self.number)
+
+    def read_file(self) -> bytes | None:
+        """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
+        return self._survey.file_bytes_of(self.number)
 
 
 @dataclass(slots=True)
@@ -163,6 +168,24 @@ class Survey:
         """The HDF5 file of the drop with this survey-wide number, when it is published."""
         path = self._layout.drop_file(number)
         return path if self._layout.relative(path) in self._index.files else None
+
+    def file_bytes_of(self, number: int) -> bytes | None:
+        """The drop's HDF5 file, when it is there as it was published; rebounds may have followed.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        """
+        path = self._layout.drop_file(number)
+        listed = self._index.files.get(self._layout.relative(path))
+        try:
+            if listed is None or path.stat().st_size != listed.size:
+                return None
+            data = path.read_bytes()
+        except OSError:
+            return None
+        return data if hashlib.sha256(data).hexdigest() == listed.sha256 else None
 
     def _found(self) -> dict[int, SurveyDrop]:
         """Drops of the journal, then those of files that the journal has lost; sets `damage`."""
