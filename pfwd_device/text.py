@@ -30,7 +30,10 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     """
     if isinstance(text, bytes):
         text = text[: 16 * limit].decode("utf-8", "replace")
-    return harmless(unicodedata.normalize("NFC", text[: 4 * limit])[:limit])
+    text = text[: 4 * limit]
+    if text.isascii() and text.isprintable():  # nearly always
+        return text[:limit]
+    return harmless(unicodedata.normalize("NFC", text)[:limit])
 
 
 def harmless(text: str) -> str:

@@ -80,7 +80,7 @@ def _read_only_counts(values: NDArray[np.int32], where: str) -> NDArray[np.int32
             f"{given.shape}"
         )
     counts = np.array(given, dtype=np.int32)
-    if not np.array_equal(counts, given):
+    if given.dtype != counts.dtype and not np.array_equal(counts, given):
         raise RecordingError(f"{where}: expected counts of 32 bits, came larger ones")
     counts.flags.writeable = False
     return counts

@@ -70,6 +70,10 @@ class SurveyDrop:
         """
         return self._survey.read_drop(self.number)
 
+    def read_alone(self) -> DropRecord:
+        """As :meth:`read`, without the rebounds that were recorded after the drop itself."""
+        return self._survey.read_drop(self.number, rebounds=False)
+
     def read_file(self) -> bytes | None:
         """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
         return self._survey.file_bytes_of(self.number)
@@ -138,8 +142,14 @@ class Survey:
             [self.folder / path for path in self._index.files if path.startswith("captures/")]
         )
 
-    def read_drop(self, number: int) -> DropRecord:
+    def read_drop(self, number: int, *, rebounds: bool = True) -> DropRecord:
         """The drop with this survey-wide number, with all its rebounds.
+
+        Parameters
+        ----------
+        number : int
+        rebounds : bool
+            Without, those that were recorded after the drop itself are not read.
 
         Raises
         ------
@@ -147,9 +157,10 @@ class Survey:
             If neither journal nor file holds it whole.
         """
         entry = self._index.drops.get(number)
+        later = self._index.rebounds.get(number, []) if rebounds else []
         if entry is not None:
             try:
-                return self._from_journal(entry)
+                return with_rebounds(self._from_journal(entry), self._rebounds(later))
             except RecordingError:
                 pass  # damaged since the survey was opened
         record = self._from_file(number)
@@ -158,7 +169,7 @@ class Survey:
                 f"{self.folder}: expected drop {number} in the journal or in a file, came neither "
                 "whole; try pfwd recover"
             )
-        return with_rebounds(record, self._rebounds(self._index.rebounds.get(number, [])))
+        return with_rebounds(record, self._rebounds(later))
 
     def results_of(self, number: int) -> tuple[Path, ...]:
         """Files with results of the drop with this survey-wide number, in order."""
@@ -271,8 +282,7 @@ class Survey:
         frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
         if frame.kind != Kind.DROP or frame.sequence != entry.entry.sequence:
             raise RecordingError(f"expected drop {entry.number}, came another record")
-        record = drop_from_parts(*decode_payload(frame.payload))
-        return with_rebounds(record, self._rebounds(entry.rebounds))
+        return drop_from_parts(*decode_payload(frame.payload))
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         found = []

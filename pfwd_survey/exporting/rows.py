@@ -67,7 +67,7 @@ def _row(
     record, fault = None, None
     result: Result | None = None
     try:
-        record = drop.read()
+        record = drop.read_alone()
     except RecordingError as err:
         fault = f"damaged: {err}"
     try:

@@ -39,6 +39,8 @@ class DropContent:
     """The drop with all its rebounds; raises RecordingError when it is not whole."""
     read_results: Callable[[], tuple[Result, ...]] = field(repr=False)
     """The stored results, in order; a damaged one raises RecordingError."""
+    read_alone: Callable[[], DropRecord] = field(repr=False)
+    """As `read`, without the rebounds that were recorded after the drop itself."""
     read_file: Callable[[], bytes | None] = field(repr=False, default=lambda: None)
     """Its HDF5 file as it was published, without rebounds that followed; None: there is none."""
 
@@ -144,6 +146,7 @@ def _drop(drop: SurveyDrop) -> DropContent:
         edits=drop.edits,
         read=drop.read,
         read_results=lambda: tuple(_result(path) for path in drop.results),
+        read_alone=drop.read_alone,
         read_file=drop.read_file,
     )
 

@@ -330,6 +330,7 @@ def _drop(path: str, said: Mapping[str, Any]) -> DropContent:
         edits=tuple(map(_edit, said["edits"])),
         read=partial(_drop_of, path, number),
         read_results=partial(_results_of, path, number),
+        read_alone=partial(_drop_of, path, number),
     )
 
 

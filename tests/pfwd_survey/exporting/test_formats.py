@@ -11,13 +11,16 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import Rebound, SurveyWriter, read_survey, survey_reader
+from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.table import cell
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.survey_content import folder_content
 from pfwd_survey.files.upkeep import check_survey
 from tests.pfwd_survey.exporting.conftest import BELONGS, FORMULA, rows_of
 
@@ -341,3 +344,24 @@ def test_pddx_has_one_configuration_a_file(survey: Path, tmp_path: Path) -> None
     assert len(radii) == 2
     assert "100" in radii
     assert any("r-2.pdx" in note for note in done.notes)
+
+
+def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
+    assert len(folder_content(survey).drops[1].read().rebounds) == 2
+    assert len(folder_content(survey).drops[1].read_alone().rebounds) == 1
+    read: list[int] = []
+    of = survey_reader.read_record
+
+    def noted(layout: Layout, segment: int, offset: int) -> Frame:
+        frame = of(layout, segment, offset)
+        read.append(frame.kind)
+        return frame
+
+    monkeypatch.setattr(survey_reader, "read_record", noted)
+    export_survey(survey, "table", tmp_path / "t.csv")
+    assert read.count(Kind.DROP) == 4
+    assert Kind.REBOUND not in read
