@@ -236,6 +236,12 @@ class Index:
             self.settled.add(int(drop.restored_from))
 
 
+class _Found(NamedTuple):
+    entry: Entry
+    identity: bytes
+    data: dict[str, Any]
+
+
 def build_index(layout: Layout) -> Index:
     """Read ledger and journal.
 
@@ -283,6 +289,58 @@ def build_index(layout: Layout) -> Index:
     return index
 
 
+def read_index(layout: Layout) -> Index:
+    """As :func:`build_index`, for reading: every byte is compared with its checksum all the same.
+
+    Where ledger and journal agree about every record, the ledger's lines say of drops what their
+    records say: number, point and number within it, under a checksum of their own that covers the
+    record's. The JSON of a drop is the longest of all and is not taken apart for that; its key is
+    left out here. Anything else than agreement, and :func:`build_index` looks at everything.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`build_index`.
+    """
+    try:
+        found = _agreed_index(layout)
+    except RecordingError:
+        found = None  # whatever it is, it is found again
+    return build_index(layout) if found is None else found
+
+
+def _agreed_index(layout: Layout) -> Index | None:
+    """What ledger and journal say when they agree; None or RecordingError when they do not."""
+    ledger = read_ledger(layout.ledger)
+    if ledger.survey is None or ledger.damaged:
+        return None
+    index = Index(ledger=ledger, survey=ledger.survey)
+    lines = iter(ledger.entries)
+    for sequence, item in enumerate(scan_journal(layout), start=1):
+        if isinstance(item, Stretch):
+            return None
+        segment, frame = item
+        line = next(lines, None)
+        said = read_about(line.about) if line is not None and frame.kind == Kind.DROP else None
+        if said is None:
+            data = _wanted(frame)
+            about = about_of(frame.kind, data)
+        else:
+            data = {"number": said[0], "point": said[1], "drop": said[2]}
+            about = line.about if line is not None else "-"
+        entry = Entry(sequence, frame.kind, segment, frame.offset, frame.length, frame.check, about)
+        if line is None:  # another program is writing
+            index.unacknowledged.append(sequence)
+        elif line != entry:
+            return None
+        if frame.sequence != sequence or frame.identity != ledger.survey:
+            return None
+        if frame.kind == Kind.SURVEY:
+            _check_version(layout, data)
+        index.add(entry, data)
+    return index if next(lines, None) is None else None
+
+
 def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
     version = data.get("format_version")
     if version != FORMAT_VERSION:
@@ -316,12 +374,6 @@ def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
     return (stretch.segment, stretch.damage.offset, stretch.damage.length, crc)
 
 
-class _Found(NamedTuple):
-    entry: Entry
-    identity: bytes
-    data: dict[str, Any]
-
-
 def _scan(layout: Layout, index: Index) -> list[_Found]:
     found = []
     for item in scan_journal(layout):
@@ -337,11 +389,17 @@ def _scan(layout: Layout, index: Index) -> list[_Found]:
 
 def _reduced(item: Located) -> _Found:
     """What the index needs of a record, without metadata and arrays."""
-    frame: Frame = item.frame
-    wanted = _NEEDED.get(frame.kind, ())  # type: ignore[call-overload]
-    data = payload_data(frame.payload) if wanted else {}
-    data = {key: data[key] for key in wanted if key in data}
+    frame = item.frame
+    data = _wanted(frame)
     return _Found(_entry(item, about_of(frame.kind, data)), frame.identity, data)
+
+
+def _wanted(frame: Frame) -> dict[str, Any]:
+    wanted = _NEEDED.get(frame.kind)  # type: ignore[call-overload]
+    if wanted is None:
+        return {}
+    data = payload_data(frame.payload)
+    return {key: data[key] for key in wanted if key in data}
 
 
 def about_of(kind: int, data: Mapping[str, Any]) -> str:

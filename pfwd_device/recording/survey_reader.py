@@ -14,8 +14,8 @@ from pfwd_device.recording.drop_payload import (
     with_rebounds,
 )
 from pfwd_device.recording.files import file_facts
-from pfwd_device.recording.framing import Kind
-from pfwd_device.recording.index import DropEntry, Index, build_index
+from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.index import DropEntry, Index, read_index
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
@@ -37,8 +37,6 @@ class SurveyDrop:
     """Name of the test point."""
     drop: int
     """Number within the point, from 1."""
-    key: str | None
-    """What identifies the drop on the instrument."""
     discarded: bool
     notes: tuple[str, ...]
     position: Any
@@ -49,6 +47,11 @@ class SurveyDrop:
     source: str
     """Where the record comes from: "journal", or "file" when the journal is damaged there."""
     _survey: "Survey" = field(repr=False)
+
+    @property
+    def key(self) -> str | None:
+        """What identifies the drop on the instrument; read when asked for."""
+        return self._survey.key_of(self.number)
 
     @property
     def results(self) -> tuple[Path, ...]:
@@ -171,6 +174,20 @@ class Survey:
             )
         return with_rebounds(record, self._rebounds(later))
 
+    def key_of(self, number: int) -> str | None:
+        """What identifies the drop with this survey-wide number on the instrument."""
+        entry = self._index.drops.get(number)
+        key: object = None if entry is None else entry.key
+        if entry is not None and key is None:
+            try:
+                key = payload_data(self._frame(entry).payload).get("key")
+            except RecordingError:
+                entry = None  # damaged since the survey was opened
+        if entry is None:
+            record = self._from_file(number)
+            key = None if record is None else record.metadata.get("key")
+        return key if isinstance(key, str) else None
+
     def results_of(self, number: int) -> tuple[Path, ...]:
         """Files with results of the drop with this survey-wide number, in order."""
         return _in_order([self.folder / path for path in self._results.get(number, ())])
@@ -243,21 +260,18 @@ class Survey:
         )
 
     def _drop(self, entry: DropEntry) -> SurveyDrop:
-        return self._made(entry.number, entry.point, entry.drop, entry.key, "journal")
+        return self._made(entry.number, entry.point, entry.drop, "journal")
 
     def _drop_of_file(self, number: int, record: DropRecord) -> SurveyDrop:
-        key = record.metadata.get("key")
-        text = key if isinstance(key, str) else None
-        return self._made(number, record.point, record.drop.number, text, "file")
+        return self._made(number, record.point, record.drop.number, "file")
 
-    def _made(self, number: int, point: str, drop: int, key: str | None, source: str) -> SurveyDrop:
+    def _made(self, number: int, point: str, drop: int, source: str) -> SurveyDrop:
         edits = self._edits_of("number", number)
         state = _state(edits)
         return SurveyDrop(
             number=number,
             point=point,
             drop=drop,
-            key=key,
             discarded=bool(state.get("discarded")),
             notes=_notes(edits),
             position=state.get("position"),
@@ -279,10 +293,18 @@ class Survey:
                 continue
 
     def _from_journal(self, entry: DropEntry) -> DropRecord:
+        data, arrays = decode_payload(self._frame(entry).payload)
+        record = drop_from_parts(data, arrays)
+        found = (data.get("number"), record.point, record.drop.number)
+        if found != (entry.number, entry.point, entry.drop):
+            raise RecordingError(f"expected drop {entry.number}, came another one")
+        return record
+
+    def _frame(self, entry: DropEntry) -> Frame:
         frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
-        if frame.kind != Kind.DROP or frame.sequence != entry.entry.sequence:
+        if (frame.kind, frame.sequence) != (Kind.DROP, entry.entry.sequence):
             raise RecordingError(f"expected drop {entry.number}, came another record")
-        return drop_from_parts(*decode_payload(frame.payload))
+        return frame
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         found = []
@@ -327,7 +349,7 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
             f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
         )
     refuse_special_files(layout)
-    return Survey(layout, build_index(layout))
+    return Survey(layout, read_index(layout))
 
 
 def _in_order(paths: list[Path]) -> tuple[Path, ...]:

@@ -92,7 +92,7 @@ def _import_drop(
     skipped: Counter[str],
 ) -> Imported:
     # A drop without a key of its own gets one, so that it is not imported twice.
-    key = drop.key or f"export/{content.survey_id}/{drop.number}"
+    key = drop.read_key() or f"export/{content.survey_id}/{drop.number}"
     known = writer.find_key(key)
     if known is not None:
         edits = there[known].edits if known in there else ()

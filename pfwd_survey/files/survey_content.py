@@ -26,8 +26,6 @@ class DropContent:
     """Name of the test point."""
     drop: int
     """Number within the point, from 1."""
-    key: str | None
-    """What identifies the drop on the instrument."""
     discarded: bool
     notes: tuple[str, ...]
     position: Any
@@ -41,6 +39,8 @@ class DropContent:
     """The stored results, in order; a damaged one raises RecordingError."""
     read_alone: Callable[[], DropRecord] = field(repr=False)
     """As `read`, without the rebounds that were recorded after the drop itself."""
+    read_key: Callable[[], str | None] = field(repr=False)
+    """What identifies the drop on the instrument."""
     read_file: Callable[[], bytes | None] = field(repr=False, default=lambda: None)
     """Its HDF5 file as it was published, without rebounds that followed; None: there is none."""
 
@@ -138,7 +138,6 @@ def _drop(drop: SurveyDrop) -> DropContent:
         number=drop.number,
         point=drop.point,
         drop=drop.drop,
-        key=drop.key,
         discarded=drop.discarded,
         notes=drop.notes,
         position=drop.position,
@@ -147,6 +146,7 @@ def _drop(drop: SurveyDrop) -> DropContent:
         read=drop.read,
         read_results=lambda: tuple(_result(path) for path in drop.results),
         read_alone=drop.read_alone,
+        read_key=lambda: drop.key,
         read_file=drop.read_file,
     )
 

@@ -292,7 +292,7 @@ def _drop_facts(drop: DropContent) -> dict[str, Any]:
         "number": drop.number,
         "point": drop.point,
         "drop": drop.drop,
-        "key": drop.key,
+        "key": drop.read_key(),
         "discarded": drop.discarded,
         "notes": list(drop.notes),
         "position": drop.position,
@@ -322,7 +322,6 @@ def _drop(path: str, said: Mapping[str, Any]) -> DropContent:
         number=number,
         point=str(said["point"]),
         drop=int(said["drop"]),
-        key=said["key"] if isinstance(said["key"], str) else None,
         discarded=bool(said["discarded"]),
         notes=tuple(map(str, said["notes"])),
         position=said["position"],
@@ -331,7 +330,12 @@ def _drop(path: str, said: Mapping[str, Any]) -> DropContent:
         read=partial(_drop_of, path, number),
         read_results=partial(_results_of, path, number),
         read_alone=partial(_drop_of, path, number),
+        read_key=partial(_text_or_none, said["key"]),
     )
+
+
+def _text_or_none(value: object) -> str | None:
+    return value if isinstance(value, str) else None
 
 
 def _edit(said: Mapping[str, Any]) -> dict[str, Any]:

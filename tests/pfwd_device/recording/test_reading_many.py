@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,22 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.power_loss import make_record
+from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
     Storage,
     Survey,
     SurveyPoint,
     SurveyWriter,
+    check,
     read_drop_file,
     read_survey,
 )
-from pfwd_device.recording.index import build_index
+from pfwd_device.recording import index as index_module
+from pfwd_device.recording.framing import Kind, encode_frame, scan_bytes
+from pfwd_device.recording.index import Index, build_index, read_index
 from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.ledger import ledger_bytes
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.recovery import lost_texts
 from tests.pfwd_device.recording.operations import growth, operations
@@ -82,12 +87,17 @@ def test_a_survey_is_read_at_the_same_cost_for_each_drop(tmp_path: Path) -> None
         layout = Layout(record(tmp_path / str(drops), drops))
         return lambda: build_index(layout)
 
+    def quickly(drops: int) -> Callable[[], object]:
+        layout = Layout(tmp_path / str(drops))
+        return lambda: read_index(layout)
+
     def joining(drops: int) -> Callable[[], object]:
         layout = Layout(tmp_path / str(drops))
         index = build_index(layout)
         return lambda: Survey(layout, index)
 
     assert growth(indexing, 50) < FLAT
+    assert growth(quickly, 50) < FLAT
     assert growth(joining, 50) < FLAT
 
 
@@ -165,7 +175,9 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("many") / "survey", 6, publish=True)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     damage=st.lists(
         st.tuples(
@@ -199,7 +211,99 @@ def test_a_damaged_survey_is_what_a_plain_look_makes_of_it(
     if not (folder / "acknowledged.txt").exists() and not any(folder.glob("*/*.*")):
         return  # nothing of a survey is left
     survey = read_survey(folder)
+    layout = Layout(folder)
+    looked = Survey(layout, build_index(layout))
+    assert [said(point) for point in survey.points] == [said(point) for point in looked.points]
+    assert (survey.damage, survey.info) == (looked.damage, looked.info)
+    assert (survey.survey_id, survey.captures) == (looked.survey_id, looked.captures)
+    assert (survey.events, survey.checks) == (looked.events, looked.checks)
     assert [said(point) for point in survey.points] == plain_points(survey)
     assert survey.damage == plain_damage(survey)
     numbers = [drop.number for drop in survey.drops]
     assert numbers == sorted(drop.number for point in survey.points for drop in point.drops)
+
+
+def shown(index: Index) -> dict[str, object]:
+    """All that an index says, but for what is not read of drops where ledger and journal agree."""
+    drops = {n: replace(d, key=None, restored_from=None) for n, d in index.drops.items()}
+    left_out = ("drops", "keys", "settled", "_numbers")
+    rest = {each.name: getattr(index, each.name) for each in fields(index)}
+    return {"drops": drops, **{name: rest[name] for name in rest if name not in left_out}}
+
+
+def test_where_ledger_and_journal_agree_drops_are_not_taken_apart(
+    published: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout = Layout(published)
+    kinds: list[int] = []
+    taken_apart = index_module.payload_data
+
+    def noted(payload: bytes) -> dict[str, object]:
+        data = taken_apart(payload)
+        kinds.append(Kind.DROP if "sensors" in data else 0)
+        return data
+
+    monkeypatch.setattr(index_module, "payload_data", noted)
+    quick = read_index(layout)
+    assert Kind.DROP not in kinds
+    full = build_index(layout)
+    assert kinds.count(Kind.DROP) == len(full.drops) == 6
+    assert shown(quick) == shown(full)
+    keys = [drop.key for drop in Survey(layout, quick).drops]
+    assert keys == [full.drops[number].key for number in sorted(full.drops)]
+    assert None not in keys
+
+
+def test_a_survey_is_read_while_its_ledger_is_behind(published: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(published, folder)
+    lines = (folder / "acknowledged.txt").read_bytes().splitlines(keepends=True)
+    for kept in range(len(lines) + 1):
+        (folder / "acknowledged.txt").write_bytes(b"".join(lines[:kept]))
+        layout = Layout(folder)
+        quick, full = read_index(layout), build_index(layout)
+        assert shown(quick) == shown(full)
+        assert len(quick.unacknowledged) == len(lines) - max(kept, 1)
+
+
+def test_a_line_that_names_another_drop_does_not_give_its_samples(
+    published: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(published, folder)
+    layout = Layout(folder)
+    index = build_index(layout)
+    assert index.survey is not None
+    # No damage does that: the line is whole, and covers the record that it misnames.
+    first, second = index.drops[1].entry, index.drops[2].entry
+    swapped = {
+        first.sequence: first._replace(about=second.about),
+        second.sequence: second._replace(about=first.about),
+    }
+    entries = [swapped.get(number, entry) for number, entry in sorted(index.entries.items())]
+    (folder / "acknowledged.txt").write_bytes(ledger_bytes(index.survey, entries))
+    for drop in read_survey(folder).drops:  # from their files
+        read = drop.read()
+        assert (read.point, read.drop.number) == (drop.point, drop.drop)
+        assert read.metadata["key"] == f"7/1/{drop.number}"
+    for path in (folder / "drops").iterdir():
+        path.unlink()
+    with pytest.raises(RecordingError, match="expected drop 1 in the journal or in a file"):
+        read_survey(folder).read_drop(1)
+    assert not check(folder).ok
+
+
+def test_a_survey_of_a_newer_version_is_refused(tmp_path: Path) -> None:
+    folder = record(tmp_path / "new", 0)
+    path = folder / "journal" / "0001.pfwdj"
+    frames, _ = scan_bytes(path.read_bytes())
+    newer = [
+        frame.payload.replace(b'"format_version":1', b'"format_version":2') for frame in frames
+    ]
+    data = [
+        encode_frame(frame.kind, frame.identity, frame.sequence, payload)
+        for frame, payload in zip(frames, newer, strict=True)
+    ]
+    path.write_bytes(b"".join(data))
+    with pytest.raises(RecordingError, match="format version 1, came 2"):
+        read_survey(folder)
