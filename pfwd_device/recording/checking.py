@@ -70,7 +70,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     damaged += [f"{text}: {_HINT}" for text in waiting_texts(spare, index)]
     _check_unlisted(layout, index, unfinished)
     for number, drop in sorted(index.drops.items()):
-        if layout.relative(layout.drop_file(number)) not in index.files:
+        if layout.drop_file_name(number) not in index.files:
             notes.append(f"drop {drop.point}/{drop.drop} has no file yet: {_HINT}")
     if written:
         notes.append("a program writes it")
@@ -165,7 +165,7 @@ def _check_unlisted(layout: Layout, index: Index, unfinished: list[str]) -> None
     kinds = {layout.drops: ".h5", layout.results: ".json", layout.captures: ".pfwdc"}
     for folder, suffix in kinds.items():
         for name in names_in(folder):
-            path = layout.relative(folder / name)
+            path = f"{folder.name}/{name}"
             if path not in index.files and name.endswith((suffix, ".tmp")):
                 unfinished.append(f"{path} is not listed in the journal: {_HINT}")
 

@@ -69,7 +69,12 @@ class Layout:
         return self.journal / f"{number:04d}.pfwdj"
 
     def drop_file(self, number: int) -> Path:
-        return self.drops / f"drop-{number:06d}.h5"
+        return self.folder / self.drop_file_name(number)
+
+    @staticmethod
+    def drop_file_name(number: int) -> str:
+        """Path of a drop's file within the survey, as it is written down."""
+        return f"drops/drop-{number:06d}.h5"
 
     def segments(self) -> list[int]:
         """Numbers of the journal's segments that exist."""

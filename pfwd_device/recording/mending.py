@@ -60,7 +60,7 @@ class FileMender:
         failures = 0
         for number, drop in sorted(self._index.drops.items()):
             path = self._layout.drop_file(number)
-            listed = self._index.files.get(self._layout.relative(path))
+            listed = self._index.files.get(self._layout.drop_file_name(number))
             if listed is not None and self._is_sound(listed, path):
                 self.sound.add(listed.path)
                 continue
@@ -92,9 +92,8 @@ class FileMender:
                 self.damaged.append(f"{listed.path} is damaged or missing")
         for folder in (self._layout.results, self._layout.captures):
             for name in names_in(folder):
-                path = folder / name
-                if self._layout.relative(path) not in self._index.files:
-                    self._take_in(path)
+                if f"{folder.name}/{name}" not in self._index.files:
+                    self._take_in(folder / name)
 
     def _set_strangers_aside(self) -> None:
         for number in self._layout.drop_files():

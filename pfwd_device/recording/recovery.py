@@ -248,7 +248,7 @@ def repair(
     return RecoveryReport(
         str(layout.folder),
         len(index.drops) + len(index.lost_drops),
-        sum(layout.relative(layout.drop_file(n)) in mender.sound for n in index.drops),
+        sum(layout.drop_file_name(n) in mender.sound for n in index.drops),
         len(recovered),
         (*lost_texts(index), *mender.damaged),
         (*actions, *mender.actions),

@@ -194,8 +194,8 @@ class Survey:
 
     def file_of(self, number: int) -> Path | None:
         """The HDF5 file of the drop with this survey-wide number, when it is published."""
-        path = self._layout.drop_file(number)
-        return path if self._layout.relative(path) in self._index.files else None
+        name = self._layout.drop_file_name(number)
+        return self.folder / name if name in self._index.files else None
 
     def file_bytes_of(self, number: int) -> bytes | None:
         """The drop's HDF5 file, when it is there as it was published; rebounds may have followed.
@@ -206,7 +206,7 @@ class Survey:
             Survey-wide number of the drop.
         """
         path = self._layout.drop_file(number)
-        listed = self._index.files.get(self._layout.relative(path))
+        listed = self._index.files.get(self._layout.drop_file_name(number))
         try:
             if listed is None or path.stat().st_size != listed.size:
                 return None
@@ -319,7 +319,7 @@ class Survey:
     def _from_file(self, number: int) -> DropRecord | None:
         """The drop of a file that is as it was published, or None."""
         path = self._layout.drop_file(number)
-        listed = self._index.files.get(self._layout.relative(path))
+        listed = self._index.files.get(self._layout.drop_file_name(number))
         try:
             # HDF5 may do anything with damaged bytes; the checksum goes first where there is one.
             if listed and file_facts(self._layout, path)["sha256"] != listed.sha256:

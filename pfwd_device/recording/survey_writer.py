@@ -34,6 +34,7 @@ from pfwd_device.recording.recovery import RecoveryReport, begin, prepare, repai
 from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.storage_reports import PublishingFailed, StorageReport
+from pfwd_device.recording.survey_reader import Survey
 
 WARN_BYTES = 200 * 10**6
 """Free space below which the operator is told."""
@@ -176,6 +177,11 @@ class SurveyWriter:
         with self._lock:
             ordered = sorted(self._index.points.values(), key=lambda point: int(point["order"]))
             return tuple(str(point["name"]) for point in ordered)
+
+    def contents(self) -> Survey:
+        """The survey as it is acknowledged now, without reading it again."""
+        with self._lock:
+            return Survey(self._layout, self._index)
 
     @property
     def survey_id(self) -> str:
@@ -403,7 +409,7 @@ class SurveyWriter:
     def _finish(self, timeout: float) -> None:
         self._records.look_after()
         for number in sorted(self._index.drops):
-            if self._layout.relative(self._layout.drop_file(number)) not in self._index.files:
+            if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)
         if self._thread is not None:
             self._thread.close(timeout)

@@ -31,7 +31,7 @@ def edit_survey(
     edits: Sequence[Edit],
     point: str | None = None,
     drop: int | None = None,
-) -> None:
+) -> Survey:
     """Add edits to a survey.
 
     Parameters
@@ -42,6 +42,11 @@ def edit_survey(
         Name of the point; None: the only one.
     drop : int, optional
         Number of the drop within the point; None: the edit is about the point.
+
+    Returns
+    -------
+    Survey
+        With the edits.
 
     Raises
     ------
@@ -60,11 +65,12 @@ def edit_survey(
         )
     _refuse_contradictions(survey, chosen, edits)
     if not edits:
-        return
+        return survey
     with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
         for edit in edits:
             name = None if number is not None else chosen.name
             writer.edit(edit.what, edit.value, point=name, number=number)
+        return writer.contents()
 
 
 def _refuse_contradictions(survey: Survey, chosen: SurveyPoint, edits: Sequence[Edit]) -> None:
@@ -168,7 +174,12 @@ def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
         If it is no survey.
     """
     refuse_no_survey(folder)
-    return [_overview(point) for point in read_survey(folder).points]
+    return overview_of(read_survey(folder))
+
+
+def overview_of(survey: Survey) -> list[dict[str, Any]]:
+    """As :func:`survey_overview`, of a survey that has been read."""
+    return [_overview(point) for point in survey.points]
 
 
 def _overview(point: SurveyPoint) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
+    overview_of,
     parse_declaration_option,
     parse_position,
     survey_overview,
@@ -20,8 +21,10 @@ def run(args: argparse.Namespace) -> int:
     """Add the edits, then show the points."""
     edits = _edits(args)
     if edits or args.point is not None or args.drop is not None:
-        edit_survey(args.survey, edits, args.point, args.drop)
-    for point in survey_overview(args.survey):
+        points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))
+    else:
+        points = survey_overview(args.survey)
+    for point in points:
         if args.json:
             print(json_text(point), flush=True)
         else:

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import SurveyWriter, index, read_survey
+from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
+    overview_of,
     parse_declaration_option,
     parse_position,
     survey_overview,
@@ -160,6 +162,23 @@ def test_what_is_said_later_applies(survey: Path) -> None:
     edit_survey(survey, [Edit("note", "third")], point="renamed")
     edit_survey(survey, [Edit("note", "fourth")], point="first")
     assert read_survey(survey).drops[0].read().declared["plate_mass_kg"] == 12.0
+
+
+def test_an_edited_survey_is_shown_without_being_read_again(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans: list[Layout] = []
+    scan = index.scan_journal
+
+    def noted(layout: Layout) -> object:
+        scans.append(layout)
+        return scan(layout)
+
+    monkeypatch.setattr(index, "scan_journal", noted)
+    shown = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
+    assert len(scans) == 2  # to see what the edit is about, and to write it
+    assert shown == survey_overview(survey)
+    assert shown[0]["drops"][1]["notes"] == ["wet"]
 
 
 def test_points_measured_alike_stay_together_and_others_apart(
