@@ -3,8 +3,8 @@
 The survey is made by the project's own writer, from drops that a simulated instrument recorded,
 without waiting for the disk. Making it is no part of the figures. A figure is the smallest of
 several runs; the processor time of a command, its children with it, stands beside it, because
-other programs may use the machine meanwhile. POSIX only: elsewhere a program is not told what its
-children used.
+other programs may use the machine meanwhile. The limits are those of an idle machine. POSIX only:
+elsewhere a program is not told what its children used.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.output import Reporter
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter
 from pfwd_device.recording.drop_file import drop_file_bytes
 from pfwd_device.recording.layout import Layout
 
@@ -138,6 +138,7 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
                 cost = Cost(min(painted), 0.0, 0.0)
                 found.setdefault(name, []).append(cost)
                 report.record(part=name, drops=drops, seconds=cost.seconds, largest=max(painted))
+    report.record(part="machine", cores=os.cpu_count(), load=os.getloadavg()[0])
     return _judge(report, found, counts)
 
 
@@ -273,7 +274,6 @@ class QuickPublisher:
     """Writes the files of drops without reading them back."""
 
     def __init__(self, folder: Path) -> None:
-        self._survey = read_survey
         self._folder = folder
         self.records: dict[int, DropRecord] = {}
         """By survey-wide number, those whose file is still to be made."""

@@ -1,0 +1,99 @@
+"""The benchmark of many drops builds a sound survey, and tells what grows from what does not."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import scale
+from benchmarks.__main__ import main as bench
+from benchmarks.output import Reporter
+from benchmarks.power_loss import make_record
+from pfwd_device.recording import check, read_survey
+
+
+@pytest.fixture
+def templates() -> list[scale.Template]:
+    record = make_record(1, np.random.default_rng(1), 64)
+    return [scale.Template(record, (), ({"modulus_pa": 4e7},))]
+
+
+def test_ten_thousand_drops_are_at_1700_points() -> None:
+    numbers = [scale.point_number(number) for number in range(1, 10_001)]
+    assert sorted(set(numbers)) == list(range(1, 1701))
+    assert numbers == sorted(numbers)
+
+
+def test_the_survey_is_sound_and_goes_on(tmp_path: Path, templates: list[scale.Template]) -> None:
+    scale.build(tmp_path, 0, 4, templates)
+    scale.build(tmp_path, 4, 14, templates)
+    assert check(tmp_path).damaged == ()
+    survey = read_survey(tmp_path)
+    assert [drop.number for drop in survey.drops] == list(range(1, 15))
+    assert [point.name for point in survey.points] == ["P 1", "P 2", "P 3"]
+    for point in survey.points:
+        assert [drop.drop for drop in point.drops] == list(range(1, len(point.drops) + 1))
+    for drop in survey.drops:
+        assert drop.key == f"bench/{drop.number}"
+        assert drop.file is not None
+        assert len(drop.results) == 1
+
+
+@pytest.mark.posix
+def test_a_command_is_measured_and_a_failing_one_is_named(tmp_path: Path) -> None:
+    cost = scale.measure(["--help"])
+    assert 0 < cost.processor < 60
+    assert 5 < cost.megabytes < 1000
+    with pytest.raises(RuntimeError, match=r"pfwd check .*: status 1: .*expected the folder"):
+        scale.measure(["check", str(tmp_path / "none")])
+
+
+def judged(
+    capsys: pytest.CaptureFixture[str], processor: tuple[float, float, float], **last: float
+) -> tuple[int, dict[str, object]]:
+    """What is said of `check` with this processor time for 1, 2,500 and 10,000 drops."""
+    costs = [scale.Cost(1.0, seconds, 50.0) for seconds in processor]
+    costs[-1] = scale.Cost(last.get("seconds", 1.0), processor[-1], last.get("megabytes", 50.0))
+    name = "export h5" if "megabytes" in last else "check"
+    status = scale._judge(Reporter(["--json"]), {name: costs}, (1, *scale.DROPS))
+    return status, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("processor", "last", "status"),
+    [
+        ((0.2, 1.2, 4.2), {}, 0),
+        ((0.2, 1.2, 5.3), {}, 0),  # 1.28 times as much for each
+        ((0.2, 1.2, 5.5), {}, 1),  # 1.33
+        ((0.2, 1.2, 16.2), {}, 1),  # the square
+        ((0.2, 1.2, 4.2), {"seconds": 7.9}, 0),
+        ((0.2, 1.2, 4.2), {"seconds": 8.1}, 1),
+        ((0.2, 1.2, 4.2), {"megabytes": 199.0}, 0),
+        ((0.2, 1.2, 4.2), {"megabytes": 201.0}, 1),
+    ],
+)
+def test_what_grows_or_takes_too_long_is_refused(
+    capsys: pytest.CaptureFixture[str],
+    processor: tuple[float, float, float],
+    last: dict[str, float],
+    status: int,
+) -> None:
+    assert judged(capsys, processor, **last)[0] == status
+
+
+def test_the_limits_are_those_that_were_promised() -> None:
+    limits = {case.name: (case.seconds, case.megabytes) for case in scale.CASES}
+    assert limits == {
+        "edit, list": (1.0, None),
+        "edit --note": (1.5, None),
+        "export table": (3.0, None),
+        "check": (8.0, None),
+        "export h5": (60.0, 200.0),
+    }
+    assert (scale.LATEST_PAINT, scale.LARGEST_RATIO, scale.DROPS) == (2.0, 1.3, (2_500, 10_000))
+
+
+@pytest.mark.parametrize("wrong", [["--drops", "5", "5"], ["--drops", "0", "5"], ["--drops", "x"]])
+def test_wrong_usage_is_status_2(wrong: list[str]) -> None:
+    assert bench(["scale", *wrong]) == 2
