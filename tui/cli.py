@@ -78,7 +78,7 @@ def _explain(err: Exception, command: str) -> str:
     if isinstance(err, OSError):
         return f"{command}: {err.filename or 'input or output'}: {err.strerror or err}"
     return (
-        f"{command}: an error nobody foresaw, please report it: {type(err).__name__}: {err} "
+        f"{command}: an unexpected error, please report it: {type(err).__name__}: {err} "
         "(PFWD_DEBUG=1 shows where)"
     )
 

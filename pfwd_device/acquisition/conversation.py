@@ -27,7 +27,7 @@ from pfwd_device.wire.messages import (
 ANSWER_TIME = 4.0
 """s; an instrument that resets when its port is opened needs half of it."""
 _GREET_EVERY = 0.3
-_ASK_EVERY = 1.0
+_REQUEST_EVERY = 1.0
 _LOOK_TIME = 0.75
 """s; the instrument says at least every half second whether it samples."""
 _BLOCK_TIME = 0.3
@@ -49,7 +49,7 @@ class Stage(Enum):
     """No samples are wanted."""
 
 
-class Advice(Enum):
+class SampleAction(Enum):
     """What the driver has to do about the samples."""
 
     NOTHING = auto()
@@ -114,7 +114,7 @@ class Conversation:
         self._quiet_until = 0.0
         self._next: float | None = None
         self._deadline = 0.0
-        self._complaint: str | None = None
+        self._last_refusal: str | None = None
         self._stream: int | None = None
         self._last_block: float | None = None
         self._sampling: bool | None = None
@@ -137,8 +137,8 @@ class Conversation:
         self.outbox.clear()
         self._enter(Stage.CLOSED, 0.0)
 
-    def ask(self, message: HostMessage, now: float) -> Advice:
-        """Take in a wish of the user.
+    def request(self, message: HostMessage, now: float) -> SampleAction:
+        """Take in a command of the user.
 
         Parameters
         ----------
@@ -160,25 +160,25 @@ class Conversation:
                 self._rate, self._settled_rate = rate, None
                 if talking and self._answers:
                     self._configure(now)
-                    return Advice.SUSPEND
+                    return SampleAction.SUSPEND
             case _:
                 if self.stage is not Stage.CLOSED:
                     self.outbox.append(message)
-        return Advice.NOTHING
+        return SampleAction.NOTHING
 
-    def tick(self, now: float, *, heard_all: bool = True) -> None:
+    def tick(self, now: float, *, received_all: bool = True) -> None:
         """Say what is due, repeat what was not answered, or give up.
 
         Parameters
         ----------
         now : float, s
-        heard_all : bool
-            Nothing waits to be heard: what was not answered by now is late.
+        received_all : bool
+            Nothing waits to be received: what was not answered by now is late.
         """
         if self._next is None or self.due is None or now < self.due:
             return
         if now >= self._deadline:
-            if heard_all:
+            if received_all:
                 self._give_up(now)
         elif self.stage is Stage.GREETING:
             self.outbox.append(Hello())
@@ -186,76 +186,76 @@ class Conversation:
             self._next = now + _GREET_EVERY
         elif self.stage is Stage.CONFIGURING:
             self._say_rate()
-            self._next = now + _ASK_EVERY
+            self._next = now + _REQUEST_EVERY
         elif self.stage is Stage.STARTING:
             self.outbox.append(Start())
-            self._next = now + _ASK_EVERY
+            self._next = now + _REQUEST_EVERY
         else:
             self._next = self._deadline
 
-    def hear(self, message: InstrumentMessage, now: float) -> Advice:
+    def receive(self, message: InstrumentMessage, now: float) -> SampleAction:
         """Take in a message, before its samples are handed on."""
         if self.stage is Stage.CLOSED:
-            return Advice.NOTHING
+            return SampleAction.NOTHING
         match message:
             case SampleBlock():
-                return self._hear_block(message, now)
+                return self._receive_block(message, now)
             case Identity():
-                return self._hear_identity(message, now)
+                return self._receive_identity(message, now)
             case Status():
-                return self._hear_status(message, now)
+                return self._receive_status(message, now)
             case Event(kind=EventKind.BOOT):
                 self._forget_samples()
                 self._sampling = False
                 self._greet(now)
-                return Advice.SUSPEND
+                return SampleAction.SUSPEND
             case Event(kind=EventKind.END):
                 self._ended = True
             case Refusal():
-                self._hear_refusal(message)
+                self._receive_refusal(message)
             case Event():
                 pass
-        return Advice.NOTHING
+        return SampleAction.NOTHING
 
-    def _hear_block(self, block: SampleBlock, now: float) -> Advice:
+    def _receive_block(self, block: SampleBlock, now: float) -> SampleAction:
         known = self._stream
         self._stream, self._last_block, self._sampling = block.stream, now, True
         if self.stage in (Stage.LOOKING, Stage.STARTING):
             self._enter(Stage.RUNNING, now)
         elif self.stage is Stage.RESTING and now >= self._quiet_until:
-            self.outbox.append(Stop())  # the first one was not heard
-            self._quiet_until = now + _ASK_EVERY
+            self.outbox.append(Stop())  # the first one did not arrive
+            self._quiet_until = now + _REQUEST_EVERY
         elif self.stage is Stage.RUNNING and known not in (None, block.stream) and self._answers:
             self._greet(now)  # it was reset: its settings may be others
-            return Advice.SUSPEND
-        return Advice.NOTHING
+            return SampleAction.SUSPEND
+        return SampleAction.NOTHING
 
-    def _hear_identity(self, identity: Identity, now: float) -> Advice:
+    def _receive_identity(self, identity: Identity, now: float) -> SampleAction:
         if self._serial_number not in (None, identity.serial_number):
             reason = (
                 f"another instrument answers: {identity.serial_number}, waiting for "
                 f"{self._serial_number}; connect that one or begin a new survey"
             )
             self.failure = Failure(reason)
-            return Advice.SUSPEND
+            return SampleAction.SUSPEND
         wanted = self._settled_rate or self._rate
         if self.stage is Stage.GREETING:
             self._greetings -= 1
             if self._answers and wanted not in (None, identity.sampling_rate):
                 self._configure(now)
-                return Advice.SUSPEND
-            return self._settle(identity, now, Advice.ACCEPT)
+                return SampleAction.SUSPEND
+            return self._settle(identity, now, SampleAction.ACCEPT)
         if self.stage is Stage.CONFIGURING:
             if identity.sampling_rate != wanted and self._greetings > 0:
                 self._greetings -= 1  # the answer to an earlier greeting
-                return Advice.NOTHING
+                return SampleAction.NOTHING
             self._settled_rate = identity.sampling_rate
             self._forget_samples()
             self._sampling = False
-            return self._settle(identity, now, Advice.ACCEPT_ANEW)
-        return Advice.NOTHING
+            return self._settle(identity, now, SampleAction.ACCEPT_ANEW)
+        return SampleAction.NOTHING
 
-    def _settle(self, identity: Identity, now: float, advice: Advice) -> Advice:
+    def _settle(self, identity: Identity, now: float, action: SampleAction) -> SampleAction:
         again, self._met = self._met, True
         self._serial_number = identity.serial_number
         if not self._wanted:
@@ -266,13 +266,13 @@ class Conversation:
             self._start(now)
         else:
             self._enter(Stage.LOOKING, now, _LOOK_TIME, _LOOK_TIME)
-        return advice
+        return action
 
-    def _hear_status(self, status: Status, now: float) -> Advice:
+    def _receive_status(self, status: Status, now: float) -> SampleAction:
         self._sampling = status.sampling
         if status.sampling:
             if self.stage in (Stage.LOOKING, Stage.STARTING):  # the first block may take long
-                self._next = now + _ASK_EVERY
+                self._next = now + _REQUEST_EVERY
                 self._deadline = now + self._answer_time
         elif self.stage is Stage.LOOKING and not self._ended:
             self._start(now)
@@ -280,17 +280,17 @@ class Conversation:
             self._forget_samples()
             self._sampling = False
             self._greet(now)
-            return Advice.SUSPEND
-        return Advice.NOTHING
+            return SampleAction.SUSPEND
+        return SampleAction.NOTHING
 
     def _has_stopped(self, now: float) -> bool:
         """Whether an instrument that says it does not sample should, and has for a while."""
         quiet = self._last_block is None or now - self._last_block > _BLOCK_TIME
         return quiet and self._answers and not self._ended
 
-    def _hear_refusal(self, refusal: Refusal) -> None:
-        told = f": {refusal.text}" if refusal.text else ""
-        self._complaint = f"it refused (code {refusal.code}{told})"
+    def _receive_refusal(self, refusal: Refusal) -> None:
+        said = f": {refusal.text}" if refusal.text else ""
+        self._last_refusal = f"it refused (code {refusal.code}{said})"
         what = {
             Stage.GREETING: "the greeting; its firmware and this program have no version in common",
             Stage.CONFIGURING: f"a sampling rate of {self._rate} Hz; ask for another one or none",
@@ -300,7 +300,7 @@ class Conversation:
         final = refusal.code in (_PERMANENT[:1] if self.stage is Stage.GREETING else _PERMANENT)
         if what and final:
             number = "" if self._serial_number is None else f" {self._serial_number}"
-            reason = f"the instrument{number} refuses (code {refusal.code}{told}) {what}"
+            reason = f"the instrument{number} refuses (code {refusal.code}{said}) {what}"
             self.failure = Failure(reason, refused=True)
 
     def _give_up(self, now: float) -> None:
@@ -312,7 +312,7 @@ class Conversation:
             Stage.CONFIGURING: "an answer to the sampling rate",
             Stage.STARTING: "samples",
         }[self.stage]
-        came = self._complaint or "nothing of the kind"
+        came = self._last_refusal or "nothing of the kind"
         hint = "is it a PFWD, and switched on?"
         seconds = f"{self._answer_time:g} s"
         self.failure = Failure(f"expected {expected}, came {came} within {seconds}; {hint}")
@@ -321,12 +321,12 @@ class Conversation:
         self._enter(Stage.GREETING, now, 0.0, self._answer_time)
 
     def _configure(self, now: float) -> None:
-        self._enter(Stage.CONFIGURING, now, _ASK_EVERY, self._answer_time)
+        self._enter(Stage.CONFIGURING, now, _REQUEST_EVERY, self._answer_time)
         self._say_rate()
 
     def _say_rate(self) -> None:
         if self._rate is not None:
-            if self._sampling is not False or self._complaint:  # some are busy while they sample
+            if self._sampling is not False or self._last_refusal:  # some are busy while they sample
                 self.outbox.append(Stop())
             self.outbox.append(Configure(self._rate))
 
@@ -339,13 +339,13 @@ class Conversation:
 
     def _rest(self, now: float) -> None:
         self._enter(Stage.RESTING, now)
-        self._quiet_until = now + _ASK_EVERY
+        self._quiet_until = now + _REQUEST_EVERY
 
     def _enter(
         self, stage: Stage, now: float, first: float | None = None, patience: float = 0.0
     ) -> None:
         self.stage = stage
-        self._complaint = None
+        self._last_refusal = None
         self._next = None if first is None else now + first
         self._deadline = now + patience
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
-from pfwd_device.acquisition.conversation import ANSWER_TIME, Advice, Conversation, Stage
+from pfwd_device.acquisition.conversation import ANSWER_TIME, Conversation, SampleAction, Stage
 from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.items import Connected, Disconnected, Item
@@ -16,12 +16,12 @@ from pfwd_device.acquisition.link import (
     SILENCE,
     Capture,
     Chunk,
-    Happening,
     Link,
+    LinkEvent,
     Lost,
     Opened,
     Queue,
-    Wake,
+    WakeUp,
 )
 from pfwd_device.errors import DeviceRefused, PortError
 from pfwd_device.identity import Identity
@@ -98,12 +98,12 @@ class Driver:
     ) -> None:
         url = port if isinstance(port, str) else ""
         self._decoder = Decoder(dialect, url, automatic=False)
-        self._listens = bool(dialect.encode(Hello()))
+        self._takes_commands = bool(dialect.encode(Hello()))
         self._conversation = Conversation(
             sampling_rate,
             expected_serial_number,
             sampling=sampling,
-            answers=self._listens,
+            answers=self._takes_commands,
             answer_time=answer_time,
         )
         self._queue = Queue(queue_bytes, self.counters)
@@ -114,12 +114,12 @@ class Driver:
         self._transport: Transport | None = None
         self._identity: Identity | None = None
         self._items: deque[Item] = deque()
-        self._wishes: deque[HostMessage] = deque()
+        self._commands: deque[HostMessage] = deque()
         self._speaking = threading.Lock()
         self._opened = self._closed = False
         self._lost_since: float | None = None
-        self._trouble: str | None = None
-        self._told: str | None = None
+        self._last_error: str | None = None
+        self._last_reported: str | None = None
 
     @property
     def counters(self) -> Counters:
@@ -148,9 +148,9 @@ class Driver:
         return self._lost_since
 
     @property
-    def trouble(self) -> str | None:
+    def last_error(self) -> str | None:
         """Why the instrument is not connected, the latest reason; None: it is."""
-        return self._trouble
+        return self._last_error
 
     @property
     def capture_error(self) -> Exception | None:
@@ -209,15 +209,15 @@ class Driver:
             self._say(transport, Stop())
         if self._opened:
             self._link.close()
-        self._queue.put(Wake())
+        self._queue.put(WakeUp())
 
     def start(self) -> None:
         """Let the instrument sample."""
-        self._wish(Start())
+        self._queue_command(Start())
 
     def stop(self) -> None:
         """Let the instrument rest; it stays connected."""
-        self._wish(Stop())
+        self._queue_command(Stop())
 
     def shunt(self, on: bool) -> None:
         """Switch the calibration shunt of the load cell; samples tell when it is on.
@@ -229,8 +229,8 @@ class Driver:
         DeviceRefused
             If the instrument only talks.
         """
-        self._require_ears()
-        self._wish(Shunt(on))
+        self._require_commands()
+        self._queue_command(Shunt(on))
 
     def configure(self, sampling_rate: float) -> None:
         """Ask for another sampling rate, Hz; a `Connected` with what was really set follows.
@@ -240,8 +240,8 @@ class Driver:
         DeviceRefused
             If the instrument only talks.
         """
-        self._require_ears()
-        self._wish(Configure(sampling_rate))
+        self._require_commands()
+        self._queue_command(Configure(sampling_rate))
 
     def next(self, timeout: float | None = None) -> Item | None:
         """The next item.
@@ -271,9 +271,9 @@ class Driver:
                 return self._items.popleft()
             now = time.monotonic()
             left = None if deadline is None else deadline - now
-            happening = self._queue.get(self._nap(now, left))
-            if happening is not None:
-                self._handle(happening)
+            link_event = self._queue.get(self._nap(now, left))
+            if link_event is not None:
+                self._handle(link_event)
                 continue
             self._attend()
             if left is not None and left <= 0 and not self._items:
@@ -295,16 +295,16 @@ class Driver:
     ) -> None:
         self.close()
 
-    def _require_ears(self) -> None:
-        if not self._listens:
+    def _require_commands(self) -> None:
+        if not self._takes_commands:
             raise DeviceRefused(
                 f"{self.url or 'the instrument'}: expected one that takes commands, came one that "
                 "only sends lines; set it at the instrument itself"
             )
 
-    def _wish(self, message: HostMessage) -> None:
-        self._wishes.append(message)
-        self._queue.put(Wake())
+    def _queue_command(self, message: HostMessage) -> None:
+        self._commands.append(message)
+        self._queue.put(WakeUp())
 
     def _nap(self, now: float, left: float | None) -> float:
         """How long nothing needs to be done, s."""
@@ -319,22 +319,22 @@ class Driver:
         self._items += self._decoder.idle(now)
         self._conclude()
 
-    def _handle(self, happening: Happening) -> None:
-        match happening:
+    def _handle(self, link_event: LinkEvent) -> None:
+        match link_event:
             case Chunk():
-                self._take(happening)
+                self._take(link_event)
             case Opened(transport):
                 self._transport = transport
                 self._decoder.url = transport.url
                 self._conversation.opened(time.monotonic())
             case Lost():
-                self._lose(happening)
-            case Wake():
-                while self._wishes:
-                    advice = self._conversation.ask(self._wishes.popleft(), time.monotonic())
-                    if advice is Advice.SUSPEND:
+                self._lose(link_event)
+            case WakeUp():
+                while self._commands:
+                    action = self._conversation.request(self._commands.popleft(), time.monotonic())
+                    if action is SampleAction.SUSPEND:
                         self._decoder.suspend()
-        self._conversation.tick(time.monotonic(), heard_all=False)
+        self._conversation.tick(time.monotonic(), received_all=False)
         self._conclude()
 
     def _take(self, chunk: Chunk) -> None:
@@ -343,12 +343,12 @@ class Driver:
         self._items += self._decoder.idle(chunk.received)
 
     def _take_message(self, message: InstrumentMessage, chunk: Chunk) -> None:
-        advice = self._conversation.hear(message, time.monotonic())
-        if advice is Advice.SUSPEND:
+        action = self._conversation.receive(message, time.monotonic())
+        if action is SampleAction.SUSPEND:
             self._decoder.suspend()
         self._items += self._decoder.take(message, chunk.received, chunk.time_utc)
-        if advice in (Advice.ACCEPT, Advice.ACCEPT_ANEW):
-            if advice is Advice.ACCEPT_ANEW:
+        if action in (SampleAction.ACCEPT, SampleAction.ACCEPT_ANEW):
+            if action is SampleAction.ACCEPT_ANEW:
                 self._decoder.drop_early()
             self._accept(self._decoder.accept(chunk.time_utc))
 
@@ -356,7 +356,7 @@ class Driver:
         if self._lost_since is not None:
             again = any(isinstance(item, Connected) and item.again for item in items)
             self.counters.reconnects += again
-        self._lost_since = self._trouble = self._told = None
+        self._lost_since = self._last_error = self._last_reported = None
         self._identity = self._decoder.accepted
         self._link.settled()
         self._items += items
@@ -384,15 +384,15 @@ class Driver:
                 self._link.send(transport, data)
 
     def _lose(self, lost: Lost) -> None:
-        self._trouble = lost.reason
+        self._last_error = lost.reason
         if lost.was_open:
             self._transport = None
             self._conversation.closed()
             self._items += self._decoder.cut()
-        tell = lost.was_open or self._told is None
+        tell = lost.was_open or self._last_reported is None
         if self._lost_since is None:
             self._lost_since = time.monotonic()
-        elif not tell or lost.reason == self._told:
+        elif not tell or lost.reason == self._last_reported:
             return  # nothing new
-        self._told = lost.reason
+        self._last_reported = lost.reason
         self._items.append(Disconnected(lost.reason, lost.time_utc))

@@ -60,11 +60,11 @@ class Lost:
     was_open: bool
 
 
-class Wake:
+class WakeUp:
     """There is something else to do."""
 
 
-Happening = Chunk | Opened | Lost | Wake
+LinkEvent = Chunk | Opened | Lost | WakeUp
 
 
 class Queue:
@@ -81,39 +81,39 @@ class Queue:
     def __init__(self, limit: int, counters: Counters) -> None:
         self._limit = limit
         self._counters = counters
-        self._held: deque[Happening] = deque()
+        self._held: deque[LinkEvent] = deque()
         self._bytes = 0
         self._overflowing = False
         self._changed = threading.Condition()
 
-    def put(self, happening: Happening) -> None:
+    def put(self, link_event: LinkEvent) -> None:
         """Append; waits for the consumer only while the queue is full, and not for long."""
         with self._changed:
-            if isinstance(happening, Chunk):
-                cost = len(happening.data) + _CHUNK_OVERHEAD
+            if isinstance(link_event, Chunk):
+                cost = len(link_event.data) + _CHUNK_OVERHEAD
                 room = self._limit - cost
                 # Once in vain is enough: whoever does not look now will not look soon.
                 patience = 0.0 if self._overflowing else PATIENCE_WHEN_FULL
                 fits = self._changed.wait_for(lambda: self._bytes <= room, patience)
                 self._overflowing = not fits
                 if not fits:
-                    self._counters.queue_overflow_bytes += len(happening.data)
+                    self._counters.queue_overflow_bytes += len(link_event.data)
                     return
                 self._bytes += cost
-            self._held.append(happening)
+            self._held.append(link_event)
             self._changed.notify_all()
 
-    def get(self, timeout: float | None) -> Happening | None:
+    def get(self, timeout: float | None) -> LinkEvent | None:
         """The oldest, waiting up to `timeout` s; None: nothing happened."""
         with self._changed:
             self._changed.wait_for(lambda: self._held, timeout)
             if not self._held:
                 return None
-            happening = self._held.popleft()
-            if isinstance(happening, Chunk):
-                self._bytes -= len(happening.data) + _CHUNK_OVERHEAD
+            link_event = self._held.popleft()
+            if isinstance(link_event, Chunk):
+                self._bytes -= len(link_event.data) + _CHUNK_OVERHEAD
                 self._changed.notify_all()
-            return happening
+            return link_event
 
 
 class Link:
@@ -128,7 +128,7 @@ class Link:
     counters : Counters
     capture : Capture or None
     silence : float, s
-        A port that was heard and says nothing for so long is lost.
+        A port that said something and says nothing for so long is lost.
     """
 
     def __init__(
@@ -243,23 +243,23 @@ class Link:
 
     def _read(self, transport: Transport) -> str:
         """Read until the port is lost; why it is."""
-        heard, empty = None, 0
+        received, empty = None, 0
         while True:
             try:
                 data = transport.read(_READ_TIME)
             except DeviceLost as err:
                 return str(err)
             except Exception as err:  # a thread that ends unseen would leave the driver waiting
-                return f"{transport.url}: an error nobody foresaw: {type(err).__name__}: {err}"
+                return f"{transport.url}: an unexpected error: {type(err).__name__}: {err}"
             now = time.monotonic()
             if data:
-                heard, empty = now, 0
+                received, empty = now, 0
                 self._queue.put(Chunk(data, now, _now()))
                 self.keep("from", data)
                 continue
             empty += 1
             # Several reads in vain: this computer may have slept itself.
-            if heard is not None and empty > 2 and now - heard > self._silence:
+            if received is not None and empty > 2 and now - received > self._silence:
                 return (
                     f"{transport.url}: silent: expected to hear from the instrument at least "
                     f"every {self._silence:g} s, came nothing; is it switched on and within reach?"

@@ -15,7 +15,7 @@ from pfwd_device.wire.messages import Hello
 
 PROBE_TIMEOUT = 1.5
 """s; the instrument answers at once, one that resets when its port is opened a second later."""
-_ASK_EVERY = 0.4
+_REQUEST_EVERY = 0.4
 _OPENING_TIME = 3.5
 """s; some ports (Bluetooth) take for ever to open and are given up."""
 _LONGEST_LOOK = 65536
@@ -65,24 +65,24 @@ def probe(
     except DeviceError as err:
         return Probe(url, None, None, str(err))
     try:
-        return _ask(transport, url, dialects, timeout)
+        return _request(transport, url, dialects, timeout)
     except DeviceError as err:
         return Probe(url, None, None, str(err))
     finally:
         transport.close()
 
 
-def _ask(transport: Transport, url: str, dialects: Sequence[Dialect], timeout: float) -> Probe:
+def _request(transport: Transport, url: str, dialects: Sequence[Dialect], timeout: float) -> Probe:
     seen = b""
     now = time.monotonic()
-    end, ask = now + timeout, now
+    end, next_request = now + timeout, now
     while now < end:
-        if now >= ask:
-            ask = now + _ASK_EVERY
+        if now >= next_request:
+            next_request = now + _REQUEST_EVERY
             for dialect in dialects:
                 if question := dialect.encode(Hello()):
                     transport.write(question)
-        data = transport.read(min(end, ask) - now)
+        data = transport.read(min(end, next_request) - now)
         seen = (seen + data)[-_LONGEST_LOOK:]
         for dialect in dialects:
             for message in dialect.feed(data):
@@ -104,7 +104,7 @@ def _is_lines(data: bytes) -> bool:
     return len(lines) == _ENOUGH_LINES and all(_LINE.fullmatch(line) for line in lines)
 
 
-class _Asking(threading.Thread):
+class _ProbeThread(threading.Thread):
     """Probes one port; left alone when the port never opens."""
 
     def __init__(self, url: str, dialects: Sequence[Dialect], timeout: float, rate: int) -> None:
@@ -133,10 +133,10 @@ def probe_all(
         For one port.
     baud_rate : int
     """
-    asking = [_Asking(url, [make() for make in dialects], timeout, baud_rate) for url in urls]
-    for thread in asking:
+    threads = [_ProbeThread(url, [make() for make in dialects], timeout, baud_rate) for url in urls]
+    for thread in threads:
         thread.start()
     deadline = time.monotonic() + timeout + _OPENING_TIME
-    for thread in asking:
+    for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    return [thread.answer for thread in asking]
+    return [thread.answer for thread in threads]

@@ -104,7 +104,7 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
         results, failures = [], [*failures, Failure("refused", str(error))]
     except Exception as error:
         # One source in a million must not end the others; its reason is kept with the rest.
-        reason = f"{source.path}: an error nobody foresaw: {type(error).__name__}: {error}"
+        reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
         results, failures = [], [*failures, Failure("unforeseen", reason)]
     return SourceOutcome(source, results, failures, time.process_time() - begun)
 

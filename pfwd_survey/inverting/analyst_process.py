@@ -90,7 +90,7 @@ def outcome_of(task: Task, library: "SurrogateLibrary") -> Outcome:
         found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
         result = result_record(task.file, found, setup_warnings(task.setup))
         return Outcome(result, _curves_of(found))
-    except Exception as err:  # the user has to hear of whatever nobody foresaw
+    except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"
         return Outcome(fault=fault, details=traceback.format_exc())
 

@@ -159,7 +159,7 @@ class Instrument:
 
     def receive(self, data: bytes) -> None:
         """The host said this."""
-        for message in self._language.hear(data):
+        for message in self._language.receive(data):
             self._answer(message)
 
     def _answer(self, message: HostMessage | None) -> None:

@@ -19,7 +19,7 @@ class Language(Protocol):
     starts_by_itself: bool
     """Whether it streams as soon as somebody listens."""
 
-    def hear(self, data: bytes) -> list[HostMessage | None]:
+    def receive(self, data: bytes) -> list[HostMessage | None]:
         """What the host said; None: something that means nothing to this instrument."""
         ...
 
@@ -37,11 +37,11 @@ class BinaryLanguage:
         self._end = BinaryInstrumentEnd()
         self._sent = 0
 
-    def hear(self, data: bytes) -> list[HostMessage | None]:
+    def receive(self, data: bytes) -> list[HostMessage | None]:
         """See `Language`."""
         unknown = self._end.counters.frames_unknown
-        heard: list[HostMessage | None] = list(self._end.feed(data))
-        return heard + [None] * (self._end.counters.frames_unknown - unknown)
+        received: list[HostMessage | None] = list(self._end.feed(data))
+        return received + [None] * (self._end.counters.frames_unknown - unknown)
 
     def frame(self, message: InstrumentMessage) -> bytes:
         """See `Language`."""
@@ -58,7 +58,7 @@ class AsciiLanguage:
     def __init__(self, sampling_rate: float) -> None:
         self._rate = sampling_rate
 
-    def hear(self, data: bytes) -> list[HostMessage | None]:
+    def receive(self, data: bytes) -> list[HostMessage | None]:
         """Nothing, whatever is said."""
         return []
 

@@ -210,9 +210,9 @@ def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("error", "message"),
     [
-        (ZeroDivisionError("division\nby zero"), "an error nobody foresaw, please report it: Zero"),
+        (ZeroDivisionError("division\nby zero"), "an unexpected error, please report it: Zero"),
         (OSError(28, "No space left on device", "out.png"), "out.png: No space left on device"),
-        (MemoryError(), "an error nobody foresaw, please report it: MemoryError"),
+        (MemoryError(), "an unexpected error, please report it: MemoryError"),
     ],
 )
 def test_an_unforeseen_error_is_one_line_and_no_traceback(

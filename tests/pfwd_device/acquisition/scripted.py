@@ -61,7 +61,7 @@ class Instrument:
 
     def __init__(self, serial_number: str = "SN-1", rate: float = 2000.0) -> None:
         self.identity = identity(serial_number, rate)
-        self.heard: list[HostMessage] = []
+        self.received: list[HostMessage] = []
         self.sampling = False
         self.stream = 100
         self.silent = False
@@ -86,10 +86,10 @@ class Instrument:
             self._out += encode_message(message, self._sent)
             self._sent += 1
 
-    def hear(self, data: bytes) -> None:
+    def receive(self, data: bytes) -> None:
         with self._lock:
             for message in self._end.feed(data):
-                self.heard.append(message)
+                self.received.append(message)
                 codes = self.refusals.get(type(message))
                 if codes:
                     self.say(Refusal(codes.pop(0) if len(codes) > 1 else codes[0], "no"))
@@ -172,7 +172,7 @@ class DirectTransport:
     def write(self, data: bytes) -> None:
         if self.closed or self.unplugged.is_set():
             raise DeviceLost(f"{self.url}: unplugged")
-        self.instrument.hear(data)
+        self.instrument.receive(data)
 
     def close(self) -> None:
         self.closed = True
@@ -222,7 +222,7 @@ class PtyHost:
         while not self._stop.is_set():
             ready, _, _ = select.select([self._master], [], [], 0.005)
             if ready:
-                self._instrument.hear(os.read(self._master, 4096))
+                self._instrument.receive(os.read(self._master, 4096))
             out += self._instrument.poll()
             with suppress(BlockingIOError):
                 out = out[os.write(self._master, out) :]
@@ -256,7 +256,7 @@ def tcp_host(instrument: Instrument, port: int = 0) -> Iterator[str]:
                             data = connection.recv(4096)
                             if not data:
                                 break
-                            instrument.hear(data)
+                            instrument.receive(data)
                         connection.sendall(instrument.poll())
 
     thread = threading.Thread(target=run, daemon=True)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pfwd_device.acquisition.conversation import Advice, Conversation, Stage
+from pfwd_device.acquisition.conversation import Conversation, SampleAction, Stage
 from pfwd_device.wire.messages import (
     Configure,
     Event,
@@ -19,7 +19,7 @@ from pfwd_device.wire.messages import (
 )
 from tests.pfwd_device.acquisition.scripted import block, identity
 
-ACCEPT = [Advice.ACCEPT]
+ACCEPT = [SampleAction.ACCEPT]
 
 
 class Talk:
@@ -44,9 +44,9 @@ class Talk:
                 return told
             self.now = max(due, self.now)
 
-    def hear(self, *messages: InstrumentMessage) -> list[Advice]:
-        heard = [self.conversation.hear(message, self.now) for message in messages]
-        return [advice for advice in heard if advice is not Advice.NOTHING]
+    def receive(self, *messages: InstrumentMessage) -> list[SampleAction]:
+        heard = [self.conversation.receive(message, self.now) for message in messages]
+        return [action for action in heard if action is not SampleAction.NOTHING]
 
 
 def status(*, sampling: bool) -> Status:
@@ -56,9 +56,9 @@ def status(*, sampling: bool) -> Status:
 def running(conversation: Conversation | None = None) -> Talk:
     talk = Talk(conversation)
     talk.said()
-    talk.hear(identity())
+    talk.receive(identity())
     talk.said()
-    talk.hear(block(0))
+    talk.receive(block(0))
     assert talk.conversation.stage is Stage.RUNNING
     return talk
 
@@ -66,45 +66,45 @@ def running(conversation: Conversation | None = None) -> Talk:
 def test_greet_and_start() -> None:
     talk = Talk()
     assert talk.said(0.7) == [Hello()] * 3
-    assert talk.hear(identity()) == ACCEPT
+    assert talk.receive(identity()) == ACCEPT
     assert talk.said() == [Start()]
-    assert talk.hear(status(sampling=False), block(0)) == []
+    assert talk.receive(status(sampling=False), block(0)) == []
     assert talk.said(100.0) == []
 
 
 def test_one_that_samples_already_is_not_started_again() -> None:
     talk = Talk()
     talk.said()
-    assert talk.hear(block(500), identity()) == ACCEPT
+    assert talk.receive(block(500), identity()) == ACCEPT
     assert talk.said(100.0) == []
 
 
 def test_the_rate_is_set_once() -> None:
     talk = Talk(Conversation(4000.0))
     talk.said()
-    assert talk.hear(block(500), identity(rate=2000.0)) == [Advice.SUSPEND]
+    assert talk.receive(block(500), identity(rate=2000.0)) == [SampleAction.SUSPEND]
     assert talk.said() == [Stop(), Configure(4000.0)]
-    assert talk.hear(identity(rate=3999.0)) == [Advice.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=3999.0)) == [SampleAction.ACCEPT_ANEW]
     assert talk.said() == [Start()]
-    talk.hear(block(0))
+    talk.receive(block(0))
     # The instrument took the nearest; after a loss that is the rate it should have.
     talk.conversation.closed()
     talk.conversation.opened(talk.now)
     talk.said()
-    assert talk.hear(identity(rate=3999.0)) == ACCEPT
+    assert talk.receive(identity(rate=3999.0)) == ACCEPT
 
 
 def test_a_late_answer_to_the_greeting_is_not_the_one_to_the_rate() -> None:
     talk = Talk(Conversation(4000.0))
     assert talk.said(0.5) == [Hello()] * 2
-    assert talk.hear(identity(rate=2000.0), identity(rate=2000.0)) == [Advice.SUSPEND]
-    assert talk.hear(identity(rate=4000.0)) == [Advice.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=2000.0), identity(rate=2000.0)) == [SampleAction.SUSPEND]
+    assert talk.receive(identity(rate=4000.0)) == [SampleAction.ACCEPT_ANEW]
 
 
 def test_the_right_rate_is_left_alone() -> None:
     talk = Talk(Conversation(2000.0))
     talk.said()
-    assert talk.hear(identity(rate=2000.0)) == ACCEPT
+    assert talk.receive(identity(rate=2000.0)) == ACCEPT
     assert talk.said() == [Start()]
 
 
@@ -124,54 +124,54 @@ def test_after_a_loss_it_is_looked_whether_it_samples_still(
     talk.conversation.closed()
     talk.conversation.opened(talk.now)
     assert talk.said() == [Hello()]
-    assert talk.hear(identity()) == ACCEPT
+    assert talk.receive(identity()) == ACCEPT
     assert talk.said() == []
-    talk.hear(*heard)
+    talk.receive(*heard)
     assert talk.said(0.9) == told
 
 
 def test_a_reset_is_answered_from_the_beginning() -> None:
     talk = running()
-    assert talk.hear(Event(EventKind.BOOT, 0)) == [Advice.SUSPEND]
+    assert talk.receive(Event(EventKind.BOOT, 0)) == [SampleAction.SUSPEND]
     assert talk.said() == [Hello()]
-    assert talk.hear(identity()) == ACCEPT
+    assert talk.receive(identity()) == ACCEPT
     assert talk.said() == [Start()]
 
 
 def test_an_unexpected_stream_is_asked_about() -> None:
     talk = running()
-    assert talk.hear(block(0, stream=8)) == [Advice.SUSPEND]
+    assert talk.receive(block(0, stream=8)) == [SampleAction.SUSPEND]
     assert talk.said() == [Hello()]
-    assert talk.hear(block(20, stream=8), identity()) == ACCEPT
+    assert talk.receive(block(20, stream=8), identity()) == ACCEPT
     assert talk.said(100.0) == []
 
 
 def test_one_that_stopped_is_started() -> None:
     talk = running()
     talk.now += 0.1
-    assert talk.hear(status(sampling=False)) == []  # older than the last block
+    assert talk.receive(status(sampling=False)) == []  # older than the last block
     talk.now += 1.0
-    assert talk.hear(status(sampling=False)) == [Advice.SUSPEND]
+    assert talk.receive(status(sampling=False)) == [SampleAction.SUSPEND]
     assert talk.said() == [Hello()]
-    talk.hear(identity())
+    talk.receive(identity())
     assert talk.said() == [Start()]
 
 
 def test_one_that_has_nothing_more_is_left_alone() -> None:
     talk = running()
-    talk.hear(Event(EventKind.END, 0))
+    talk.receive(Event(EventKind.END, 0))
     talk.now += 1.0
-    assert talk.hear(status(sampling=False)) == []
+    assert talk.receive(status(sampling=False)) == []
     assert talk.said(100.0) == []
 
 
 def test_start_is_repeated_but_not_while_the_first_block_fills() -> None:
     talk = Talk()
     talk.said()
-    talk.hear(identity())
+    talk.receive(identity())
     assert talk.said(1.5) == [Start()] * 2
     for _ in range(20):
-        talk.hear(status(sampling=True))
+        talk.receive(status(sampling=True))
         assert talk.said(0.5) == []
     assert talk.conversation.failure is None
 
@@ -189,7 +189,7 @@ def test_silence_fails() -> None:
 def test_another_instrument_fails() -> None:
     talk = Talk(Conversation(serial_number="SN-1"))
     talk.said()
-    assert talk.hear(identity("SN-2")) == [Advice.SUSPEND]
+    assert talk.receive(identity("SN-2")) == [SampleAction.SUSPEND]
     assert talk.conversation.failure is not None
     reason = talk.conversation.failure.reason
     assert "another instrument answers: SN-2, waiting for SN-1" in reason
@@ -213,12 +213,12 @@ def test_refusals(stage: Stage, code: RefusalCode, final: bool) -> None:
     talk = Talk(Conversation(rate, answer_time=3.0))
     talk.said()
     if stage is not Stage.GREETING:
-        talk.hear(identity())
+        talk.receive(identity())
         talk.said()
     if stage is Stage.RUNNING:
-        talk.hear(block(0))
+        talk.receive(block(0))
     assert talk.conversation.stage is stage
-    talk.hear(Refusal(code, "because"))
+    talk.receive(Refusal(code, "because"))
     failure = talk.conversation.failure
     assert (failure is not None and failure.refused) is final
     if final:
@@ -233,34 +233,34 @@ def test_refusals(stage: Stage, code: RefusalCode, final: bool) -> None:
 
 def test_wishes() -> None:
     talk = running()
-    ask = talk.conversation.ask
-    assert ask(Shunt(True), talk.now) is Advice.NOTHING
+    ask = talk.conversation.request
+    assert ask(Shunt(True), talk.now) is SampleAction.NOTHING
     ask(Stop(), talk.now)
     assert talk.said() == [Shunt(True), Stop()]
-    talk.hear(block(20))
+    talk.receive(block(20))
     assert talk.said() == []  # still on its way
     talk.now += 1.5
-    talk.hear(block(40))
+    talk.receive(block(40))
     assert talk.said() == [Stop()]
     ask(Start(), talk.now)
     assert talk.said() == [Start()]
-    talk.hear(block(0, stream=8))
-    assert ask(Configure(1000.0), talk.now) is Advice.SUSPEND
+    talk.receive(block(0, stream=8))
+    assert ask(Configure(1000.0), talk.now) is SampleAction.SUSPEND
     assert talk.said() == [Stop(), Configure(1000.0)]
-    assert talk.hear(identity(rate=1000.0)) == [Advice.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=1000.0)) == [SampleAction.ACCEPT_ANEW]
     assert talk.said() == [Start()]
 
 
 def test_no_samples_are_asked_for_when_none_are_wanted() -> None:
     talk = Talk(Conversation(sampling=False))
     talk.said()
-    assert talk.hear(identity()) == ACCEPT
+    assert talk.receive(identity()) == ACCEPT
     assert talk.said(100.0) == []
 
 
 def test_one_that_only_talks_is_believed() -> None:
     talk = Talk(Conversation(4000.0, answers=False))
     talk.said()
-    assert talk.hear(identity(), block(0)) == ACCEPT
-    assert talk.hear(block(0, stream=8), status(sampling=False)) == []
+    assert talk.receive(identity(), block(0)) == ACCEPT
+    assert talk.receive(block(0, stream=8), status(sampling=False)) == []
     assert talk.conversation.stage is Stage.RUNNING

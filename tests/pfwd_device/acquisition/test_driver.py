@@ -73,13 +73,13 @@ def test_connect_and_stream(make: MakeDriver) -> None:
     assert kinds[:3] == [Connected, StreamBegan, Samples]
     assert_each_sample_once(items)
     assert driver.connected
-    assert driver.lost_since is driver.trouble is None
+    assert driver.lost_since is driver.last_error is None
     assert driver.identity == instrument.identity
-    assert instrument.heard == [Hello(), Start()]
+    assert instrument.received == [Hello(), Start()]
     began = time.monotonic()
     driver.close()
     assert time.monotonic() - began < 5
-    assert instrument.heard[-1] == Stop()
+    assert instrument.received[-1] == Stop()
     assert driver.next(1) is None
     assert list(driver) == []
 
@@ -105,7 +105,7 @@ def test_the_rate_that_was_asked_for(make: MakeDriver) -> None:
     assert connected.identity.sampling_rate == 2500.0
     assert_each_sample_once(items)
     assert of(items, Samples)[0].first == 0
-    asked = [each for each in instrument.heard if each != Hello()]
+    asked = [each for each in instrument.received if each != Hello()]
     assert asked == [Stop(), Configure(2500.0), Start()]
 
 
@@ -117,7 +117,7 @@ def test_one_that_streams_already_is_joined(make: MakeDriver) -> None:
     assert_each_sample_once(items)
     # When its answer overtook its samples, it was started anew, which costs nothing either.
     assert of(items, StreamBegan)[-1] == StreamBegan(instrument.stream)
-    assert instrument.heard.count(Start()) == instrument.stream - 101
+    assert instrument.received.count(Start()) == instrument.stream - 101
 
 
 def test_unplug_and_replug(make: MakeDriver) -> None:
@@ -132,7 +132,7 @@ def test_unplug_and_replug(make: MakeDriver) -> None:
     assert time.monotonic() - unplugged < 1.0
     assert driver.lost_since is not None
     assert driver.lost_since >= unplugged
-    assert driver.trouble is not None
+    assert driver.last_error is not None
     time.sleep(0.2)
     port.instrument = instrument
     items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
@@ -142,7 +142,7 @@ def test_unplug_and_replug(make: MakeDriver) -> None:
     assert of(items, Gap)[0].length >= 0.1 * 2000
     assert driver.counters.reconnects == 1
     assert driver.counters.samples_lost == sum(gap.length for gap in of(items, Gap))
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
 
 
 def test_silence_is_a_loss(make: MakeDriver) -> None:
@@ -182,7 +182,7 @@ def test_a_new_stream_is_no_mystery(make: MakeDriver) -> None:
     instrument.begin()
     items += collect(driver, lambda seen: bool(of(seen, StreamBegan)) and is_samples(seen[-1]))
     assert_each_sample_once(items)
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
     assert of(items, Samples)[-1].stream == instrument.stream
 
 
@@ -237,7 +237,7 @@ def test_refusals_are_asked_about_at_a_measured_pace(make: MakeDriver) -> None:
     end = time.monotonic() + 1.5
     while time.monotonic() < end:
         driver.next(0.1)
-    assert 1 <= instrument.heard.count(Start()) <= 3
+    assert 1 <= instrument.received.count(Start()) <= 3
 
 
 def test_commands(make: MakeDriver) -> None:
@@ -248,7 +248,7 @@ def test_commands(make: MakeDriver) -> None:
     collect(driver, lambda seen: is_samples(seen[-1]) and of(seen, Samples)[-1].shunt)
     driver.stop()
     collect(driver, lambda seen: isinstance(seen[-1], Status) and not seen[-1].sampling)
-    assert instrument.heard[-2:] == [Shunt(True), Stop()]
+    assert instrument.received[-2:] == [Shunt(True), Stop()]
     driver.start()
     collect(driver, lambda seen: bool(of(seen, Samples)))
     driver.configure(1000.0)
@@ -262,7 +262,7 @@ def test_one_without_samples(make: MakeDriver) -> None:
     instrument = Instrument()
     items = collect(make(Socket(instrument), sampling=False), lambda seen: len(seen) > 3)
     assert {type(item) for item in items} == {Connected, Status}
-    assert instrument.heard == [Hello()]
+    assert instrument.received == [Hello()]
 
 
 def test_the_end_is_no_reason_to_start_again(make: MakeDriver) -> None:
@@ -273,7 +273,7 @@ def test_the_end_is_no_reason_to_start_again(make: MakeDriver) -> None:
     instrument.say(Event(EventKind.END, 0))
     items = collect(driver, lambda seen: len(of(seen, Status)) > 4)
     assert of(items, Event)
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
 
 
 def test_a_missing_port_is_an_error_unless_waited_for(make: MakeDriver) -> None:

@@ -75,7 +75,7 @@ def test_one_that_only_talks() -> None:
         items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
     assert_each_sample_once(items)
     assert len(of(items, Connected)) == 2
-    assert instrument.heard == []
+    assert instrument.received == []
     assert no_reader_left()
 
 
@@ -92,4 +92,4 @@ def test_a_reader_that_breaks_is_told() -> None:
 
     with Driver(Broken, BinaryDialect()) as driver:
         items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
-    assert "nobody foresaw" in items[-1].reason  # type: ignore[union-attr]
+    assert "unexpected error" in items[-1].reason  # type: ignore[union-attr]

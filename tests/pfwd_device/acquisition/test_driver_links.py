@@ -60,7 +60,7 @@ def test_unplug_and_another_pseudo_terminal_behind_the_same_link(tmp_path: Path)
     host.unplug()
     assert_each_sample_once(items)
     assert sum(isinstance(item, StreamBegan) for item in items) == 1
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
     assert driver.counters.samples_lost > 0
 
 
@@ -85,7 +85,7 @@ def test_twenty_unplugs(tmp_path: Path) -> None:
     assert_each_sample_once(items)
     assert sum(isinstance(item, Gap) for item in items) >= 9
     assert driver.counters.reconnects >= 10
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
 
 
 @pytest.mark.posix
@@ -119,7 +119,7 @@ def test_the_adapter_comes_back_under_another_name(
     other.unplug()
     assert_each_sample_once(items)
     assert [item.url for item in items if isinstance(item, Connected)] == [str(first), str(second)]
-    assert stranger.heard == []
+    assert stranger.received == []
 
 
 def assert_stopped(instrument: Instrument) -> None:
@@ -178,7 +178,7 @@ def test_a_consumer_that_is_always_late_is_answered_to() -> None:
                 items += filter(None, [driver.next(0.5)])
                 time.sleep(0.02)
     assert not any(isinstance(item, Disconnected) for item in items)
-    assert instrument.heard.count(Start()) == 1
+    assert instrument.received.count(Start()) == 1
 
 
 def test_a_network_that_comes_back() -> None:

@@ -79,7 +79,7 @@ def test_an_error_nobody_foresaw_is_one_sentence_and_the_rest_in_the_log(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     (only,) = events_of(Failing(ZeroDivisionError("division by zero")), 1)
-    assert "nobody foresaw: ZeroDivisionError" in only.error
+    assert "unexpected error: ZeroDivisionError" in only.error
     assert "\n" not in only.error
     assert "Traceback" in caplog.text
 

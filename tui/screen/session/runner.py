@@ -123,7 +123,7 @@ class SessionRunner:
             return SessionEnded(None, text)
         except Exception as err:
             log.exception("the session failed")
-            text = f"an error nobody foresaw: {type(err).__name__}: {err} (more in the log)"
+            text = f"an unexpected error: {type(err).__name__}: {err} (more in the log)"
             return SessionEnded(None, text)
         finally:
             self._session = None
