@@ -155,7 +155,7 @@ def _campaign(
 
 def by_library(files: Sequence[Path], jobs: int) -> dict[str, Record]:
     """Records by file name; a file that was refused has none."""
-    from pfwd_survey.inverting.diagnosis import diagnose_files
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     done = diagnose_files([str(file) for file in files], jobs=jobs)
     return {Path(one.file).name: dict(one.record) for one in done if one.record is not None}

@@ -27,9 +27,9 @@ from inversion.measured.record import Record
 from inversion.threads import single_threaded_blas
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.inverting.analysis import record_of
-from pfwd_survey.inverting.missing import whole_part
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import screen_point
+from pfwd_survey.inverting.screening.drops import screen_point
+from pfwd_survey.inverting.screening.missing import whole_part
 
 SOIL = (
     ("half-space (the paper's ground)", ()),

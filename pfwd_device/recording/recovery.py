@@ -16,6 +16,7 @@ from pfwd_device.recording.drop_payload import (
     rebound_from_payload,
     rebound_payload,
 )
+from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import keep_copy, now
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import Index, about_of, build_index, damage_key
@@ -23,7 +24,6 @@ from pfwd_device.recording.journal import open_segment, read_record
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
 from pfwd_device.recording.lock import SurveyLock
-from pfwd_device.recording.mending import FileMender
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import ChildPublisher, Publisher
 from pfwd_device.recording.record import Rebound
@@ -196,7 +196,7 @@ def _begin(
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
     _sync_journal(layout, storage, index)
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
-    _mend_ledger(layout, storage, index, entries)
+    _repair_ledger(layout, storage, index, entries)
     log = RecordLog(
         layout,
         index.survey,
@@ -231,8 +231,8 @@ def repair(
     recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
     actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
     _wait_for_publisher(layout)
-    mender = FileMender(log, index, helper, thorough=thorough)
-    mender.take_drafts_away()
+    files = FileRepair(log, index, helper, thorough=thorough)
+    files.take_drafts_away()
     for number in _restorable(layout, index):
         if _restore(log, index, helper, number):
             recovered.add(number)
@@ -240,18 +240,18 @@ def repair(
     _restore_points(log, index)
     rebounds = _restore_rebounds(log, index, helper)
     actions += [f"rebound of drop {number} restored from its file" for number in rebounds.values()]
-    made = mender.mend_drop_files(publish=publish)
+    made = files.repair_drop_files(publish=publish)
     recovered |= set(made)
     actions += [f"drop {number} published" for number in made]
-    mender.mend_other_files()
+    files.repair_other_files()
     _settle(log, index, files_listed=publish, restored=set(rebounds))
     return RecoveryReport(
         str(layout.folder),
         len(index.drops) + len(index.lost_drops),
-        sum(layout.drop_file_name(n) in mender.sound for n in index.drops),
+        sum(layout.drop_file_name(n) in files.sound for n in index.drops),
         len(recovered),
-        (*lost_texts(index), *mender.damaged),
-        (*actions, *mender.actions),
+        (*lost_texts(index), *files.damaged),
+        (*actions, *files.actions),
     )
 
 
@@ -307,7 +307,7 @@ def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
     storage.sync_directory(layout.journal)
 
 
-def _mend_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> None:
+def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> None:
     assert index.survey is not None
     whole = ledger_bytes(index.survey, entries)
     if index.ledger.missing or layout.ledger.read_bytes() != whole:
@@ -348,7 +348,7 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
         data, arrays = decode_payload(base64.b64decode(found["payload"]))
         key = data["metadata"].get("key")
     except (RecordingError, KeyError, ValueError, TypeError, AttributeError):
-        return False  # the file is damaged too; mend_drop_files names it
+        return False  # the file is damaged too; repair_drop_files names it
     entry = lost.get(number)
     data |= {
         "number": number,

@@ -14,13 +14,13 @@ from typing import Any, Self
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording.capture import CaptureWriter
 from pfwd_device.recording.drop_payload import drop_parts, rebound_payload
+from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
-from pfwd_device.recording.mending import FileMender
 from pfwd_device.recording.payload import decode_json, encode_json
 from pfwd_device.recording.publishing import (
     ChildPublisher,
@@ -419,7 +419,7 @@ class SurveyWriter:
         if self._rewritten:
             # Results were taken away with the rest, and their content is in the journal.
             helper = InlinePublisher(self._storage)
-            FileMender(self._records, self._index, helper, thorough=False).mend_other_files()
+            FileRepair(self._records, self._index, helper, thorough=False).repair_other_files()
         self._write(Kind.CLOSE, {"by": "writer"})
 
     def _start(self, helper: Publisher, publish: bool) -> None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfwd_device import Drop
-from pfwd_survey.inverting.missing import whole_part
-from pfwd_survey.inverting.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from pfwd_survey.exporting.output import new_folder
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.reading import points_of
 from pfwd_survey.files.traces import TracePoint, write_traces
-from pfwd_survey.inverting.missing import whole_part
+from pfwd_survey.inverting.screening.missing import whole_part
 
 LONGEST_NAME = 60
 """Characters of a point's name in that of its file."""

@@ -2,7 +2,7 @@
 
 The format is a CSV file with a header of TOML lines, each behind a ``#``. A file is refused with
 one :class:`~pfwd_survey.errors.TraceError`, which names the line; what is odd about a drop in a
-sound file is judged by :mod:`pfwd_survey.inverting.screening`.
+sound file is judged by :mod:`pfwd_survey.inverting.screening.drops`.
 """
 
 import itertools

@@ -29,11 +29,11 @@ from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
-from pfwd_survey.inverting.missing import whole_part
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import DropAnalysis, result_record
-from pfwd_survey.inverting.screening import Screening, screen_point
+from pfwd_survey.inverting.screening.drops import Screening, screen_point
+from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.spawning import spawn_context
 
 ASSUMED_POISSON_RATIO = 0.35

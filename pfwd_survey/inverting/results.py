@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pfwd_device import Drop
-from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.screening.drops import Screening
 
 if TYPE_CHECKING:
     # Only for annotations: a logger shows results without loading the inversion.

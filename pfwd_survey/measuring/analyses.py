@@ -12,10 +12,10 @@ import numpy as np
 from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.analyst import Analyst, Answer
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropAnalysis, result_record
-from pfwd_survey.inverting.tasks import Building, Urgency
+from pfwd_survey.inverting.worker.tasks import Building, Urgency
+from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice, TableBuilding
 
 
@@ -57,7 +57,7 @@ class Analyses:
         self._tell = tell
         self._keep_result = keep_result
         self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
-        self._analyst = Analyst(self._answers.put)
+        self._worker = InversionWorker(self._answers.put)
         self._asked: dict[int, _Asked] = {}
         self._behind = False
         # The published method is one search as a whole: no quick answer goes before it.
@@ -71,7 +71,7 @@ class Analyses:
     def prepare(self, identity: Identity, setup: Setup) -> None:
         """Have the model's table ready for drops of this instrument."""
         counts = np.zeros((64, len(identity.channels)), np.int32)
-        self._analyst.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
+        self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
     def ask(self, one: HandedOn) -> None:
         """Have a drop inverted."""
@@ -94,7 +94,7 @@ class Analyses:
     def _ask(
         self, one: HandedOn, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
     ) -> None:
-        number = self._analyst.analyse(
+        number = self._worker.analyse(
             urgency, one.drop, one.setup, one.screening, options, one.file
         )
         self._asked[number] = _Asked(one, urgency, final)
@@ -121,8 +121,8 @@ class Analyses:
                 self._tell(DropAnalysed(asked.one, None, result, None, False, True))
 
     def close(self) -> None:
-        """End the analyst; what is not answered stays so."""
-        self._analyst.close()
+        """End the worker; what is not answered stays so."""
+        self._worker.close()
 
     def _take(self, answer: Answer | Building) -> None:
         if isinstance(answer, Building):

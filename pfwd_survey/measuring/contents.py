@@ -15,8 +15,8 @@ from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter,
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
-from pfwd_survey.inverting.screening import screen_next
-from pfwd_survey.inverting.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.screening.drops import screen_next
+from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.setup_file import setup_of
 

@@ -10,8 +10,8 @@ from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.screening import Screening
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.worker.tasks import Curves
 
 
 @dataclass(frozen=True, slots=True)

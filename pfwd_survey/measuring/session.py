@@ -24,8 +24,8 @@ from pfwd_device.recording.record import DropRecord, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
 from pfwd_survey.files.editing import Edit
-from pfwd_survey.measuring.drop_desk import DropDesk, renumbered
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
+from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
     Edited,
     InstrumentLost,
@@ -50,7 +50,7 @@ FIRST_POINT = "1"
 """Name of a point that nobody named."""
 
 FEED_WAIT = 0.02
-"""s; how long an answer of the analyst may wait for the session's attention."""
+"""s; how long an answer of the worker may wait for the session's attention."""
 
 MOST_UNANSWERED = 4
 """Analyses that a replay leaves waiting before it goes on."""
@@ -100,8 +100,8 @@ class Session:
         self._plan = plan or SessionPlan()
         known = writer.points if writer is not None else ()
         self._point = self._plan.named_point or (known[-1] if known else FIRST_POINT)
-        self._desk = DropDesk(self._tell, self._plan.options, writer, live=feed.live)
-        self._keeper, self._analyses = self._desk.keeper, self._desk.analyses
+        self._pipeline = DropPipeline(self._tell, self._plan.options, writer, live=feed.live)
+        self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
         self._stop = False
         self._stop_by = math.inf
         self._operator = False
@@ -140,8 +140,8 @@ class Session:
             If no point can have this name.
         """
         self._point = point_name(name)
-        if self._keeper is not None and self._declared:
-            self._keeper.keep_point(self._point, self._declared)
+        if self._recorder is not None and self._declared:
+            self._recorder.keep_point(self._point, self._declared)
         self._tell(PointBegan(self._point))
 
     def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
@@ -152,15 +152,15 @@ class Session:
         RecordingError
             If nothing is saved here, it is not known, or the disk does not take it.
         """
-        if self._keeper is None:
+        if self._recorder is None:
             raise RecordingError("edit: expected a survey that is written, came a replay")
-        self._keeper.writer.edit(edit.what, edit.value, point=point, number=number)
+        self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
         self._tell(Edited(edit.what, edit.value, point, number))
 
     def keep_result(self, number: int, result: Mapping[str, Any]) -> None:
         """Save another result of a drop, by its number within the survey; the others stay."""
-        if self._keeper is not None:
-            self._keeper.keep_result(number, result)
+        if self._recorder is not None:
+            self._recorder.keep_result(number, result)
 
     def ask(self, request: Callable[["Session"], None]) -> None:
         """Have something done with this session in its own thread, soon; from any thread.
@@ -201,13 +201,13 @@ class Session:
             self._feed.close()
             if self._analyses is not None:
                 self._analyses.close()
-        return Ending.UNSAVED if self._desk.held else ending
+        return Ending.UNSAVED if self._pipeline.held else ending
 
     def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
         self._finish_drop("the session was ended")
-        if self._keeper is not None:
-            self._keeper.finish(hurry)
-        self._desk.end_of_rebounds()
+        if self._recorder is not None:
+            self._recorder.finish(hurry)
+        self._pipeline.end_of_rebounds()
 
     def _run(self) -> Ending:
         while not self._finished():
@@ -219,8 +219,8 @@ class Session:
                 time.sleep(FEED_WAIT)
             if self._analyses is not None:
                 self._analyses.take_answers()
-            if self._keeper is not None:
-                self._keeper.try_again()
+            if self._recorder is not None:
+                self._recorder.try_again()
             self._answer_requests()
             if self._operator:
                 self._operator = False
@@ -246,9 +246,9 @@ class Session:
             return True
         if self._stop:
             return self._detector is None or not self._detector.busy or self._waited_enough()
-        enough = self._plan.drops is not None and self._desk.acknowledged >= self._plan.drops
+        enough = self._plan.drops is not None and self._pipeline.acknowledged >= self._plan.drops
         # The hammer may still bounce, which belongs to the last drop.
-        return enough and self._desk.complete
+        return enough and self._pipeline.complete
 
     def _waited_enough(self) -> bool:
         """Whether the drop in hand should be there by now, after the end was asked for."""
@@ -350,20 +350,20 @@ class Session:
         """Keep that the instrument is there, with how many times before were not kept."""
         item, identity = self._connected, self._identity
         self._connection_kept = True
-        if self._keeper is None or item is None or identity is None:
+        if self._recorder is None or item is None or identity is None:
             return
-        self._keeper.keep_point(self._point, self._declared)
+        self._recorder.keep_point(self._point, self._declared)
         details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
-        self._keeper.keep_event("connected", details | _count(unkept))
+        self._recorder.keep_event("connected", details | _count(unkept))
         if self._plan.setup.procedure is not None:
-            self._keeper.keep_event("procedure", self._plan.setup.procedure.as_kept())
+            self._recorder.keep_event("procedure", self._plan.setup.procedure.as_kept())
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
         self._checker = None
         unkept = self._kept_events.due("lost")
-        if self._keeper is not None and unkept is not None:
-            self._keeper.keep_event("lost", {"reason": item.reason} | _count(unkept))
+        if self._recorder is not None and unkept is not None:
+            self._recorder.keep_event("lost", {"reason": item.reason} | _count(unkept))
         self._tell(InstrumentLost.of(item))
 
     def _on_event(self, item: Event) -> None:
@@ -417,14 +417,14 @@ class Session:
     def _check_sensors(self, item: Samples) -> None:
         if self._checker is None or self._detector is None:
             return
-        at_rest = not self._detector.busy and self._desk.settled
+        at_rest = not self._detector.busy and self._pipeline.settled
         found = self._checker.feed(item, at_rest=at_rest)
         if found is None:
             return
         details, faults = found
         self._last_check = details | {"faults": list(faults)}
-        if self._keeper is not None:
-            self._keeper.keep_check(self._last_check)
+        if self._recorder is not None:
+            self._recorder.keep_check(self._last_check)
         self._tell(SensorCheck(details, faults))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
@@ -453,9 +453,9 @@ class Session:
         record = item.record
         setup_of(record.declared, f"drop {record.point}")
         self._point, self._declared = record.point, dict(record.declared)
-        number = self._desk.number_for(record.point, record.drop.number)
-        self._desk.take(renumbered(record, number), source=item)
-        self._desk.end_of_rebounds()
+        number = self._pipeline.number_for(record.point, record.drop.number)
+        self._pipeline.take(renumbered(record, number), source=item)
+        self._pipeline.end_of_rebounds()
 
     def _finish_drop(self, reason: str) -> None:
         if self._detector is not None and self._stream is not None:
@@ -470,19 +470,19 @@ class Session:
                 case RawRebound():
                     assert self._identity is not None
                     rebound = rebound_of(one, self._identity)
-                    self._desk.take_rebound(rebound, recorded=self._recorded is not None)
+                    self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
                 case ReboundsOver():
-                    self._desk.end_of_rebounds()
+                    self._pipeline.end_of_rebounds()
 
     def _on_drop(self, raw: RawDrop) -> None:
         assert self._identity is not None
         assert self._detector is not None
-        self._desk.end_of_rebounds()
+        self._pipeline.end_of_rebounds()
         if not self._connection_kept:
             self._keep_connection(self._kept_events.take("connected"))
         identity, source = self._identity, self._recorded
         if source is None:
-            number = self._desk.number_for(self._point)
+            number = self._pipeline.number_for(self._point)
             settings = self._detector.settings
             state = state_of(self._last_check, self._status, self._feed.counters())
             where = self._plan.position
@@ -493,7 +493,7 @@ class Session:
                 self._tell(Notice("another drop was found in one that was recorded", serious=True))
                 return
             self._found_again = True
-            number = self._desk.number_for(self._point, source.record.drop.number)
+            number = self._pipeline.number_for(self._point, source.record.drop.number)
             metadata = dict(source.record.metadata)
         record = DropRecord(
             self._point,
@@ -505,7 +505,7 @@ class Session:
         )
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
-        self._desk.take(record, received, source)
+        self._pipeline.take(record, received, source)
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
         """Of the trigger, from when the last samples came."""

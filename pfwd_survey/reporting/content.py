@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import PointDrop, PointProgress, Procedure, Quantity
 
 NO_PROCEDURE = Procedure(

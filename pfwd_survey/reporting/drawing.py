@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import Quantity, Verdict
 from pfwd_survey.reporting.blocks import SIGNS
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint

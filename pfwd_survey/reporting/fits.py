@@ -24,10 +24,10 @@ from inversion.measured.record import PreparedDrop, prepare
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.analysis import record_of
-from pfwd_survey.inverting.missing import whole_part
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.worker.tasks import Curves
 
 SAME = 1e-9
 """Relative; a result rests on the declared values when it agrees with them to rounding."""

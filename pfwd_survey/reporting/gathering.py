@@ -17,10 +17,10 @@ from pfwd_survey.files.header import Declaration, Setup, setup_from, setup_warni
 from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
-from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import result_record
-from pfwd_survey.inverting.screening import Screening, screen_point
+from pfwd_survey.inverting.screening.drop_facts import point_drop
+from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.procedures import (
     Procedure,
     Quantity,
@@ -382,7 +382,7 @@ def _is_place(said: Any) -> TypeGuard[Mapping[str, Any]]:
 
 def _diagnosed(folder: str, points: list[ReportPoint], tell: Progress) -> list[ReportPoint]:
     """The points with their diagnoses; discarded points have none."""
-    from pfwd_survey.inverting.diagnosis import diagnose_files
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     tell("residuals are diagnosed")
     kept = [point for point in points if not point.discarded]

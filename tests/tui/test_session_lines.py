@@ -10,7 +10,7 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotSaved,

@@ -25,8 +25,12 @@ def run(args: argparse.Namespace) -> int:
         elastic=args.elastic,
         load=args.load,
     )
-    from pfwd_survey.inverting.device_file import device_of, read_device_file, write_device_file
-    from pfwd_survey.inverting.diagnosis import diagnose_files
+    from pfwd_survey.inverting.diagnosis.device_file import (
+        device_of,
+        read_device_file,
+        write_device_file,
+    )
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     device = read_device_file(args.device) if args.device else None
     found = list(diagnose_files(args.files, options, device, args.jobs))
@@ -40,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
         write_device_file(args.write_device, found, name)
         say(f"device effects written to {args.write_device}")
     if args.plot:
-        from pfwd_survey.inverting.diagnosis_plots import plot_diagnoses
+        from pfwd_survey.inverting.diagnosis.plots import plot_diagnoses
 
         plot_diagnoses([one for one in found if one.diagnosis is not None], args.plot)
         say(f"plot {args.plot}")

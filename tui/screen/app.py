@@ -50,8 +50,8 @@ from tui.screen.session.screen_events import (
 )
 from tui.screen.session.sources import Source
 from tui.screen.session.state import SessionState
+from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
-from tui.screen.session.words import Word, word_of
 from tui.screen.settings import Settings, save_settings
 from tui.screen.units import BY_NAME, Units
 
@@ -161,11 +161,11 @@ class PfwdApp(App[int]):
         """The time of day."""
         return self._local_time().strftime("%H:%M:%S")
 
-    def word(self) -> Word:
+    def word(self) -> StatusWord:
         """What is going on."""
         now = time.monotonic()
         at = self.runner.pulse_at
-        return word_of(self.state, now, None if at is None else now - at)
+        return status_of(self.state, now, None if at is None else now - at)
 
     def pace_text(self) -> str:
         """How fast a replay goes."""

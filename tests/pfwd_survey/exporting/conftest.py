@@ -13,7 +13,7 @@ from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 from pfwd_survey.inverting.results import DropAnalysis, result_record
-from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.screening.drops import Screening
 
 RESULT: dict[str, Any] = {
     "method": "mpga",

@@ -14,7 +14,7 @@ from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.formats import FORMATS
 from pfwd_survey.exporting.trace_files import safe_name
 from pfwd_survey.inverting.results import DropAnalysis, result_record
-from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.screening.drops import Screening
 from tests.pfwd_survey.exporting.conftest import BELONGS, result_of, rows_of
 from tui.parser import EXPORT_FORMATS
 

@@ -8,7 +8,7 @@ import pytest
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, TraceError
 from pfwd_survey.files.reading import read_points
-from pfwd_survey.inverting.screening import screen_point
+from pfwd_survey.inverting.screening.drops import screen_point
 from pfwd_survey.measuring.events import DropSaved
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.replay import capture_feed

@@ -59,7 +59,7 @@ def recorded(writer: Any) -> list[Any]:
 def test_what_the_disk_does_not_take_is_kept_and_saved_later_in_order(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd_survey.measuring.keeping.TRY_AGAIN", 0.0)
+    monkeypatch.setattr("pfwd_survey.measuring.survey_recorder.TRY_AGAIN", 0.0)
     counts = stream(10.0, [(1.0, 8000.0), (1.5, 2000.0), (4.0, 7900.0), (7.0, 7800.0)])
     items = pieces(counts)
 
@@ -92,7 +92,7 @@ def test_what_is_unsaved_to_the_end_is_said(log: Log, writer: Any) -> None:
             session.stop()
 
     session._tell = listener
-    session._desk._tell = session._desk.keeper._tell = listener  # type: ignore[union-attr]
+    session._pipeline._tell = session._pipeline.recorder._tell = listener  # type: ignore[union-attr]
     assert session.run() is Ending.UNSAVED
     assert not log.of(DropSaved)
     assert "LOST, the disk did not take it: drop 1/1" in log.texts
@@ -121,7 +121,7 @@ def test_what_could_not_be_saved_is_tried_once_more_when_it_is_told_to_end(
 def test_a_drop_that_fails_again_is_not_told_again(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd_survey.measuring.keeping.TRY_AGAIN", 0.0)
+    monkeypatch.setattr("pfwd_survey.measuring.survey_recorder.TRY_AGAIN", 0.0)
     save = writer.save_drop
     outcomes = [False, False, False, True, False, False]
 
@@ -292,7 +292,7 @@ def test_a_drop_that_cannot_be_judged_is_safe_all_the_same(
     def fail(*_: Any) -> None:
         raise IndexError("planted")
 
-    monkeypatch.setattr("pfwd_survey.measuring.drop_desk.screen_next", fail)
+    monkeypatch.setattr("pfwd_survey.measuring.drop_pipeline.screen_next", fail)
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer)
     assert writer.saved == [("1", 1)]
     assert log.of(DropSaved)[0].one.screening.status == "rejected"

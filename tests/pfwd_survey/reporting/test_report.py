@@ -19,7 +19,7 @@ from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import result_record
-from pfwd_survey.inverting.screening import screen
+from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import fonts
 from pfwd_survey.reporting.content import Report
@@ -349,7 +349,7 @@ def test_the_survey_is_not_changed(survey: Path) -> None:
 
 
 def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pfwd_survey.inverting import diagnosis
+    from pfwd_survey.inverting.diagnosis import diagnose as diagnosis
 
     state = {
         "model": "half-space",

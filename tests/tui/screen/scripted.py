@@ -15,8 +15,8 @@ from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.screening import Screening
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropSaved,

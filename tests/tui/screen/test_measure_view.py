@@ -15,7 +15,7 @@ from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.measure_view import MeasureView, measure_lines
 from tui.screen.session.screen_events import SessionBegan
 from tui.screen.session.state import SessionState
-from tui.screen.session.words import word_of
+from tui.screen.session.status import status_of
 from tui.screen.units import SI, US, Units
 
 PICTURES = Path(__file__).with_name("pictures")
@@ -29,7 +29,7 @@ def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any)
         state.take(event)
     rest = np.zeros((500, 2))
     envelope = Envelope(0.01, rest, rest, 50_000, "m/s")
-    word = word_of(state, 100.0)
+    word = status_of(state, 100.0)
     return MeasureView(
         state,
         word,

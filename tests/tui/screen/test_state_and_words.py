@@ -32,7 +32,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.screen.session.screen_events import ContentsRead, SessionBegan, SessionEnded
 from tui.screen.session.state import SessionState
-from tui.screen.session.words import SAFE_SHOWN, word_of
+from tui.screen.session.status import SAFE_SHOWN, status_of
 
 
 class Clock:
@@ -51,7 +51,7 @@ def state_after(*events: Any, target: float | None = None) -> SessionState:
 
 
 def word(state: SessionState, later: float = 10.0, pulse_age: float | None = None) -> str:
-    return word_of(state, Clock.now + later, pulse_age).word
+    return status_of(state, Clock.now + later, pulse_age).word
 
 
 def test_the_device_is_what_it_says() -> None:
@@ -214,12 +214,12 @@ def test_a_bounce_is_no_new_drop() -> None:
 
 def test_the_action_says_which_drop_is_next() -> None:
     state = state_after(ready(), Ready())
-    assert "seating drop 1 of 3" in word_of(state, 110.0).action
+    assert "seating drop 1 of 3" in status_of(state, 110.0).action
     for number in range(1, 5):
         kind = "seating" if number <= 3 else "measured"
         state.take(saved(number, status=kind))
         state.take(analysed(number))
-    assert "measured drop 2 of 3" in word_of(state, 110.0).action
+    assert "measured drop 2 of 3" in status_of(state, 110.0).action
 
 
 def test_a_whole_point_is_done_and_a_discarded_drop_opens_it_again() -> None:
@@ -239,14 +239,14 @@ def test_a_full_disk_is_told_before_it_is_full() -> None:
 
 def test_a_load_cell_that_is_wrong_is_told() -> None:
     state = state_after(ready(), Ready(), SensorCheck({}, ("zero of the load cell is off",)))
-    found = word_of(state, 110.0)
+    found = status_of(state, 110.0)
     assert (found.word, found.role) == ("CHECK", "alarm")
     assert "zero" in found.action
 
 
 def test_the_table_is_awaited() -> None:
     state = state_after(ready(), Ready(), TableBuilding("plate 0.15 m", 0.4))
-    assert word_of(state, 110.0).action.endswith("40 %")
+    assert status_of(state, 110.0).action.endswith("40 %")
     state.take(TableBuilding("plate 0.15 m", 1.0))
     assert word(state) == "READY"
 

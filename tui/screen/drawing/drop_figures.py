@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_survey.inverting.signals import displacement_of, remove_offset
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure

@@ -11,8 +11,8 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import Source
 from tui.screen.session.state import SessionState
+from tui.screen.session.status import StatusWord
 from tui.screen.session.survey_edits import SurveyEdits
-from tui.screen.session.words import Word
 from tui.screen.settings import Settings
 from tui.screen.units import Units
 
@@ -45,7 +45,7 @@ class Host(Protocol):
     def clock(self) -> str:
         """The time of day."""
 
-    def word(self) -> Word:
+    def word(self) -> StatusWord:
         """What is going on."""
 
     def pace_text(self) -> str:

@@ -38,7 +38,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.procedure import PLAIN
 from tui.screen.session.state import SessionState
-from tui.screen.session.words import Word
+from tui.screen.session.status import StatusWord
 from tui.screen.units import NOTHING, Units
 from tui.screen.units import Quantity as QuantityName
 
@@ -57,7 +57,7 @@ class MeasureView:
     """What the page needs beside the state."""
 
     state: SessionState
-    word: Word
+    word: StatusWord
     units: Units
     glyphs: Glyphs
     envelope: Envelope

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.inverting.screening.drop_facts import point_drop
 from pfwd_survey.measuring.contents import REFIT_KEY, DropContents, peaks_of
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
 from pfwd_survey.procedures import Kind, PointDrop

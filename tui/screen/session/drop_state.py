@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.procedures import PointDrop
 from tui.screen.session.screen_events import Refitted

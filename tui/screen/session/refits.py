@@ -4,9 +4,9 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pfwd_survey.inverting.analyst import Analyst, Answer
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.tasks import Building, Urgency
+from pfwd_survey.inverting.worker.tasks import Building, Urgency
+from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.contents import REFIT_KEY
 from pfwd_survey.measuring.events import HandedOn, TableBuilding
 from tui.screen.session.screen_events import Refitted
@@ -29,7 +29,7 @@ class Refits:
 
     def __init__(self, tell: Callable[[Refitted | TableBuilding], None]) -> None:
         self._tell = tell
-        self._analyst: Analyst | None = None
+        self._worker: InversionWorker | None = None
         self._lock = threading.Lock()
         self._asked: dict[int, _Asked] = {}
 
@@ -40,19 +40,19 @@ class Refits:
 
     def ask(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
         """Fit a drop; an empty label: for its curves alone."""
-        if self._analyst is None:
-            self._analyst = Analyst(self._take)
+        if self._worker is None:
+            self._worker = InversionWorker(self._take)
         urgency = Urgency.FULL if label else Urgency.QUICK
         with self._lock:  # the answer must not come before its number is noted
-            number = self._analyst.analyse(
+            number = self._worker.analyse(
                 urgency, one.drop, one.setup, one.screening, options, one.file
             )
             self._asked[number] = _Asked(one, label)
 
     def close(self) -> None:
         """End the process."""
-        if self._analyst is not None:
-            self._analyst.close()
+        if self._worker is not None:
+            self._worker.close()
 
     def _take(self, answer: Answer | Building) -> None:
         if isinstance(answer, Building):

@@ -14,7 +14,7 @@ from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
 from pfwd_survey.measuring.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
 from tui.screen.session.sources import Source
-from tui.screen.session.words import DROP_LOAD
+from tui.screen.session.status import DROP_LOAD
 
 log = logging.getLogger("pfwd.screen")
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pfwd_survey.inverting.tasks import Curves
+from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.contents import PointContents
 from pfwd_survey.measuring.events import HandedOn, SessionEvent
 from pfwd_survey.measuring.plan import Ending

@@ -15,12 +15,12 @@ from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening, counted, screen_next, screen_point
+from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
-from pfwd_survey.measuring.keeping import Keeper
 from pfwd_survey.measuring.setup_file import setup_of
+from pfwd_survey.measuring.survey_recorder import SurveyRecorder
 
 LAST_REBOUNDS = 3.0
 """s by the host; how long the end waits for bounces after the last drop."""
@@ -34,7 +34,7 @@ class _Coming:
     source: RecordedDrop | ImportedDrop | None
 
 
-class DropDesk:
+class DropPipeline:
     """Takes the drops of a session.
 
     Parameters
@@ -59,7 +59,7 @@ class DropDesk:
     ) -> None:
         self._tell = listener
         self._live = live
-        self.keeper = Keeper(writer, self._on_saved, listener) if writer else None
+        self.recorder = SurveyRecorder(writer, self._on_saved, listener) if writer else None
         self.analyses = Analyses(options, listener, self._keep_result) if options else None
         self.acknowledged = 0
         """How many drops are safe (in a replay: were handed on)."""
@@ -73,7 +73,7 @@ class DropDesk:
     @property
     def held(self) -> int:
         """How many drops are not safe."""
-        return self.keeper.held if self.keeper is not None else 0
+        return self.recorder.held if self.recorder is not None else 0
 
     @property
     def settled(self) -> bool:
@@ -88,8 +88,8 @@ class DropDesk:
 
     def number_for(self, point: str, wanted: int | None = None) -> int:
         """The number that a drop gets: as recorded if that is free, else the next one."""
-        if self.keeper is not None:
-            return max(wanted or 0, self.keeper.next_number(point))
+        if self.recorder is not None:
+            return max(wanted or 0, self.recorder.next_number(point))
         return wanted or self.acknowledged + 1
 
     def take(
@@ -99,7 +99,7 @@ class DropDesk:
         source: RecordedDrop | ImportedDrop | None = None,
     ) -> None:
         """Have a drop saved; it is acknowledged when it is safe."""
-        if self.keeper is not None and (known := self.keeper.find(record)) is not None:
+        if self.recorder is not None and (known := self.recorder.find(record)) is not None:
             self._last = None
             text = f"drop {known} of the survey came again; nothing is recorded twice"
             self._tell(Notice(text, kind="drops that came again"))
@@ -108,8 +108,8 @@ class DropDesk:
         self._coming[key] = _Coming(received, source)
         self._last, self._last_record = key, None
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
-        if self.keeper is not None:
-            self.keeper.keep(record)
+        if self.recorder is not None:
+            self.recorder.keep(record)
         else:
             self._on_saved(record, None, None)
 
@@ -118,14 +118,14 @@ class DropDesk:
         if self._last is None:
             return
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
-        if self.keeper is not None and not recorded:
-            self.keeper.keep_rebound(*self._last, self._last_record, rebound)
+        if self.recorder is not None and not recorded:
+            self.recorder.keep_rebound(*self._last, self._last_record, rebound)
         self._tell(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
     def end_of_rebounds(self) -> None:
         """No more will come: the drop's file can be made."""
-        if self.keeper is not None and self._last_record is not None:
-            self.keeper.publish(self._last_record)
+        if self.recorder is not None and self._last_record is not None:
+            self.recorder.publish(self._last_record)
         self._last = self._last_record = None
 
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
@@ -134,12 +134,12 @@ class DropDesk:
         coming = self._coming.pop(key)
         setup = setup_of(record.declared, f"drop {record.point}")
         file = coming.source.file if coming.source is not None else ""
-        if self.keeper is not None and number is not None:
-            file = str(Layout(self.keeper.writer.folder).drop_file(number))
+        if self.recorder is not None and number is not None:
+            file = str(Layout(self.recorder.writer.folder).drop_file(number))
             if key == self._last:
                 self._last_record = number
             else:  # its rebounds are over, and were held with it
-                self.keeper.publish(number)
+                self.recorder.publish(number)
         screening = self._screen(record.drop, setup, record.point)
         one = HandedOn(
             *key,
@@ -177,9 +177,9 @@ class DropDesk:
         known = self._rejected.get(point)
         if known is not None:
             return known
-        if self.keeper is None or setup.procedure is None or number == 1:
+        if self.recorder is None or setup.procedure is None or number == 1:
             return 0
-        survey = read_survey(self.keeper.writer.folder)
+        survey = read_survey(self.recorder.writer.folder)
         earlier = tuple(
             one.read().drop for one in survey.drops if one.point == point and one.drop < number
         )
@@ -187,8 +187,8 @@ class DropDesk:
         return sum(one.status == "rejected" for one in found)
 
     def _keep_result(self, record: int, result: Mapping[str, Any]) -> None:
-        if self.keeper is not None:
-            self.keeper.keep_result(record, result)
+        if self.recorder is not None:
+            self.recorder.keep_result(record, result)
 
 
 def renumbered(record: DropRecord, number: int) -> DropRecord:

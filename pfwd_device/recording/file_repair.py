@@ -20,7 +20,7 @@ LARGEST_RESULT = 64 * 2**20
 """Bytes; what a record may hold."""
 
 
-class FileMender:
+class FileRepair:
     """Goes through drops, results and captures once."""
 
     def __init__(self, log: RecordLog, index: Index, helper: Publisher, *, thorough: bool) -> None:
@@ -54,7 +54,7 @@ class FileMender:
             if name.startswith(".") and name.endswith(".tmp"):
                 self._storage.unlink(layout.damaged / name)  # what it copies is still in place
 
-    def mend_drop_files(self, *, publish: bool) -> list[int]:
+    def repair_drop_files(self, *, publish: bool) -> list[int]:
         """Numbers of the drops that got their file now; `publish`: make files that are missing."""
         made: list[int] = []
         failures = 0
@@ -80,7 +80,7 @@ class FileMender:
             self._set_strangers_aside()
         return made
 
-    def mend_other_files(self) -> None:
+    def repair_other_files(self) -> None:
         """Results and captures."""
         for listed in list(self._index.files.values()):
             if not listed.path.startswith(("results/", "captures/")):

@@ -26,7 +26,7 @@ DROP_LOAD = 400.0
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class StatusWord:
     """What is going on."""
 
     word: str
@@ -36,7 +36,7 @@ class Word:
     """ready, busy or alarm."""
 
 
-def word_of(state: SessionState, now: float, pulse_age: float | None = None) -> Word:
+def status_of(state: SessionState, now: float, pulse_age: float | None = None) -> StatusWord:
     """The state as a word, most urgent first.
 
     Parameters
@@ -54,37 +54,41 @@ def word_of(state: SessionState, now: float, pulse_age: float | None = None) -> 
     return _waiting(state)
 
 
-def _trouble(state: SessionState, now: float, pulse_age: float | None) -> Word | None:
+def _trouble(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
     device = state.device
     if state.held:
         text = f"{_drops(state.held)} only in memory: make room on the disk, leave this open"
-        return Word("NOT SAFE", text, "alarm")
+        return StatusWord("NOT SAFE", text, "alarm")
     if state.files_trouble:
-        return Word("NOT SAFE", state.files_trouble, "alarm")
+        return StatusWord("NOT SAFE", state.files_trouble, "alarm")
     ended = state.ended
     if ended is not None:
         return _ended(state)
     if state.session is not None and device.lost_reason and not device.connected:
-        return Word("CABLE OUT", "plug it in; everything so far is safe", "alarm")
+        return StatusWord("CABLE OUT", "plug it in; everything so far is safe", "alarm")
     return None
 
 
-def _ended(state: SessionState) -> Word:
+def _ended(state: SessionState) -> StatusWord:
     ended = state.ended
     assert ended is not None
     if ended.ending is None and ended.retry is not None:
         word = "NO DEVICE" if ended.no_device else "NOT READY"
-        return Word(word, f"{ended.error}; trying again", "alarm")
+        return StatusWord(word, f"{ended.error}; trying again", "alarm")
     if ended.ending is None:
-        return Word("STOPPED", f"{ended.error}; what was saved is safe", "alarm")
+        return StatusWord("STOPPED", f"{ended.error}; what was saved is safe", "alarm")
     if ended.ending is Ending.UNSAVED:
-        return Word("UNSAVED", "the disk did not take every drop; the log names them", "alarm")
+        return StatusWord(
+            "UNSAVED", "the disk did not take every drop; the log names them", "alarm"
+        )
     if ended.ending is Ending.LOST:
-        return Word("LOST", "the instrument did not come back; everything so far is safe", "alarm")
-    return Word("END", "nothing more comes; look at the points (2), or leave (q)", "ready")
+        return StatusWord(
+            "LOST", "the instrument did not come back; everything so far is safe", "alarm"
+        )
+    return StatusWord("END", "nothing more comes; look at the points (2), or leave (q)", "ready")
 
 
-def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> Word | None:
+def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
     last = state.last
     fresh = last is not None and last.came > 0
     bounced = False
@@ -92,18 +96,20 @@ def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> W
         # A bounce soon after a drop is no new one: that drop is safe already.
         bounced = fresh and last is not None and now - pulse_age - last.came < REBOUNDS
         if not bounced:
-            return Word("DROP", "let it bounce", "busy")
+            return StatusWord("DROP", "let it bounce", "busy")
     if not fresh or last is None:
         return None
     age = now - last.came
     if last.waits and state.waits_for_first_modulus:
-        return Word("COMPUTING", f"drop {last.number} is on the disk", "busy")
+        return StatusWord("COMPUTING", f"drop {last.number} is on the disk", "busy")
     if last.status == "rejected" and not last.discarded:
-        return Word("REPEAT", f"drop {last.number} rejected: {last.reason or 'no result'}", "alarm")
+        return StatusWord(
+            "REPEAT", f"drop {last.number} rejected: {last.reason or 'no result'}", "alarm"
+        )
     if age < SAFE_SHOWN:
-        return Word("SAFE", _safe_text(state), "ready")
+        return StatusWord("SAFE", _safe_text(state), "ready")
     if bounced:
-        return Word("SETTLING", "let it bounce", "busy")
+        return StatusWord("SETTLING", "let it bounce", "busy")
     return None
 
 
@@ -117,26 +123,28 @@ def _safe_text(state: SessionState) -> str:
     return f"drop {last.number} of {whole} on disk" if last.number <= whole else "on disk"
 
 
-def _waiting(state: SessionState) -> Word:
+def _waiting(state: SessionState) -> StatusWord:
     device = state.device
     if state.recorded:
-        return Word("REPLAY", "the next recorded drop follows", "busy")
+        return StatusWord("REPLAY", "the next recorded drop follows", "busy")
     if state.progress.next_kind is None and state.current.drops:
-        return Word("POINT DONE", "walk to the next point and press n", "ready")
+        return StatusWord("POINT DONE", "walk to the next point and press n", "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
-        return Word("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
+        return StatusWord("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
     if state.session is None:
-        return Word("STARTING", "looking for the instrument", "busy")
+        return StatusWord("STARTING", "looking for the instrument", "busy")
     if device.connected and not device.ready:
-        return Word("SETTLING", "leave the weight alone: the load at rest is measured", "busy")
+        return StatusWord(
+            "SETTLING", "leave the weight alone: the load at rest is measured", "busy"
+        )
     if not device.connected:
-        return Word("WAITING", "nothing comes yet", "busy")
+        return StatusWord("WAITING", "nothing comes yet", "busy")
     if device.check_faults:
-        return Word("CHECK", f"{device.check_faults[0]}", "alarm")
+        return StatusWord("CHECK", f"{device.check_faults[0]}", "alarm")
     if _drops_left(state.storage) < FEW_DROPS:
-        return Word("DISK LOW", f"{state.storage}; lift the weight", "alarm")
-    return Word("READY", f"lift the weight: {_next(state)}", "ready")
+        return StatusWord("DISK LOW", f"{state.storage}; lift the weight", "alarm")
+    return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
 
 
 def _next(state: SessionState) -> str:

@@ -9,8 +9,12 @@ from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.traces import TracePoint, write_traces
-from pfwd_survey.inverting.device_file import device_of, read_device_file, write_device_file
-from pfwd_survey.inverting.diagnosis import Diagnosed, diagnose_files
+from pfwd_survey.inverting.diagnosis.device_file import (
+    device_of,
+    read_device_file,
+    write_device_file,
+)
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 from tui.diagnosis_lines import diagnosis_lines

@@ -18,8 +18,8 @@ from pfwd_device import Drop
 from pfwd_device.child_python import python_command, python_environment
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening
-from pfwd_survey.inverting.tasks import Building, Curves, Task, Urgency
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.worker.tasks import Building, Curves, Task, Urgency
 
 MOST_ATTEMPTS = 2
 """A task that has ended its process this often is given up."""
@@ -43,13 +43,13 @@ class Answer:
 Listener = Callable[[Answer | Building], None]
 
 
-class Analyst:
+class InversionWorker:
     """Takes drops, gives moduli.
 
     Parameters
     ----------
     listener : callable
-        Told every answer, in a thread of the analyst's own.
+        Told every answer, in a thread of the worker's own.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -61,7 +61,7 @@ class Analyst:
         self._process: subprocess.Popen[bytes] | None = None
         with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
             self._process = _start()
-        self._thread = threading.Thread(target=self._work_off, name="analyst", daemon=True)
+        self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
         self._thread.start()
 
     def prepare(self, drop: Drop, setup: Setup, options: AnalysisOptions) -> int:
@@ -131,12 +131,12 @@ class Analyst:
 
     def _answer_to(self, task: Task) -> Answer | None:
         """The answer; None when nobody waits for it any more."""
-        from pfwd_survey.inverting.analyst_process import receive, send
+        from pfwd_survey.inverting.worker.process import receive, send
 
         reason = ""
         for _ in range(MOST_ATTEMPTS):
             try:
-                process = self._living()
+                process = self._process_or_start()
                 if process is None:
                     return None
                 assert process.stdin is not None
@@ -145,7 +145,7 @@ class Analyst:
                 while isinstance(message := receive(process.stdout), Building):
                     self._listener(message)
             except (EOFError, OSError) as err:
-                reason = f"{err}; exit code {self._bury()}"
+                reason = f"{err}; exit code {self._reap()}"
                 if self._closing:
                     return None
             else:
@@ -153,10 +153,10 @@ class Analyst:
         fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
         return Answer(task, fault=fault, details=reason)
 
-    def _living(self) -> "subprocess.Popen[bytes] | None":
+    def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
         """The process, another one where it has died; None when nobody needs one any more."""
         if self._process is not None and self._process.poll() is not None:
-            self._bury()
+            self._reap()
         with self._changed:
             if self._closing:
                 return None
@@ -164,7 +164,7 @@ class Analyst:
                 self._process = _start()
             return self._process
 
-    def _bury(self) -> int | None:
+    def _reap(self) -> int | None:
         with self._changed:
             process, self._process = self._process, None
         if process is None:
@@ -179,7 +179,7 @@ def _order(task: Task) -> tuple[int, int]:
 
 def _start() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        python_command("-m", "pfwd_survey.inverting.analyst_process"),
+        python_command("-m", "pfwd_survey.inverting.worker.process"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,  # it answers; a screen must not be written over

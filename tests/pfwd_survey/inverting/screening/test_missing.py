@@ -9,8 +9,8 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.missing import whole_part
-from pfwd_survey.inverting.screening import screen
+from pfwd_survey.inverting.screening.drops import screen
+from pfwd_survey.inverting.screening.missing import whole_part
 
 
 def without(drop: Drop, start_s: float, end_s: float) -> Drop:

@@ -1,4 +1,4 @@
-"""What the analyst and its process say to each other."""
+"""What the worker and its process say to each other."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening
+from pfwd_survey.inverting.screening.drops import Screening
 
 
 class Urgency(IntEnum):

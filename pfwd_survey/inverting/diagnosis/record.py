@@ -3,7 +3,7 @@
 from typing import Any
 
 from inversion.diagnosis import FoundEffect, PointDiagnosis, State
-from pfwd_survey.inverting.diagnosis_entries import Entry
+from pfwd_survey.inverting.diagnosis.entries import Entry
 
 
 def diagnosis_record(entry: Entry, found: PointDiagnosis | None) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.traces import TracePoint
-from pfwd_survey.inverting.clipping import clipped_samples
-from pfwd_survey.inverting.missing import whole_part
-from pfwd_survey.inverting.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_survey.inverting.screening.clipping import clipped_samples
+from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
 
 Status = Literal["measured", "seating", "rejected"]
 

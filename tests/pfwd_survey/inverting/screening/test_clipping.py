@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pfwd_survey.inverting.clipping import clipped_samples
+from pfwd_survey.inverting.screening.clipping import clipped_samples
 
 
 def pulse(samples: int, phase: float = 0.3) -> np.ndarray:

@@ -12,14 +12,14 @@ from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SpareFolder, Storage, SurveyWriter, record_log
 from pfwd_device.recording.publishing import InlinePublisher
-from pfwd_survey.measuring import keeping
+from pfwd_survey.measuring import survey_recorder
 from pfwd_survey.measuring.events import (
     DropNotPublished,
     DropNotSaved,
     Notice,
     SurveyFilesChanged,
 )
-from pfwd_survey.measuring.keeping import Keeper
+from pfwd_survey.measuring.survey_recorder import SurveyRecorder
 
 
 class FullDisk(Storage):
@@ -48,7 +48,7 @@ class FullDisk(Storage):
 
 
 class Told:
-    """Everything that a keeper says, in order."""
+    """Everything that a recorder says, in order."""
 
     def __init__(self) -> None:
         self.events: list[object] = []
@@ -89,10 +89,10 @@ def writer(survey: Path, tmp_path: Path) -> Iterator[SurveyWriter]:
 def test_not_safe_is_said_before_the_next_drop_is_acknowledged(
     writer: SurveyWriter, survey: Path, told: Told
 ) -> None:
-    keeper = Keeper(writer, told.saved, told.tell)
-    keeper.keep(make_record(1, np.random.default_rng(1)))
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    recorder.keep(make_record(1, np.random.default_rng(1)))
     shutil.rmtree(survey)
-    keeper.keep(make_record(2, np.random.default_rng(2)))
+    recorder.keep(make_record(2, np.random.default_rng(2)))
     assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged", "tuple"]
     _, taken, again, _ = told.events
     assert isinstance(taken, SurveyFilesChanged)
@@ -105,16 +105,16 @@ def test_not_safe_is_said_before_the_next_drop_is_acknowledged(
 def test_files_that_are_taken_away_are_noticed_within_a_second(
     writer: SurveyWriter, survey: Path, told: Told
 ) -> None:
-    keeper = Keeper(writer, told.saved, told.tell)
-    keeper.keep(make_record(1, np.random.default_rng(1)))
-    keeper.try_again()
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    recorder.keep(make_record(1, np.random.default_rng(1)))
+    recorder.try_again()
     shutil.rmtree(survey)
-    keeper.try_again()
+    recorder.try_again()
     assert told.kinds() == ["tuple"]  # not at every turn
-    keeper._next_look -= keeping.LOOK_AFTER
-    keeper.try_again()
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()
     assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged"]
-    assert keeping.LOOK_AFTER <= 1.0
+    assert survey_recorder.LOOK_AFTER <= 1.0
 
 
 def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
@@ -126,23 +126,23 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
     with SurveyWriter.open(
         survey, storage=disk, publish=False, reserve_bytes=0, spare=spare
     ) as writer:
-        keeper = Keeper(writer, told.saved, told.tell)
-        keeper.keep(make_record(1, np.random.default_rng(1)))
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
+        recorder.keep(make_record(1, np.random.default_rng(1)))
         disk.full = True
-        keeper.keep(make_record(2, np.random.default_rng(2)))
-        assert keeper.held == 0
+        recorder.keep(make_record(2, np.random.default_rng(2)))
+        assert recorder.held == 0
         part = writer.kept_in_spare(2)
         assert part is not None
         assert told.events[-1] == (2, part)
-        keeper.finish(lambda: True)
+        recorder.finish(lambda: True)
         last = told.events[-1]
         assert isinstance(last, SurveyFilesChanged)
         assert last.text == (
             f"1 drops are NOT in {survey} but in {part}; pfwd recover {survey} brings them home"
         )
         disk.full = False
-        keeper._next_look = 0.0
-        keeper.try_again()
+        recorder._next_look = 0.0
+        recorder.try_again()
         last = told.events[-1]
         assert isinstance(last, SurveyFilesChanged)
         assert last.safe
@@ -151,12 +151,12 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
 def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) -> None:
     disk = FullDisk(survey)
     with SurveyWriter.open(survey, storage=disk, publish=False, reserve_bytes=0) as writer:
-        keeper = Keeper(writer, told.saved, told.tell)
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
         disk.full = True
-        keeper.keep(make_record(1, np.random.default_rng(1)))
+        recorder.keep(make_record(1, np.random.default_rng(1)))
         assert told.kinds() == ["DropNotSaved"]
         assert isinstance(told.events[0], DropNotSaved)
-        keeper.finish(lambda: True)
+        recorder.finish(lambda: True)
         last = told.events[-1]
         assert isinstance(last, Notice)
         assert last.text.startswith("LOST, the disk did not take it: drop P 1/1")
@@ -172,11 +172,11 @@ def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:
             """Nothing runs."""
 
     with SurveyWriter.open(survey, publisher=Broken(), reserve_bytes=0) as writer:
-        keeper = Keeper(writer, told.saved, told.tell)
-        keeper.keep(make_record(1, np.random.default_rng(1)))
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
+        recorder.keep(make_record(1, np.random.default_rng(1)))
         writer.publish(1)
         while not told.events[1:]:
-            keeper.try_again()
+            recorder.try_again()
         (said,) = [one for one in told.events if isinstance(one, DropNotPublished)]
         assert (said.point, said.number) == ("P 1", 1)
         assert "it is safe in the journal" in said.text

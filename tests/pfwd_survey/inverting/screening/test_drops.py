@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.traces import TracePoint, read_traces
-from pfwd_survey.inverting.screening import Screening, screen, screen_point
+from pfwd_survey.inverting.screening.drops import Screening, screen, screen_point
 
 SETUP = Setup(plate_radius=0.15)
 MakeDrop = Callable[..., Drop]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pfwd_survey.errors import SurveyError, refusal
-from pfwd_survey.inverting.diagnosis import Diagnosed
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.matplotlib_start import start_matplotlib
 
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"

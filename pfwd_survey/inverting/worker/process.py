@@ -1,6 +1,6 @@
 """The process beside the acquisition that inverts drops, one after the other.
 
-Started as ``python -m pfwd_survey.inverting.analyst_process``, so that a script that measures needs
+Started as ``python -m pfwd_survey.inverting.worker.process``, so that a script that measures needs
 no guard against being run again. It is given a pickled task by its input and answers by its output;
 when the input ends, so does it: it never outlives the program that started it.
 """
@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from pfwd_survey.files.header import setup_warnings
 from pfwd_survey.inverting.results import DropAnalysis, result_record
-from pfwd_survey.inverting.tasks import Building, Curves, Outcome, Task, Urgency
+from pfwd_survey.inverting.worker.tasks import Building, Curves, Outcome, Task, Urgency
 
 if TYPE_CHECKING:
     from inversion import SurrogateLibrary

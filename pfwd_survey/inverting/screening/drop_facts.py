@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.missing import whole_part
-from pfwd_survey.inverting.screening import CENTRE, Screening
-from pfwd_survey.inverting.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_survey.inverting.screening.drops import CENTRE, Screening
+from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
 from pfwd_survey.procedures import Kind, PointDrop
 
 PULSE_EDGE = 0.03

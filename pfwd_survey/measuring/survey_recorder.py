@@ -39,7 +39,7 @@ Saved = Callable[[DropRecord, int, Path | None], None]
 Tell = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
 
 
-class Keeper:
+class SurveyRecorder:
     """Saves drops in their order; what cannot be saved stays in memory and is said to be unsafe.
 
     Parameters

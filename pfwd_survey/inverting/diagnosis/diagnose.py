@@ -22,8 +22,8 @@ from inversion.diagnosis import (
 )
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.inverting.diagnosis_entries import Entry, entries_of
-from pfwd_survey.inverting.diagnosis_record import diagnosis_record
+from pfwd_survey.inverting.diagnosis.entries import Entry, entries_of
+from pfwd_survey.inverting.diagnosis.record import diagnosis_record
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.spawning import spawn_context
 

@@ -1,4 +1,4 @@
-"""The analyst with its real process: order, death, errors, end."""
+"""The worker with its real process: order, death, errors, end."""
 
 import os
 import queue
@@ -15,10 +15,10 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
-from pfwd_survey.inverting.analyst import Analyst, Answer
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening import Screening, screen
-from pfwd_survey.inverting.tasks import Urgency
+from pfwd_survey.inverting.screening.drops import Screening, screen
+from pfwd_survey.inverting.worker.tasks import Urgency
+from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice
 from tests.pfwd_survey.scripted_feed import IDENTITY
@@ -41,8 +41,8 @@ def answers() -> "queue.SimpleQueue[Any]":
 
 
 @pytest.fixture
-def analyst(answers: "queue.SimpleQueue[Any]") -> Iterator[Analyst]:
-    one = Analyst(answers.put)
+def worker(answers: "queue.SimpleQueue[Any]") -> Iterator[InversionWorker]:
+    one = InversionWorker(answers.put)
     yield one
     one.close()
 
@@ -54,9 +54,9 @@ def next_answer(answers: "queue.SimpleQueue[Any]") -> Answer:
             return message
 
 
-def pid_of(analyst: Analyst) -> int:
-    assert analyst._process is not None
-    return analyst._process.pid
+def pid_of(worker: InversionWorker) -> int:
+    assert worker._process is not None
+    return worker._process.pid
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
@@ -78,12 +78,12 @@ def is_running(pid: int) -> bool:
 
 
 def test_a_quick_answer_then_the_full_one(
-    analyst: Analyst, answers: "queue.SimpleQueue[Any]", drop: Drop
+    worker: InversionWorker, answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
-    analyst.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
-    wait_until(lambda: pid_of(analyst) > 0)
-    second = analyst.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
-    third = analyst.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
+    worker.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
+    wait_until(lambda: pid_of(worker) > 0)
+    second = worker.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
+    third = worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
     found = [next_answer(answers) for _ in range(3)]
     # Whichever was begun first, the quick one went before the full one of an older drop.
     order = [one.task.number for one in found]
@@ -97,37 +97,37 @@ def test_a_quick_answer_then_the_full_one(
     curves = by_number[third].curves
     assert curves is not None
     assert np.isfinite(curves.predicted).all()
-    assert analyst.wait(0)
+    assert worker.wait(0)
 
 
 @pytest.mark.posix
 def test_a_killed_process_is_replaced_and_the_answer_comes(
-    analyst: Analyst, answers: "queue.SimpleQueue[Any]", drop: Drop
+    worker: InversionWorker, answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
-    first = pid_of(analyst)
-    analyst.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
+    first = pid_of(worker)
+    worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
     os.kill(first, signal.SIGKILL)
     answer = next_answer(answers)
     assert answer.fault is None
     assert answer.result is not None
-    assert pid_of(analyst) != first
+    assert pid_of(worker) != first
     assert not is_running(first)
 
 
 def test_one_that_died_while_it_had_nothing_to_do_costs_no_attempt(
-    analyst: Analyst, answers: "queue.SimpleQueue[Any]", drop: Drop
+    worker: InversionWorker, answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
-    os.kill(pid_of(analyst), signal.SIGTERM)
-    assert analyst._process is not None
-    analyst._process.wait(PATIENCE)
-    analyst.prepare(drop, SETUP, QUICK)
+    os.kill(pid_of(worker), signal.SIGTERM)
+    assert worker._process is not None
+    worker._process.wait(PATIENCE)
+    worker.prepare(drop, SETUP, QUICK)
     assert next_answer(answers).fault is None
 
 
 def test_after_two_deaths_a_task_is_given_up_and_the_next_is_answered(
     answers: "queue.SimpleQueue[Any]", drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pfwd_survey.inverting import analyst as module
+    from pfwd_survey.inverting.worker import worker as module
 
     starts = []
     start = module._start
@@ -142,18 +142,18 @@ def test_after_two_deaths_a_task_is_given_up_and_the_next_is_answered(
         return process
 
     monkeypatch.setattr(module, "_start", dying)
-    analyst = Analyst(answers.put)
+    worker = InversionWorker(answers.put)
     try:
-        analyst.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
+        worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
         answer = next_answer(answers)
         assert answer.result is None
         assert answer.fault is not None
         assert "ended by itself twice" in answer.fault
         assert len(starts) == 2
-        analyst.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
+        worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
         assert next_answer(answers).result is not None
     finally:
-        analyst.close()
+        worker.close()
 
 
 def test_a_process_that_cannot_be_started_is_a_fault_and_no_hang(
@@ -162,27 +162,27 @@ def test_a_process_that_cannot_be_started_is_a_fault_and_no_hang(
     def refuse() -> Any:
         raise OSError(12, "no memory")
 
-    monkeypatch.setattr("pfwd_survey.inverting.analyst._start", refuse)
-    analyst = Analyst(answers.put)
+    monkeypatch.setattr("pfwd_survey.inverting.worker.worker._start", refuse)
+    worker = InversionWorker(answers.put)
     try:
-        analyst.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
+        worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
         answer = next_answer(answers)
         assert answer.fault is not None
         assert "no memory" in answer.details
     finally:
-        analyst.close()
+        worker.close()
 
 
 def test_an_error_inside_an_analysis_is_an_answer(
-    analyst: Analyst, answers: "queue.SimpleQueue[Any]", drop: Drop
+    worker: InversionWorker, answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
     broken: Any = "no screening"
-    analyst.analyse(Urgency.QUICK, drop, SETUP, broken, QUICK, "q")
+    worker.analyse(Urgency.QUICK, drop, SETUP, broken, QUICK, "q")
     answer = next_answer(answers)
     assert answer.fault is not None
     assert answer.fault.startswith("the analysis failed: AttributeError")
     assert "Traceback" in answer.details
-    analyst.prepare(drop, SETUP, QUICK)
+    worker.prepare(drop, SETUP, QUICK)
     assert next_answer(answers).fault is None
 
 
@@ -190,15 +190,15 @@ def test_an_error_inside_an_analysis_is_an_answer(
 def test_close_with_work_under_way_leaves_no_process(
     answers: "queue.SimpleQueue[Any]", drop: Drop
 ) -> None:
-    analyst = Analyst(answers.put)
-    pid = pid_of(analyst)
+    worker = InversionWorker(answers.put)
+    pid = pid_of(worker)
     for _ in range(20):
-        analyst.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
+        worker.analyse(Urgency.FULL, drop, SETUP, FINE, OPTIONS, "f")
     next_answer(answers)
-    analyst.close()
+    worker.close()
     assert not is_running(pid)
-    assert not analyst._thread.is_alive()
-    analyst.close()  # twice is once
+    assert not worker._thread.is_alive()
+    worker.close()  # twice is once
 
 
 def test_asking_never_waits_for_the_process(
@@ -206,27 +206,27 @@ def test_asking_never_waits_for_the_process(
 ) -> None:
     """Eight channels at 50 kHz are 0.5 MB a drop: more than a pipe takes from a busy reader."""
     large = make_drop(rate=50_000, window=0.1, offsets=tuple(0.1 * i for i in range(8)))
-    analyst = Analyst(answers.put)
+    worker = InversionWorker(answers.put)
     try:
         begin = time.monotonic()
         for _ in range(20):
-            analyst.analyse(Urgency.FULL, large, SETUP, FINE, QUICK, "f")
+            worker.analyse(Urgency.FULL, large, SETUP, FINE, QUICK, "f")
         asked = time.monotonic() - begin
         next_answer(answers)
         # The first answer takes the start of a process; asking must not have waited for it.
         assert asked < 0.5 * (time.monotonic() - begin)
     finally:
-        analyst.close()
+        worker.close()
 
 
 @pytest.mark.posix
 def test_it_ends_when_its_parent_is_killed() -> None:
     script = """
         import time
-        from pfwd_survey.inverting.analyst import Analyst
+        from pfwd_survey.inverting.worker.worker import InversionWorker
 
-        analyst = Analyst(print)  # no guard: a script may begin at its first line
-        print(analyst._process.pid, flush=True)
+        worker = InversionWorker(print)  # no guard: a script may begin at its first line
+        print(worker._process.pid, flush=True)
         time.sleep(600)
     """
     parent = subprocess.Popen(

@@ -1,0 +1,1 @@
+"""The diagnosis of files and surveys: points gathered, diagnosed, written down, drawn."""

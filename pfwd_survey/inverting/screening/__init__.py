@@ -1,0 +1,1 @@
+"""What is wrong with a drop before it is inverted, and what of it can be used."""

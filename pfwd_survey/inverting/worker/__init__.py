@@ -1,0 +1,1 @@
+"""Inverts drops beside the acquisition, in a process of its own."""
