@@ -373,12 +373,12 @@ class SurveyWriter:
             return 0
         return int(free // max(size_estimate or self._drop_bytes, 1))
 
-    def storage_warning(self) -> str | None:
-        """A sentence when the disk is filling (below 200 MB or 500 drops), else None."""
+    def scarce_drops(self) -> int | None:
+        """How many more drops the disk takes when it is filling, below 200 MB or 500 drops."""
         drops = self.free_drops()
         if drops * self._drop_bytes >= WARN_BYTES and drops >= WARN_DROPS:
             return None
-        return f"The disk is filling: room for about {drops} more drops in {self.folder}."
+        return drops
 
     def check_room(self) -> None:
         """Raise StorageFull when there is room for fewer than 20 drops: do not arm then."""

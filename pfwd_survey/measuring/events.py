@@ -214,6 +214,19 @@ class Notice:
     see `pfwd_survey.measuring.repeats`. Empty: told whenever it comes."""
 
 
+@dataclass(frozen=True, slots=True)
+class BatteryLow(Notice):
+    """The instrument says that its battery is low."""
+
+
+@dataclass(frozen=True, slots=True)
+class StorageLow(Notice):
+    """The disk is filling."""
+
+    drops_left: int = 0
+    """About how many more it takes."""
+
+
 SessionEvent = (
     InstrumentReady
     | InstrumentLost

@@ -27,6 +27,7 @@ from pfwd_survey.files.editing import Edit
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
+    BatteryLow,
     Edited,
     InstrumentLost,
     InstrumentReady,
@@ -374,7 +375,7 @@ class Session:
             self._ended = True
         elif item.kind == EventKind.LOW_BATTERY:
             text = f"battery of the instrument is low {item.text}".rstrip()
-            self._tell(Notice(text, serious=True, kind="battery"))
+            self._tell(BatteryLow(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
             text = f"the instrument started anew {item.text}".rstrip()
             self._tell(Notice(text, kind="starts"))

@@ -20,6 +20,7 @@ from pfwd_survey.measuring.events import (
     DropNotPublished,
     DropNotSaved,
     Notice,
+    StorageLow,
     SurveyFilesChanged,
 )
 
@@ -151,10 +152,11 @@ class SurveyRecorder:
                     self._tell(SurveyFilesChanged(report.text, safe=True))
 
     def _announce_filling(self) -> None:
-        warning = self.writer.storage_warning()
-        if warning and not self._filling_told:
-            self._tell(Notice(warning, serious=True))
-        self._filling_told = warning is not None
+        left = self.writer.scarce_drops()
+        if left is not None and not self._filling_told:
+            text = f"The disk is filling: room for about {left} more drops in {self.writer.folder}."
+            self._tell(StorageLow(text, serious=True, drops_left=left))
+        self._filling_told = left is not None
 
     def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
         """Save a rebound; that of a drop which is held is held with it.

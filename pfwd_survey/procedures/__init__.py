@@ -16,17 +16,17 @@ the headless logger, the report and a script use the same two calls::
     progress.instruction        # one sentence: what is to be done next
     progress.seating_done, progress.seating_wanted      # 3, 3 (wanted None: not stated)
     progress.measured_done, progress.measured_wanted    # 2, 3
-    progress.excluded           # (number of the drop, why) of every drop that takes no part
+    progress.excluded           # every drop that takes no part, with why
     progress.used               # numbers of the drops that are averaged
     progress.value              # PointValue (quantity, value, interval, factor, ...) or None
     progress.verdict            # Verdict.PASS, FAIL, UNDECIDED or NONE, with verdict_reason
     progress.notes              # what the profile says but is not verified, hence not enforced
 
 `pfwd_survey.inverting.screening.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, its
-declared geophone response taken out of the peak. ``judge`` is called anew after every drop with all drops of
-the point; it keeps nothing. ``kind_of`` says which kind the next drop is when only the rejected
-ones are known. ``None`` in a field of `PointDrop` means: not known (yet); a check that needs it is
-left out, never failed.
+declared geophone response taken out of the peak. ``judge`` is called anew after every drop with all
+drops of the point; it keeps nothing. ``kind_of`` says which kind the next drop is when only the
+rejected ones are known. ``None`` in a field of `PointDrop` means: not known (yet); a check that
+needs it is left out, never failed.
 
 A profile says for every number where it is from. A number whose source could not be confirmed is
 marked ``verified = false``: it is shown, and not enforced unless the user says so
@@ -35,6 +35,8 @@ marked ``verified = false``: it is shown, and not enforced unless the user says 
 
 from pfwd_survey.procedures.judging import judge
 from pfwd_survey.procedures.point import (
+    ExcludedDrop,
+    Exclusion,
     Kind,
     PointDrop,
     PointProgress,
@@ -48,6 +50,8 @@ from pfwd_survey.procedures.shipped import find_procedure, shipped_names, shippe
 from pfwd_survey.procedures.sorting import kind_of
 
 __all__ = [
+    "ExcludedDrop",
+    "Exclusion",
     "Kind",
     "Number",
     "PointDrop",

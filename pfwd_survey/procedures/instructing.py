@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 
-from pfwd_survey.procedures.point import Kind
+from pfwd_survey.procedures.point import ExcludedDrop, Exclusion, Kind
 from pfwd_survey.procedures.profile import Procedure
 from pfwd_survey.procedures.sorting import SortedDrops
+
+_REPEATED = frozenset({Exclusion.REJECTED, Exclusion.DISCARDED, Exclusion.FAULT})
+"""Why a drop is to be repeated; a seating drop, or one too many, is none the worse."""
 
 
 def next_step(
@@ -14,7 +17,9 @@ def next_step(
     seating, measured = procedure.seating_drops, procedure.measured_drops
     seating_done, complete = sorted_drops.seating_done, sorted_drops.complete
     repeated = _to_be_repeated(sorted_drops)
-    again = "" if repeated is None else f"Drop {repeated[0]} does not count ({repeated[1]}): "
+    again = ""
+    if repeated is not None:
+        again = f"Drop {repeated.number} does not count ({repeated.reason}): "
     if seating is not None and seating_done < seating:
         text = f"seating drop {seating_done + 1} of {seating}"
         return Kind.SEATING, f"{again}{text}." if again else f"Lift the weight for {text}."
@@ -34,12 +39,12 @@ def next_step(
     return None, "The point is done: walk to the next."
 
 
-def _to_be_repeated(sorted_drops: SortedDrops) -> tuple[int, str] | None:
-    """The last drop and its reason when it is one to be repeated."""
+def _to_be_repeated(sorted_drops: SortedDrops) -> ExcludedDrop | None:
+    """The last drop when it is one to be repeated."""
     drops = sorted_drops.drops
     if not drops or drops[-1].kind is Kind.SEATING:
         return None
-    for number, reason in sorted_drops.excluded:
-        if number == drops[-1].number and not reason.startswith(("seating", "beyond")):
-            return number, reason
+    for excluded in sorted_drops.excluded:
+        if excluded.number == drops[-1].number and excluded.why in _REPEATED:
+            return excluded
     return None

@@ -245,7 +245,7 @@ def _progress(
         complete=sorted_drops.complete,
         used=tuple(one.number for one in sorted_drops.used),
         kinds=tuple(sorted_drops.kinds.items()),
-        excluded=tuple(sorted(sorted_drops.excluded)),
+        excluded=tuple(sorted(sorted_drops.excluded, key=lambda drop: drop.number)),
         faults=tuple(faults),
         notes=tuple(notes),
         value=value,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum
 from typing import Any
 
 from pfwd_survey.procedures.profile import Quantity
@@ -99,6 +99,28 @@ class StressDependence:
     """Smallest and largest, Pa."""
 
 
+class Exclusion(Enum):
+    """Why a drop takes no part in the value of its point."""
+
+    SEATING = "seating"
+    BEYOND = "beyond"
+    """There are as many measured drops as the procedure wants without it."""
+    REJECTED = "rejected"
+    DISCARDED = "discarded"
+    FAULT = "fault"
+    """An enforced check of single drops found something wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedDrop:
+    """A drop that takes no part."""
+
+    number: int
+    why: Exclusion
+    reason: str
+    """For people."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointProgress:
     """What a procedure says of a point, drop by drop."""
@@ -119,8 +141,8 @@ class PointProgress:
     """Numbers of the drops that are averaged."""
     kinds: tuple[tuple[int, Kind], ...]
     """Number of every drop and what it counts as by the procedure."""
-    excluded: tuple[tuple[int, str], ...]
-    """Number and reason of every drop that takes no part."""
+    excluded: tuple[ExcludedDrop, ...]
+    """Every drop that takes no part, by number."""
     faults: tuple[str, ...]
     """What an enforced check found wrong with the point, one sentence each."""
     notes: tuple[str, ...]

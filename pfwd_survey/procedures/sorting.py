@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pfwd_survey.procedures.point import Kind, PointDrop
+from pfwd_survey.procedures.point import ExcludedDrop, Exclusion, Kind, PointDrop
 from pfwd_survey.procedures.profile import CHECKS, Procedure
 
 _DROP_CHECKS: tuple[tuple[str, str, float], ...] = (
@@ -32,8 +32,8 @@ class SortedDrops:
     """Measured drops without fault."""
     used: Sequence[PointDrop]
     """Those of them that are averaged: as many as the procedure wants, the first ones."""
-    excluded: Sequence[tuple[int, str]]
-    """Number and reason of every drop that takes no part."""
+    excluded: Sequence[ExcludedDrop]
+    """Every drop that takes no part."""
     seating_done: int
     complete: bool
     """Whether enough drops are in."""
@@ -62,7 +62,8 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
     usable, excluded, seating_done = _sort_out(procedure, drops, notes)
     used = usable if wanted is None else usable[:wanted]
     beyond = usable[len(used) :]
-    excluded += [(one.number, f"beyond the {wanted} measured drops") for one in beyond]
+    text = f"beyond the {wanted} measured drops"
+    excluded += [ExcludedDrop(drop.number, Exclusion.BEYOND, text) for drop in beyond]
     complete = len(used) >= (wanted or 1)
     kinds = _kinds(procedure, drops)
     return SortedDrops(drops, kinds, usable, used, excluded, seating_done, complete)
@@ -70,30 +71,36 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
 
 def _sort_out(
     procedure: Procedure, drops: Sequence[PointDrop], notes: list[str]
-) -> tuple[list[PointDrop], list[tuple[int, str]], int]:
+) -> tuple[list[PointDrop], list[ExcludedDrop], int]:
     """Usable drops, excluded ones with their reasons, seating drops done."""
     wanted = procedure.seating_drops
-    usable, excluded = [], []
+    usable: list[PointDrop] = []
+    excluded: list[ExcludedDrop] = []
     loaded = seating_done = 0
     unenforced: dict[str, list[int]] = {}
-    for one in drops:
-        if one.kind is Kind.REJECTED:
-            excluded.append((one.number, f"rejected: {one.reason or 'no drop'}"))
+    for drop in drops:
+
+        def leave_out(why: Exclusion, reason: str, number: int = drop.number) -> None:
+            excluded.append(ExcludedDrop(number, why, reason))
+
+        if drop.kind is Kind.REJECTED:
+            leave_out(Exclusion.REJECTED, f"rejected: {drop.reason or 'no drop'}")
             continue
         before, loaded = loaded, loaded + 1
-        fault = _drop_fault(procedure, one, unenforced)
+        fault = _drop_fault(procedure, drop, unenforced)
         if wanted is not None and before < wanted:
             seating_done += 1
-            excluded.append((one.number, f"seating drop {seating_done} of {wanted}"))
-        elif wanted is None and one.kind is Kind.SEATING:
+            leave_out(Exclusion.SEATING, f"seating drop {seating_done} of {wanted}")
+        elif wanted is None and drop.kind is Kind.SEATING:
             seating_done += 1
-            excluded.append((one.number, "seating drop"))
-        elif one.kind is Kind.DISCARDED:
-            excluded.append((one.number, f"discarded{f': {one.reason}' if one.reason else ''}"))
+            leave_out(Exclusion.SEATING, "seating drop")
+        elif drop.kind is Kind.DISCARDED:
+            why = f": {drop.reason}" if drop.reason else ""
+            leave_out(Exclusion.DISCARDED, f"discarded{why}")
         elif fault:
-            excluded.append((one.number, fault))
+            leave_out(Exclusion.FAULT, fault)
         else:
-            usable.append(one)
+            usable.append(drop)
     for text, numbers in unenforced.items():
         names = ", ".join(map(str, numbers))
         notes.append(f"drop{'s' if len(numbers) > 1 else ''} {names}: {text}")

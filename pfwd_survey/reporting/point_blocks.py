@@ -80,7 +80,10 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
         ),
         (texts["target"], _target(point, report)),
         (texts["used"], ", ".join(map(str, progress.used)) or shown.NOTHING),
-        (texts["excluded"], "; ".join(f"{n}: {why}" for n, why in progress.excluded)),
+        (
+            texts["excluded"],
+            "; ".join(f"{drop.number}: {drop.reason}" for drop in progress.excluded),
+        ),
         (texts["spread"], shown.percent(progress.deflection_spread)),
         (texts["s_over_v"], shown.scaled(progress.s_over_v, 1e3, "ms")),
         (texts["stress"], _stress(point, texts)),

@@ -10,6 +10,8 @@ import pytest
 
 from pfwd_survey.errors import OptionError
 from pfwd_survey.procedures import (
+    ExcludedDrop,
+    Exclusion,
     Kind,
     Number,
     PointDrop,
@@ -57,7 +59,7 @@ def test_three_are_seating_three_are_averaged() -> None:
     assert kinds == [Kind.SEATING] * 3 + [Kind.MEASURED] * 3 + [None]
     assert found.used == (4, 5, 6)
     assert dict(found.kinds)[3] is Kind.SEATING
-    assert found.excluded[0] == (1, "seating drop 1 of 3")
+    assert found.excluded[0] == ExcludedDrop(1, Exclusion.SEATING, "seating drop 1 of 3")
     assert "walk to the next" in found.instruction
 
 
@@ -99,7 +101,7 @@ def test_a_rejected_drop_does_not_seat_the_plate() -> None:
     found = judged([dataclasses.replace(one, number=n) for n, one in enumerate(drops, 1)])
     assert found.seating_done == 2
     assert found.next_kind is Kind.SEATING
-    assert (2, "rejected: false trigger") in found.excluded
+    assert ExcludedDrop(2, Exclusion.REJECTED, "rejected: false trigger") in found.excluded
     assert kind_of(GERMAN, [False, True, False]) is Kind.SEATING
     assert kind_of(GERMAN, [False, True, False, False]) is Kind.MEASURED
 
@@ -117,7 +119,7 @@ def test_a_discarded_drop_has_seated_and_is_replaced() -> None:
 def test_drops_beyond_the_measured_ones_take_no_part() -> None:
     found = judged([*SIX, drop(7, 0.2)])
     assert found.used == (4, 5, 6)
-    assert found.excluded[-1] == (7, "beyond the 3 measured drops")
+    assert found.excluded[-1] == ExcludedDrop(7, Exclusion.BEYOND, "beyond the 3 measured drops")
 
 
 @pytest.mark.parametrize(
@@ -140,8 +142,8 @@ def test_a_drop_outside_of_a_limit_is_repeated(
     bad = dataclasses.replace(SIX[4], **{field: value})  # type: ignore[arg-type]
     found = judged([*SIX[:4], bad], limits(**{check: limit}))
     assert found.used == (4,)
-    assert found.excluded[-1][0] == 5
-    assert "than" in found.excluded[-1][1]
+    assert (found.excluded[-1].number, found.excluded[-1].why) == (5, Exclusion.FAULT)
+    assert "than" in found.excluded[-1].reason
     assert found.next_kind is Kind.MEASURED
     unknown = dataclasses.replace(SIX[4], **{field: None})  # type: ignore[arg-type]
     assert 5 in judged([*SIX[:4], unknown], limits(**{check: limit})).used

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from pfwd_survey.measuring.events import (
+    BatteryLow,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -22,6 +23,7 @@ from pfwd_survey.measuring.events import (
     Ready,
     Rebounded,
     SensorCheck,
+    StorageLow,
     SurveyFilesChanged,
     TableBuilding,
 )
@@ -106,8 +108,8 @@ class SessionState:
         self.session: Any = None
         """The session that runs; None: none does."""
         self.ended: SessionEnded | None = None
-        self.storage = ""
-        """What there is to say about room on the disk."""
+        self.drops_left: int | None = None
+        """How many more drops the disk takes, once that is few."""
         self.files_trouble = ""
         """Why the survey's own folder does not hold everything; empty: it does."""
         self.recorded = False
@@ -179,8 +181,8 @@ class SessionState:
         if drop.status != "measured" or drop.discarded:
             return ""
         owner = self.points.get(drop.point)
-        excluded = dict(self.progress_of(owner).excluded) if owner is not None else {}
-        return excluded.get(drop.number, "")
+        excluded = self.progress_of(owner).excluded if owner is not None else ()
+        return next((one.reason for one in excluded if one.number == drop.number), "")
 
     def _plate(self, drops: list[DropState]) -> tuple[float, float | None]:
         """Plate radius, m, and Poisson's ratio of drops."""
@@ -247,6 +249,12 @@ class SessionState:
                 self._on_edited(event)
             case TableBuilding():
                 self.building = event if event.fraction < 1 else None
+            case BatteryLow():
+                self.device.battery_low = True
+                self._on_notice(event)
+            case StorageLow(drops_left=left):
+                self.drops_left = left
+                self._on_notice(event)
             case Notice():
                 self._on_notice(event)
             case SessionBegan():
@@ -304,10 +312,6 @@ class SessionState:
     def _on_notice(self, event: Notice) -> None:
         now = datetime.datetime.now()
         self.notices.append((now, event))
-        if event.text.startswith("battery"):
-            self.device.battery_low = True
-        if "room for" in event.text:
-            self.storage = event.text
 
     def _drop(self, point: str, number: int) -> DropState:
         owner = self.points.setdefault(point, PointState(point))
@@ -334,7 +338,6 @@ class SessionState:
         drop = self._drop(event.point, event.number)
         drop.safe, drop.reason = False, event.reason
         self.point, self.last = event.point, drop
-        self.storage = event.reason
 
     def _on_analysed(self, event: DropAnalysed) -> None:
         add_answer(self._drop(event.one.point, event.one.number), event)

@@ -1,12 +1,10 @@
 """The one word that is read from afar, and what to do next."""
 
-import math
-import re
 from dataclasses import dataclass
+from typing import Literal
 
 from pfwd_survey.measuring.plan import Ending
 from pfwd_survey.procedures import Kind
-from tui.screen.drawing.lines import Role
 from tui.screen.session.state import SessionState
 
 SAFE_SHOWN = 2.0
@@ -32,8 +30,8 @@ class StatusWord:
     word: str
     action: str
     """What to do next, or what is waited for."""
-    role: Role
-    """ready, busy or alarm."""
+    role: Literal["ready", "busy", "alarm"]
+    """How it is painted."""
 
 
 def status_of(state: SessionState, now: float, pulse_age: float | None = None) -> StatusWord:
@@ -142,8 +140,9 @@ def _waiting(state: SessionState) -> StatusWord:
         return StatusWord("WAITING", "nothing comes yet", "busy")
     if device.check_faults:
         return StatusWord("CHECK", f"{device.check_faults[0]}", "alarm")
-    if _drops_left(state.storage) < FEW_DROPS:
-        return StatusWord("DISK LOW", f"{state.storage}; lift the weight", "alarm")
+    if state.drops_left is not None and state.drops_left < FEW_DROPS:
+        text = f"room for about {state.drops_left} more drops; lift the weight"
+        return StatusWord("DISK LOW", text, "alarm")
     return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
 
 
@@ -157,11 +156,6 @@ def _next(state: SessionState) -> str:
 def _count(kind: str, done: int, wanted: int | None) -> str:
     whole = "" if wanted is None else f" of {wanted}"
     return f"{kind} drop {done + 1}{whole}"
-
-
-def _drops_left(storage: str) -> float:
-    found = re.search(r"room for (?:about )?(\d+)", storage)
-    return math.inf if found is None else int(found[1])
 
 
 def _drops(count: int) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import (
+    BatteryLow,
     DropNotSaved,
     Edited,
     InstrumentLost,
@@ -16,6 +17,8 @@ from pfwd_survey.measuring.events import (
     Ready,
     Rebounded,
     SensorCheck,
+    StorageLow,
+    SurveyFilesChanged,
     TableBuilding,
 )
 from pfwd_survey.measuring.plan import Ending
@@ -230,11 +233,24 @@ def test_a_whole_point_is_done_and_a_discarded_drop_opens_it_again() -> None:
 
 
 def test_a_full_disk_is_told_before_it_is_full() -> None:
-    text = "The disk is filling: room for about {} more drops in survey."
-    state = state_after(ready(), Ready(), Notice(text.format(500), serious=True))
+    state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_left=500))
     assert word(state) == "READY"
-    state.take(Notice(text.format(40), serious=True))
+    state.take(StorageLow("filling", serious=True, drops_left=40))
     assert word(state) == "DISK LOW"
+    assert "room for about 40 more drops" in status_of(state, 110.0).action
+
+
+def test_a_battery_that_is_low_is_shown() -> None:
+    state = state_after(ready(), BatteryLow("whatever it says", serious=True))
+    assert state.device.battery_low
+    assert not state_after(ready(), Notice("battery of something else")).device.battery_low
+
+
+def test_files_that_were_taken_away_are_the_first_thing_to_say() -> None:
+    state = state_after(ready(), Ready(), SurveyFilesChanged("the journal is gone", safe=False))
+    assert (word(state), status_of(state, 110.0).action) == ("NOT SAFE", "the journal is gone")
+    state.take(SurveyFilesChanged("all is well", safe=True))
+    assert word(state) == "READY"
 
 
 def test_a_load_cell_that_is_wrong_is_told() -> None:
