@@ -10,6 +10,7 @@ elsewhere a program is not told what its children used.
 import argparse
 import dataclasses
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -195,20 +196,29 @@ def _best(costs: list[Cost]) -> Cost:
 PFWD = [sys.executable, "-P", "-c", "from tui.cli import main; raise SystemExit(main())"]
 
 
+# A process of its own, and a small one: what the system says of a child's memory is at least what
+# whoever started it had.
+_MEASURING = """
+import json, os, subprocess, sys, time
+begun = time.monotonic()
+child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(child.pid, 0)
+child.returncode = os.waitstatus_to_exitcode(status)
+seconds = time.monotonic() - begun
+processor = used.ru_utime + used.ru_stime
+print(json.dumps([child.returncode, seconds, processor, used.ru_maxrss]))
+"""
+
+
 def measure(arguments: list[str]) -> Cost:
     """Run ``pfwd`` with these arguments; RuntimeError when it fails."""
-    begun = time.monotonic()
-    with tempfile.TemporaryFile() as said:
-        child = subprocess.Popen([*PFWD, *arguments], stdout=subprocess.DEVNULL, stderr=said)
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        seconds = time.monotonic() - begun
-        if child.returncode != 0:
-            said.seek(0)
-            text = said.read(1000).decode(errors="replace")
-            raise RuntimeError(f"pfwd {' '.join(arguments)}: status {child.returncode}: {text}")
+    command = [sys.executable, "-I", "-S", "-c", _MEASURING, *PFWD, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=True)
+    status, seconds, processor, largest = json.loads(done.stdout)
+    if status != 0:
+        raise RuntimeError(f"pfwd {' '.join(arguments)}: status {status}: {done.stderr[:1000]}")
     unit = 1.0 if sys.platform == "darwin" else 1024.0  # bytes there, kB elsewhere
-    return Cost(seconds, used.ru_utime + used.ru_stime, used.ru_maxrss * unit / 1e6)
+    return Cost(seconds, processor, largest * unit / 1e6)
 
 
 def paints(survey: Path) -> dict[str, list[str]]:
