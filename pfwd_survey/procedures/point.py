@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from enum import Enum, StrEnum
+from enum import StrEnum
 from typing import Any
 
 from pfwd_survey.procedures.profile import Quantity
@@ -99,7 +99,7 @@ class StressDependence:
     """Smallest and largest, Pa."""
 
 
-class Exclusion(Enum):
+class Exclusion(StrEnum):
     """Why a drop takes no part in the value of its point."""
 
     SEATING = "seating"
@@ -167,7 +167,8 @@ class PointProgress:
 
     def as_dict(self) -> Mapping[str, Any]:
         """As JSON knows it; SI units."""
-        return {key: _plain(value) for key, value in asdict(self).items()}
+        known = {key: _plain(value) for key, value in asdict(self).items()}
+        return known | {"excluded": [[drop.number, drop.reason] for drop in self.excluded]}
 
 
 def _plain(value: Any) -> Any:
