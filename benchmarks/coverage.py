@@ -111,7 +111,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class ModelError:
+class ModelDifference:
     """Forward model at the truth less finite elements, free of noise, over the sensor's peak."""
 
     plate_rms: float
@@ -125,7 +125,7 @@ class ModelError:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CoverageResult:
     """What the inversion said of one case, and what the truth says of it; SI and fractions."""
 
     case: Case
@@ -137,7 +137,7 @@ class Outcome:
     at_bound: tuple[str, ...]
     depth_not_unique: bool
     window_residual: float
-    model_error: ModelError
+    model_error: ModelDifference
     fault: str = ""
 
     @property
@@ -217,7 +217,7 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
     return record_of(point.drops[0], point.setup)
 
 
-def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelError:
+def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelDifference:
     """The forward model at the true parameters against the finite elements."""
     peaks = np.max(np.abs(drop.ground_displacement), axis=1)
     # As the inversion weighs them: a far sensor that hardly moves counts less.
@@ -226,8 +226,8 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
     rms = np.sqrt(np.mean(left[:, : int(loaded[-1]) + 1] ** 2, axis=1))
     largest = np.max(np.abs(left), axis=1)
     if rms.size == 1:
-        return ModelError(float(rms[0]), float(largest[0]), None, None)
-    return ModelError(
+        return ModelDifference(float(rms[0]), float(largest[0]), None, None)
+    return ModelDifference(
         float(rms[0]), float(largest[0]), float(np.max(rms[1:])), float(np.max(largest[1:]))
     )
 
@@ -248,19 +248,19 @@ def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> F
     return result
 
 
-def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Outcome:
+def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
     """Write, read, invert, and only then compare with the truth."""
     own = model_error(case, drop, library)
     try:
         result = invert(recorded(case, drop), Settings(method="least-squares"), library)
     except InversionError as err:
         nan = math.nan
-        return Outcome(case, nan, nan, nan, nan, False, (), False, nan, own, str(err))
+        return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, own, str(err))
     return _outcome(case, result, own)
 
 
-def _outcome(case: Case, result: InversionResult, own: ModelError) -> Outcome:
-    return Outcome(
+def _outcome(case: Case, result: InversionResult, own: ModelDifference) -> CoverageResult:
+    return CoverageResult(
         case=case,
         modulus=result.subgrade.modulus.value,
         low=result.modulus_interval[0],
@@ -274,7 +274,7 @@ def _outcome(case: Case, result: InversionResult, own: ModelError) -> Outcome:
     )
 
 
-def simulate_and_analyse(case: Case) -> Outcome:
+def simulate_and_analyse(case: Case) -> CoverageResult:
     """One case in a process of its own."""
     with single_threaded_blas():
         return analyse(case, simulate(case), SurrogateLibrary())
@@ -306,7 +306,7 @@ def run(arguments: list[str]) -> int:
 
 
 def summarise(
-    report: Reporter, outcomes: Sequence[Outcome], refined: Sequence[dict[str, object]] = ()
+    report: Reporter, outcomes: Sequence[CoverageResult], refined: Sequence[dict[str, object]] = ()
 ) -> int:
     """Print the tables of a campaign; 0, or 1 where the target is missed."""
     report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
@@ -314,7 +314,7 @@ def summarise(
         _summary(report, group, [o for o in outcomes if o.case.group == group])
     met = _summary(report, "all", outcomes)
     report.title("forward model at the truth against finite elements (over the peak)")
-    for name in ModelError.__dataclass_fields__:
+    for name in ModelDifference.__dataclass_fields__:
         found = [getattr(o.model_error, name) for o in outcomes]
         values = [value for value in found if value is not None]
         if values:
@@ -330,7 +330,7 @@ def summarise(
     return 0 if met else 1
 
 
-def _summary(report: Reporter, group: str, outcomes: Sequence[Outcome]) -> bool:
+def _summary(report: Reporter, group: str, outcomes: Sequence[CoverageResult]) -> bool:
     sound = [o for o in outcomes if not o.fault]
     if not sound:
         return not outcomes
@@ -363,7 +363,7 @@ def _quantiles(values: Iterable[float]) -> dict[str, float]:
     }
 
 
-def _failure(outcome: Outcome) -> dict[str, object]:
+def _failure(outcome: CoverageResult) -> dict[str, object]:
     values = {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in asdict(outcome.case).items()

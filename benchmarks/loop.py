@@ -23,7 +23,7 @@ from benchmarks.output import Reporter
 from simulators.campaign import Case, make_campaign, read_truth
 from simulators.effects.catalogue import CLEAN, EFFECTS
 
-Record = Mapping[str, Any]
+DiagnosisRecord = Mapping[str, Any]
 
 # An effect counts where it moves the modulus or leaves a residual by more than this.
 MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
@@ -38,7 +38,7 @@ class Judged:
     """One point: the truth and what was said."""
 
     case: Case
-    record: Record | None
+    record: DiagnosisRecord | None
     """None: the file was refused."""
 
     @property
@@ -153,15 +153,19 @@ def _campaign(
     return [Judged(case, records.get(case.file)) for case in read_truth(folder)]
 
 
-def by_library(files: Sequence[Path], jobs: int) -> dict[str, Record]:
+def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
     """Records by file name; a file that was refused has none."""
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     done = diagnose_files([str(file) for file in files], jobs=jobs)
-    return {Path(one.file).name: dict(one.record) for one in done if one.record is not None}
+    return {
+        Path(diagnosed.file).name: dict(diagnosed.record)
+        for diagnosed in done
+        if diagnosed.record is not None
+    }
 
 
-def by_command(files: Sequence[Path], jobs: int) -> dict[str, Record]:
+def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
     """The same by ``pfwd diagnose --json`` in a process of its own."""
     program = "import sys; from tui.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
@@ -177,42 +181,44 @@ def by_command(files: Sequence[Path], jobs: int) -> dict[str, Record]:
 def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
     """By effect, then the totals that count, then who was taken for whom."""
     report.title("by effect and strength; errors of the modulus in %")
-    for key in sorted({one.case.key for one in judged}):
-        for level in sorted({one.case.level for one in judged if one.case.key == key}):
-            part = [one for one in judged if (one.case.key, one.case.level) == (key, level)]
+    for key in sorted({point.case.key for point in judged}):
+        for level in sorted({point.case.level for point in judged if point.case.key == key}):
+            part = [point for point in judged if (point.case.key, point.case.level) == (key, level)]
             report.record(effect=key, strength=part[0].case.strength, **_shares(part))
     report.title("by effect, drops that matter")
-    for key in sorted({one.case.key for one in judged if one.matters}):
-        part = [one for one in judged if one.case.key == key and one.matters]
+    for key in sorted({point.case.key for point in judged if point.matters}):
+        part = [point for point in judged if point.case.key == key and point.matters]
         report.record(effect=key, **_shares(part))
     report.title("totals (shares of drops)")
     report.record(**totals(judged))
     report.title("true effect, and what was named first, where it matters or raised an alarm")
-    for key in sorted({one.case.key for one in judged}):
-        part = [one for one in judged if one.case.key == key and (one.matters or one.alarmed)]
+    for key in sorted({point.case.key for point in judged}):
+        part = [
+            point for point in judged if point.case.key == key and (point.matters or point.alarmed)
+        ]
         if part:
-            counts = Counter(one.first for one in part).most_common()
+            counts = Counter(point.first for point in part).most_common()
             report.record(true=key, named=", ".join(f"{name} {count}" for name, count in counts))
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
     """The figures by which the loop is judged."""
-    harmless = [one for one in judged if one.case.effect in HARMLESS]
-    real = [one for one in judged if one.case.effect not in HARMLESS and one.matters]
-    known = [one for one in real if one.case.known]
-    unknown = [one for one in real if not one.case.known]
-    visible = [one for one in unknown if one.visible]
-    corrected = [one for one in known if one.verdict == "explained"]
+    harmless = [point for point in judged if point.case.effect in HARMLESS]
+    real = [point for point in judged if point.case.effect not in HARMLESS and point.matters]
+    known = [point for point in real if point.case.known]
+    unknown = [point for point in real if not point.case.known]
+    visible = [point for point in unknown if point.visible]
+    corrected = [point for point in known if point.verdict == "explained"]
     return {
         "known": _drops(known),
-        "right_named": _share(known, lambda one: one.right),
+        "right_named": _share(known, lambda point: point.right),
         "clean": _drops(harmless),
-        "false_alarms": _share(harmless, lambda one: one.alarmed),
+        "false_alarms": _share(harmless, lambda point: point.alarmed),
         "unknown": _drops(unknown),
-        "called_unexplained": _share(unknown, lambda one: one.verdict == "unexplained"),
+        "called_unexplained": _share(unknown, lambda point: point.verdict == "unexplained"),
         # a clock or gain that is wrong throughout looks like other soil: nothing to be seen
         "unknown_visible": _drops(visible),
-        "visible_called_unexplained": _share(visible, lambda one: one.verdict == "unexplained"),
+        "visible_called_unexplained": _share(visible, lambda point: point.verdict == "unexplained"),
         **_errors(known),
         **{f"corrected_{name}": value for name, value in _errors(corrected).items()},
         "worse_anywhere": _share(judged, _worse),
@@ -222,10 +228,10 @@ def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
 def _shares(part: Sequence[Judged]) -> dict[str, float | int | None]:
     return {
         "drops": _drops(part),
-        "matters": _share(part, lambda one: one.matters),
-        "right": _share(part, lambda one: one.right),
-        "unexplained": _share(part, lambda one: one.verdict == "unexplained"),
-        "alarmed": _share(part, lambda one: one.alarmed),
+        "matters": _share(part, lambda point: point.matters),
+        "right": _share(part, lambda point: point.right),
+        "unexplained": _share(part, lambda point: point.verdict == "unexplained"),
+        "alarmed": _share(part, lambda point: point.alarmed),
         **_errors(part),
     }
 
@@ -234,8 +240,8 @@ def _errors(part: Sequence[Judged]) -> dict[str, float | None]:
     """Median and 90th percentile of the modulus's error (%) before and after."""
     values: dict[str, float | None] = {}
     for when in ("before", "after"):
-        errors = [error for one in part if (error := one.error(when)) is not None]
-        weights = [one.case.drops for one in part if one.error(when) is not None]
+        errors = [error for point in part if (error := point.error(when)) is not None]
+        weights = [point.case.drops for point in part if point.error(when) is not None]
         spread = np.repeat(errors, weights) if errors else None
         for name, rank in (("median", 50), ("p90", 90)):
             value = None if spread is None else 100 * float(np.percentile(spread, rank))
@@ -244,18 +250,18 @@ def _errors(part: Sequence[Judged]) -> dict[str, float | None]:
     return values
 
 
-def _worse(one: Judged) -> bool:
-    before, after = one.error("before"), one.error("after")
+def _worse(point: Judged) -> bool:
+    before, after = point.error("before"), point.error("after")
     return before is not None and after is not None and after > before + MODULUS_SHIFT
 
 
 def _drops(part: Iterable[Judged]) -> int:
-    return sum(one.case.drops for one in part)
+    return sum(point.case.drops for point in part)
 
 
 def _share(part: Sequence[Judged], holds: Callable[[Judged], bool]) -> float | None:
     """Share of the drops whose point fulfils a condition; none of none."""
-    return _drops(one for one in part if holds(one)) / _drops(part) if part else None
+    return _drops(point for point in part if holds(point)) / _drops(part) if part else None
 
 
 def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> None:
@@ -272,13 +278,13 @@ def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> N
         )
         report.title(f"found by strength, noise {100 * noise:g} % of the peak")
         for key in EFFECTS:
-            part = [one for one in judged if one.case.key == key]
-            for level in sorted({one.case.level for one in part}):
-                chosen = [one for one in part if one.case.level == level]
+            part = [point for point in judged if point.case.key == key]
+            for level in sorted({point.case.level for point in part}):
+                chosen = [point for point in part if point.case.level == level]
                 right = (
-                    _share(chosen, lambda one: one.right)
+                    _share(chosen, lambda point: point.right)
                     if EFFECTS[key].known
-                    else _share(chosen, lambda one: one.verdict == "unexplained")
+                    else _share(chosen, lambda point: point.verdict == "unexplained")
                 )
                 report.record(
                     effect=key,
@@ -286,7 +292,7 @@ def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> N
                     strength=chosen[0].case.strength,
                     drops=_drops(chosen),
                     found=right,
-                    alarmed=_share(chosen, lambda one: one.alarmed),
+                    alarmed=_share(chosen, lambda point: point.alarmed),
                     before_median=_errors(chosen)["before_median"],
                     after_median=_errors(chosen)["after_median"],
                 )

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.output import Reporter
 from inversion import SurrogateLibrary
-from inversion.diagnosis.model import PointRecords, Scope
+from inversion.diagnosis.model import FitScope, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import Search
 from inversion.effects import BY_NAME
@@ -138,10 +138,14 @@ def draw(ladders: Mapping[str, Sequence[tuple[str, float, float]]], file: Path) 
     rows = np.atleast_1d(figure.subplots(len(ladders), 1))
     for axes, (name, ladder) in zip(rows, ladders.items(), strict=True):
         places = np.arange(len(ladder))
-        axes.bar(places - 0.2, [one[1] for one in ladder], 0.4, label="contact phase", color="0.35")
-        axes.bar(places + 0.2, [one[2] for one in ladder], 0.4, label="whole record", color="0.75")
+        axes.bar(
+            places - 0.2, [rung[1] for rung in ladder], 0.4, label="contact phase", color="0.35"
+        )
+        axes.bar(
+            places + 0.2, [rung[2] for rung in ladder], 0.4, label="whole record", color="0.75"
+        )
         axes.set_yscale("log")
-        axes.set_xticks(places, [one[0].replace(" (", "\n(") for one in ladder], fontsize=7)
+        axes.set_xticks(places, [rung[0].replace(" (", "\n(") for rung in ladder], fontsize=7)
         axes.set_ylabel("rms over peak, %")
         axes.set_title(name, fontsize=9, loc="left")
         axes.legend(fontsize=7, frameon=False)
@@ -171,7 +175,7 @@ def climb(
     report.title(f"{name}: {len(drops)} drops at {points} points; medians, rms over peak in %")
     for title, names in RIG if name in RIGS else SOIL:
         free = list(pool.map(fit_drop, [Job(*drop, names, {}) for drop in drops]))
-        shared = [one for one in names if BY_NAME[one].scope == "device"]
+        shared = [effect for effect in names if BY_NAME[effect].scope == "device"]
         held, contact = free, []
         devices = [others(free, drop, shared) for drop in drops]
         if shared:
@@ -182,16 +186,18 @@ def climb(
         report.record(
             device=name,
             model=title,
-            left_out_contact=_median(held, lambda one: 100 * one.contact),
-            left_out_whole=_median(held, lambda one: 100 * one.whole),
-            contact_fit_contact=_median(contact, lambda one: 100 * one.contact),
-            contact_fit_tail=_median(contact, lambda one: 100 * one.tail),
-            fitted_contact=_median(free, lambda one: 100 * one.contact),
-            fitted_whole=_median(free, lambda one: 100 * one.whole),
-            modulus_mpa=None if name in RIGS else _median(held, lambda one: one.modulus / 1e6),
+            left_out_contact=_median(held, lambda drop_fit: 100 * drop_fit.contact),
+            left_out_whole=_median(held, lambda drop_fit: 100 * drop_fit.whole),
+            contact_fit_contact=_median(contact, lambda drop_fit: 100 * drop_fit.contact),
+            contact_fit_tail=_median(contact, lambda drop_fit: 100 * drop_fit.tail),
+            fitted_contact=_median(free, lambda drop_fit: 100 * drop_fit.contact),
+            fitted_whole=_median(free, lambda drop_fit: 100 * drop_fit.whole),
+            modulus_mpa=None
+            if name in RIGS
+            else _median(held, lambda drop_fit: drop_fit.modulus / 1e6),
         )
-        by_contact = [one.contact for one in contact]
-        whole = _median(held, lambda one: 100 * one.whole)
+        by_contact = [drop_fit.contact for drop_fit in contact]
+        whole = _median(held, lambda drop_fit: 100 * drop_fit.whole)
         ladder.append((title, 100 * float(np.median(by_contact)), whole))
         if names:
             values = {key: _median(free, partial(_value, key)) for key in free[0].values}
@@ -201,8 +207,8 @@ def climb(
 
 def others(fitted: Sequence[Fitted], drop: tuple[str, int], shared: Sequence[str]) -> Device:
     """Middle values of device effects at the other points, or at the other drops of one point."""
-    far = [one for one in fitted if one.job.file != drop[0]]
-    far = far or [one for one in fitted if (one.job.file, one.job.drop) != drop]
+    far = [drop_fit for drop_fit in fitted if drop_fit.job.file != drop[0]]
+    far = far or [drop_fit for drop_fit in fitted if (drop_fit.job.file, drop_fit.job.drop) != drop]
     return {
         name: {
             parameter.name: _median(far, partial(_value, f"{name}.{parameter.name}"))
@@ -224,8 +230,8 @@ def curve(
         jobs += [Job(*drop, names, device, True) for drop in seated]
     found = list(pool.map(fit_drop, jobs))
     parts = [found[i * len(seated) : (i + 1) * len(seated)] for i in range(len(places))]
-    misfits = [_median(part, lambda one: one.contact) for part in parts]
-    moduli = [_median(part, lambda one: one.modulus / 1e6) for part in parts]
+    misfits = [_median(part, lambda drop_fit: drop_fit.contact) for part in parts]
+    moduli = [_median(part, lambda drop_fit: drop_fit.modulus / 1e6) for part in parts]
     report.title(f"{name}: contact phase of seated drops, geophone given (Hz, -); misfit in %, MPa")
     for (frequency, damping), misfit, modulus in zip(places, misfits, moduli, strict=True):
         report.record(
@@ -245,7 +251,7 @@ def fit_drop(job: Job) -> Fitted:
     with single_threaded_blas():
         point = Point(PointRecords(job.file, (record,), (job.drop,)), SurrogateLibrary())
         device = {name: dict(values) for name, values in job.device.items()}
-        scope = Scope(contact_only=job.contact_only, plain=True)
+        scope = FitScope(contact_only=job.contact_only, plain=True)
         search = Search([point], fixed=device, scope=scope)
         found = search.named([name for name in job.names if name not in device]).fit
         (predicted,) = found.problem.predict(0, found.device, found.own[0])
@@ -254,9 +260,9 @@ def fit_drop(job: Job) -> Fitted:
     late = model.context.time > model.context.contact_end
     left = (predicted - model.observed)[:, late] / model.peak[:, None]
     values = {
-        f"{one.effect.name}.{one.parameter.name}": one.value(float(place))
-        for one, place in zip(found.unknowns, found.places, strict=True)
-        if one.effect is not None
+        f"{unknown.effect.name}.{unknown.parameter.name}": unknown.value(float(unit_value))
+        for unknown, unit_value in zip(found.unknowns, found.unit_values, strict=True)
+        if unknown.effect is not None
     }
     return Fitted(
         job,
@@ -277,8 +283,8 @@ def _record(file: str, number: int) -> Record:
 
 
 def _median(fitted: Sequence[Fitted], value: Callable[[Fitted], float]) -> float:
-    return float(np.median([value(one) for one in fitted]))
+    return float(np.median([value(drop_fit) for drop_fit in fitted]))
 
 
-def _value(key: str, one: Fitted) -> Any:
-    return one.values[key]
+def _value(key: str, drop_fit: Fitted) -> Any:
+    return drop_fit.values[key]

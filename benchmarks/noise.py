@@ -33,7 +33,7 @@ Quantity = Literal["velocity", "displacement"]
 
 
 @dataclass(frozen=True)
-class Setup:
+class NoiseCase:
     """One row of the result."""
 
     noise: Literal["white", "correlated"]
@@ -49,11 +49,11 @@ class Setup:
 
 
 SETUPS = (
-    Setup("white", "velocity", 1, True),
-    Setup("correlated", "velocity", 1, True),
-    Setup("white", "displacement", 1, True),
-    Setup("correlated", "displacement", 1, True),
-    Setup("white", "velocity", 3, False),
+    NoiseCase("white", "velocity", 1, True),
+    NoiseCase("correlated", "velocity", 1, True),
+    NoiseCase("white", "displacement", 1, True),
+    NoiseCase("correlated", "displacement", 1, True),
+    NoiseCase("white", "velocity", 3, False),
 )
 
 
@@ -128,7 +128,7 @@ def run(arguments: list[str]) -> int:
 
 def _report(
     report: Reporter,
-    setup: Setup,
+    setup: NoiseCase,
     record: Record,
     copies: int,
     seed: int,

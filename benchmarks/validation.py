@@ -267,15 +267,15 @@ def _key(row: dict[str, str]) -> tuple[float, float, float]:
 def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed) -> None:
     """Every case, then means by viscosity and depth, then the ladder."""
     report.title("error of the modulus by case, %")
-    for one in reports:
-        viscosity, depth, modulus = one.case.key
-        errors = {name: 100 * one.methods[name].error for name in METHODS}
+    for case_report in reports:
+        viscosity, depth, modulus = case_report.case.key
+        errors = {name: 100 * case_report.methods[name].error for name in METHODS}
         report.record(
             viscosity_kpa_s=viscosity,
             depth_m=depth,
             modulus_mpa=modulus,
-            peak_um=1e6 * one.peak_deflection,
-            contact_kpa=one.peak_contact_pressure / 1e3,
+            peak_um=1e6 * case_report.peak_deflection,
+            contact_kpa=case_report.peak_contact_pressure / 1e3,
             **errors,
         )
     selections: list[tuple[str, Callable[[Case], bool]]] = [("all", lambda case: True)]
@@ -283,7 +283,7 @@ def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed)
     selections += [(f"{h:g} m", _with("depth", h)) for h in DEPTHS]
     report.title("mean error, %, ours and the study's")
     for name, chosen in selections:
-        part = [one for one in reports if chosen(one.case)]
+        part = [case_report for case_report in reports if chosen(case_report.case)]
         for method in METHODS:
             if part:
                 report.record(cases=name, method=method, **_means(part, method, printed))
@@ -297,7 +297,7 @@ def _with(name: str, value: float) -> Callable[[Case], bool]:
 
 
 def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[str, Any]:
-    findings = [one.methods[method] for one in part]
+    findings = [case_report.methods[method] for case_report in part]
     values: dict[str, Any] = {
         "mean": 100 * statistics.mean(f.error for f in findings),
         "largest": 100 * max(abs(f.error) for f in findings),
@@ -306,7 +306,7 @@ def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[st
     if covered and method in (KNOWN, UNKNOWN):
         values["covered"] = sum(covered) / len(covered)
     table = printed.get(method.removesuffix(ON_CONTACT), {})
-    theirs = [table[one.case.key] for one in part if one.case.key in table]
+    theirs = [table[case_report.case.key] for case_report in part if case_report.case.key in table]
     if theirs:
         values |= {"printed_mean": 100 * statistics.mean(theirs), "printed_cases": len(theirs)}
     return values
@@ -318,10 +318,14 @@ def _rung(reports: Sequence[CaseReport], rung: str) -> dict[str, float]:
         ("all", VISCOSITIES),
         *((f"{n / 1e3:g} kPa s", (n,)) for n in VISCOSITIES),
     ]:
-        errors = [one.ladder[rung].error for one in reports if one.case.viscosity in chosen]
+        errors = [
+            case_report.ladder[rung].error
+            for case_report in reports
+            if case_report.case.viscosity in chosen
+        ]
         if errors:
             values[name] = 100 * statistics.mean(errors)
-    values["largest"] = 100 * max(abs(one.ladder[rung].error) for one in reports)
+    values["largest"] = 100 * max(abs(case_report.ladder[rung].error) for case_report in reports)
     return values
 
 
@@ -350,13 +354,13 @@ def _draw_depths(path: Path, reports: Sequence[CaseReport], printed: Printed) ->
     figure = Figure(figsize=(11, 4), layout="constrained")
     axes = figure.subplots(1, len(VISCOSITIES), sharey=True)
     for axis, viscosity in zip(axes, VISCOSITIES, strict=True):
-        part = [one for one in reports if one.case.viscosity == viscosity]
+        part = [case_report for case_report in reports if case_report.case.viscosity == viscosity]
         for method, (colour, mark) in _STYLES.items():
-            ours = _by_depth(part, lambda one, m=method: one.methods[m].error)  # type: ignore[misc]
+            ours = _by_depth(part, lambda case_report, m=method: case_report.methods[m].error)  # type: ignore[misc]
             axis.plot(*ours, color=colour, marker=mark, label=method)
             table = printed.get(method, {})
-            known = [one for one in part if one.case.key in table]
-            theirs = _by_depth(known, lambda one, t=table: t[one.case.key])  # type: ignore[misc]
+            known = [case_report for case_report in part if case_report.case.key in table]
+            theirs = _by_depth(known, lambda case_report, t=table: t[case_report.case.key])  # type: ignore[misc]
             axis.plot(*theirs, color=colour, marker=mark, ls=":", alpha=0.6, mfc="none")
         axis.axhline(0.0, color="black", lw=0.6)
         axis.set_title(f"{viscosity / 1e3:g} kPa s")
@@ -370,8 +374,11 @@ def _draw_depths(path: Path, reports: Sequence[CaseReport], printed: Printed) ->
 def _by_depth(
     part: Sequence[CaseReport], error: Callable[[CaseReport], float]
 ) -> tuple[list[float], list[float]]:
-    depths = [h for h in DEPTHS if any(one.case.depth == h for one in part)]
-    means = [statistics.mean(error(one) for one in part if one.case.depth == h) for h in depths]
+    depths = [h for h in DEPTHS if any(case_report.case.depth == h for case_report in part)]
+    means = [
+        statistics.mean(error(case_report) for case_report in part if case_report.case.depth == h)
+        for h in depths
+    ]
     return depths, [100 * mean for mean in means]
 
 

@@ -21,7 +21,7 @@ from inversion.measured.peak_method import (
     peak_modulus,
 )
 from inversion.measured.record import Record, Sensor
-from inversion.result import Histories, InversionResult, Subgrade, Value
+from inversion.result import InversionResult, Subgrade, TimeHistories, Value
 
 __all__ = [
     "PLATE_FACTORS",
@@ -29,7 +29,6 @@ __all__ = [
     "ForwardModel",
     "Grounds",
     "HalfSineFit",
-    "Histories",
     "Instrument",
     "InversionError",
     "InversionResult",
@@ -42,6 +41,7 @@ __all__ = [
     "Settings",
     "Subgrade",
     "SurrogateLibrary",
+    "TimeHistories",
     "Value",
     "dynamic_modulus_evd",
     "fit_half_sine",

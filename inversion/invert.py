@@ -12,7 +12,7 @@ import numpy as np
 
 from inversion.errors import ModelError, RecordError
 from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
-from inversion.fitting.misfit import WeighedDrop, model_floor
+from inversion.fitting.misfit import WeightedDrop, model_floor
 from inversion.fitting.parameters import (
     DENSITY,
     DEPTH,
@@ -30,7 +30,7 @@ from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
-from inversion.result import Histories, InversionResult, Subgrade, Value
+from inversion.result import InversionResult, Subgrade, TimeHistories, Value
 from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -126,8 +126,8 @@ def _invert_joint(
     depth = settings.depth_of(first)
     surrogate = library.get(*surrogate_request(first, settings))
     begun = clock.perf_counter()
-    weighed = tuple(_weigh(record, settings, surrogate) for record in used)
-    peaks = [_peak(item.drop, first) for item in weighed]
+    weighted = tuple(_weighted_drop(record, settings, surrogate) for record in used)
+    peaks = [_peak(item.drop, first) for item in weighted]
     space = parameter_space(
         float(np.median([peak.modulus for peak in peaks])),
         first.instrument.plate_radius,
@@ -136,7 +136,7 @@ def _invert_joint(
         settings.elastic,
     )
     rng = np.random.default_rng(settings.seed)
-    fit = fit_ground(weighed, space, settings.method, rng)
+    fit = fit_ground(weighted, space, settings.method, rng)
     uncertainty = estimate_uncertainty(fit)
     reports = [
         _report(item, fit, uncertainty, peak, settings)
@@ -191,13 +191,13 @@ def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem,
     return problem, None if depth is None else round(depth / radius, 10)
 
 
-def _weigh(record: Record, settings: Settings, surrogate: Surrogate) -> WeighedDrop:
+def _weighted_drop(record: Record, settings: Settings, surrogate: Surrogate) -> WeightedDrop:
     drop = prepare(record)
     load = drop.load
     if settings.load != "measured":
         fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
         load = fit(drop.time, drop.load).load(drop.time)
-    return WeighedDrop(
+    return WeightedDrop(
         drop, surrogate, record.instrument, load, model_floor(drop, record.model_floor)
     )
 
@@ -215,7 +215,7 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
 
 
 def _report(
-    item: WeighedDrop,
+    item: WeightedDrop,
     fit: GroundFit,
     uncertainty: Uncertainty,
     peak: PeakModulus,
@@ -271,12 +271,12 @@ def _modulus_depth_correlation(space: ParameterSpace, uncertainty: Uncertainty) 
     return float(uncertainty.correlation[row, column])
 
 
-def _histories(item: WeighedDrop, space: ParameterSpace, point: FloatArray) -> Histories:
+def _histories(item: WeightedDrop, space: ParameterSpace, point: FloatArray) -> TimeHistories:
     drop = item.drop
     model = item.model(drop.time[1:], FULL_BAND_HZ)
     predicted = np.zeros_like(drop.displacement)
     predicted[:, 1:] = model.displacement(space.grounds(point[None]))[0][-drop.offsets.size :]
-    return Histories(
+    return TimeHistories(
         time=drop.time + drop.start,
         load=drop.load,
         model_load=item.model_load,
@@ -288,14 +288,14 @@ def _histories(item: WeighedDrop, space: ParameterSpace, point: FloatArray) -> H
     )
 
 
-def _residual_until(drop: PreparedDrop, history: Histories, end: float) -> float:
+def _residual_until(drop: PreparedDrop, history: TimeHistories, end: float) -> float:
     """Rms over all sensors, each over its own peak, from the trigger to ``end`` (s)."""
     part = (drop.time >= drop.trigger) & (drop.time <= end * (1.0 + 1e-9))
     left = history.residual[:, part] / drop.peak_displacement[:, None]
     return float(np.sqrt(np.mean(left**2)))
 
 
-def _r_squared(drop: PreparedDrop, history: Histories) -> float:
+def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
     """One minus the residual's over the observed centre displacement's variance, in the window."""
     observed = history.observed[0, drop.window]
     left = float(np.sum(history.residual[0, drop.window] ** 2))

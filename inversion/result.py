@@ -42,7 +42,7 @@ class Subgrade:
 
 
 @dataclass(frozen=True, eq=False)
-class Histories:
+class TimeHistories:
     """What was measured and what the model says, for plots.
 
     Parameters
@@ -94,7 +94,7 @@ class InversionResult:
     elapsed : float, s, of the analysis
     seed : int
     warnings : tuple of str
-    history : Histories
+    history : TimeHistories
     """
 
     subgrade: Subgrade
@@ -122,4 +122,4 @@ class InversionResult:
     elapsed: float
     seed: int
     warnings: tuple[str, ...]
-    history: Histories = field(repr=False)
+    history: TimeHistories = field(repr=False)

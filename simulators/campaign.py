@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.effects.catalogue import CLEAN, EFFECTS, Effect
+from simulators.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
 from simulators.effects.recording import Converter, write_signals
-from simulators.effects.scene import Laboratory, Outcome, Scene
+from simulators.effects.scene import Laboratory, Scene, SimulatedPoint
 from simulators.mesh import Ground, require
 
 CLEAN_SHARE = 0.2
@@ -85,7 +85,7 @@ class Case:
     file: str
     """Name inside the traces folder."""
     effect: str
-    """Name in the vocabulary of effects, `clean`, or an outsider's."""
+    """Name in the vocabulary of effects, `clean`, or that of an unmodelled effect."""
     key: str
     """The same with its variant."""
     known: bool
@@ -122,7 +122,7 @@ class Case:
 class _Plan:
     """One file to be made."""
 
-    effect: Effect
+    effect: SimulatedEffect
     level: int
     strength: float
     stream: tuple[int, ...]
@@ -153,7 +153,7 @@ def make_campaign(
     levels : strengths 0 to 2; none: all
     noise : root mean square over peak, fixed instead of drawn
     curve : that many strengths between the weakest and the strongest instead of three, and no
-        surveys, where the effect allows it; see `Effect.curve`
+        surveys, where the effect allows it; see `SimulatedEffect.curve`
 
     Raises
     ------
@@ -225,7 +225,7 @@ def _number(key: str) -> int:
     return int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big")
 
 
-def _drop_count(effect: Effect, generator: np.random.Generator) -> int:
+def _drop_count(effect: SimulatedEffect, generator: np.random.Generator) -> int:
     return max(effect.least_drops, int(generator.choice([1, 1, 2, 3])))
 
 
@@ -319,7 +319,7 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
 def _header(
     scene: Scene,
     site: Site,
-    outcome: Outcome,
+    outcome: SimulatedPoint,
     depth: float,
     plan: _Plan,
     generator: np.random.Generator,

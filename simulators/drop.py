@@ -107,7 +107,7 @@ class SimulatedDrop:
         )
 
 
-class State(NamedTuple):
+class Instant(NamedTuple):
     """One instant of the whole system."""
 
     displacement: Array
@@ -176,12 +176,12 @@ class DropSimulator:
             ground_velocity=ground[1],
         )
 
-    def march(self, source: Hammer | PrescribedLoad) -> Iterator[State]:
+    def march(self, source: Hammer | PrescribedLoad) -> Iterator[Instant]:
         """States at every step inside, the one at rest first."""
         model, rate = self.model, 2 / self.step
         force = _HammerForce(source, rate) if isinstance(source, Hammer) else source
         u, v, a = np.zeros((3, model.size))
-        yield State(u, v, a, 0.0)
+        yield Instant(u, v, a, 0.0)
         for count in range(1, (self.samples - 1) * self.substeps + 1):
             damped, inert = rate * u + v, rate**2 * u + 2 * rate * v + a
             free = self._solve(model.damping @ damped + model.inertia @ inert)
@@ -193,7 +193,7 @@ class DropSimulator:
             a = rate**2 * (new - u) - 2 * rate * v - a
             v = rate * (new - u) - v
             u = new
-            yield State(u, v, a, load)
+            yield Instant(u, v, a, load)
 
 
 class _HammerForce:

@@ -7,8 +7,8 @@ from inversion.diagnosis.findings import (
     DropCurves,
     FoundEffect,
     FoundParameter,
+    ModelState,
     PointDiagnosis,
-    State,
 )
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
@@ -18,9 +18,9 @@ __all__ = [
     "DropCurves",
     "FoundEffect",
     "FoundParameter",
+    "ModelState",
     "PointDiagnosis",
     "PointRecords",
-    "State",
     "diagnose_point",
     "fit_device",
     "left_out_error",

@@ -17,7 +17,7 @@ from inversion.measured.record import ChannelNoise, Sensor
 _JITTER = 1e-6
 
 
-class Channel:
+class MotionChannel:
     """Displacement of one sensor at the samples of the diagnosis.
 
     Parameters

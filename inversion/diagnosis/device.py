@@ -35,52 +35,56 @@ def fit_device(
         chosen = [BY_NAME[name] for name in names]
         made = [Point(records, library) for records in points]
         local = [
-            [*chosen, *(BY_NAME[e.name] for e in one.effects if e.scope != "device")]
-            for one in found
+            [*chosen, *(BY_NAME[e.name] for e in diagnosis.effects if e.scope != "device")]
+            for diagnosis in found
         ]
         problem = Problem(made, _union(local), local=local)
-        device = np.array([_known_place(one, found) for one in problem.device])
+        device = np.array([_known_unit_value(unknown, found) for unknown in problem.device])
         owns = [
-            np.array([_own_place(one, diagnosis) for one in own])
+            np.array([_own_unit_value(unknown, diagnosis) for unknown in own])
             for own, diagnosis in zip(problem.own, found, strict=True)
         ]
         result = fit(problem, device, owns, 12)
     deviations = result.deviations()
     values: DeviceValues = {}
     spread: dict[str, dict[str, float]] = {}
-    for one, place, deviation in zip(problem.device, result.device, deviations, strict=False):
-        assert one.effect is not None
-        name = one.parameter.name
-        values.setdefault(one.effect.name, {})[name] = one.value(float(place))
-        spread.setdefault(one.effect.name, {})[name] = one.deviation(float(place), deviation)
+    for unknown, unit_value, deviation in zip(
+        problem.device, result.device, deviations, strict=False
+    ):
+        assert unknown.effect is not None
+        name = unknown.parameter.name
+        values.setdefault(unknown.effect.name, {})[name] = unknown.value(float(unit_value))
+        spread.setdefault(unknown.effect.name, {})[name] = unknown.deviation(
+            float(unit_value), deviation
+        )
     return DeviceFindings(values, spread, sum(len(point.drops) for point in made))
 
 
 def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:
-    return [effect for effect in CATALOGUE if any(effect in one for one in local)]
+    return [effect for effect in CATALOGUE if any(effect in own for own in local)]
 
 
-def _known_place(one: Unknown, found: Sequence[PointDiagnosis]) -> float:
-    assert one.effect is not None
+def _known_unit_value(unknown: Unknown, found: Sequence[PointDiagnosis]) -> float:
+    assert unknown.effect is not None
     known = [
         p.value
         for diagnosis in found
         for effect in diagnosis.effects
-        if effect.name == one.effect.name
+        if effect.name == unknown.effect.name
         for p in effect.parameters
-        if p.name == one.parameter.name
+        if p.name == unknown.parameter.name
     ]
-    return one.place(float(np.median(known)) if known else one.parameter.starts[0])
+    return unknown.unit_value(float(np.median(known)) if known else unknown.parameter.starts[0])
 
 
-def _own_place(one: Unknown, diagnosis: PointDiagnosis) -> float:
-    if one.effect is None:
-        return one.place(one.parameter.starts[0])
+def _own_unit_value(unknown: Unknown, diagnosis: PointDiagnosis) -> float:
+    if unknown.effect is None:
+        return unknown.unit_value(unknown.parameter.starts[0])
     for effect in diagnosis.effects:
-        if effect.name != one.effect.name:
+        if effect.name != unknown.effect.name:
             continue
-        number = None if one.drop is None else diagnosis.numbers[one.drop]
+        number = None if unknown.drop is None else diagnosis.numbers[unknown.drop]
         for p in effect.parameters:
-            if p.name == one.parameter.name and p.drop == number:
-                return one.place(p.value)
-    return one.place(one.parameter.starts[0])
+            if p.name == unknown.parameter.name and p.drop == number:
+                return unknown.unit_value(p.value)
+    return unknown.unit_value(unknown.parameter.starts[0])

@@ -7,14 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from inversion.diagnosis.belief import is_worth_telling, reasons_to_doubt
+from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
 from inversion.diagnosis.findings import (
     DeviceValues,
     DropCurves,
     FoundEffect,
     FoundParameter,
+    ModelState,
     PointDiagnosis,
-    State,
     Verdict,
 )
 from inversion.diagnosis.model import PointRecords
@@ -60,25 +60,27 @@ def diagnose_point(
 
 
 def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
-    doubts = reasons_to_doubt(point, best)
-    if doubts and best.effects and not is_worth_telling(point, base, best):
+    objections = reasons_to_reject(point, best)
+    if objections and best.effects and not is_worth_reporting(point, base, best):
         names = " with ".join(effect.name for effect in best.effects)
         best = search.base()
-        doubts = reasons_to_doubt(point, best)
-        if doubts:
-            doubts.append(f"{names} came nearest and left more than half of it: not taken over")
+        objections = reasons_to_reject(point, best)
+        if objections:
+            objections.append(f"{names} came nearest and left more than half of it: not taken over")
     # What explains little has no alternatives.
     others = {
         effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
         for effect in best.effects
     }
     before = _state(point, base)
-    moduli = [_modulus(point, one) for found in others.values() for one in found.values()]
+    moduli = [
+        _modulus(point, candidate) for found in others.values() for candidate in found.values()
+    ]
     after = _state(point, best, moduli)
     effects = _effects(point, search, best, others)
     helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
-    if not doubts:
+    if not objections:
         verdict = "explained" if helped else "clean"
     held_before, held_after = held_out_errors(point, base, best)
     return PointDiagnosis(
@@ -91,7 +93,7 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         effects=effects,
         held_out_before=held_before,
         held_out_after=held_after,
-        warnings=(*_warnings(best, effects, verdict, after), *doubts),
+        warnings=(*_warnings(best, effects, verdict, after), *objections),
         curves=_curves(point, base, best),
     )
 
@@ -109,7 +111,7 @@ def _ground(point: Point, candidate: Candidate) -> Ground:
     return ground
 
 
-def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> State:
+def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> ModelState:
     left = np.concatenate(
         [
             (predicted - model.observed).ravel()
@@ -125,12 +127,12 @@ def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> 
     if not rig:
         first = found.problem.own[0][0].parameter
         relative = found.deviations()[index] * math.log(first.upper / first.lower)
-    return State(
+    return ModelState(
         model="rig" if rig else model,
         modulus=math.nan if rig else ground.modulus,
         modulus_deviation=math.nan if rig else ground.modulus * relative,
         modulus_interval=_interval(
-            math.nan if rig else ground.modulus, relative, _doubt(point, candidate), moduli
+            math.nan if rig else ground.modulus, relative, _model_error(point, candidate), moduli
         ),
         residual_rms=float(np.sqrt(np.mean(left**2))),
         residual_over_noise=candidate.over_noise,
@@ -139,19 +141,21 @@ def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> 
     )
 
 
-def _doubt(point: Point, candidate: Candidate) -> float:
+def _model_error(point: Point, candidate: Candidate) -> float:
     """Relative error (95 %) of the modulus that the effects' own simplifications may leave."""
     found, last = candidate.fit, len(point.drops) - 1
     values = found.problem.values(0, found.device, found.own[0], last)
-    return math.hypot(0.0, *(effect.doubt(numbers) for effect, numbers in values))
+    return math.hypot(0.0, *(effect.model_error(numbers) for effect, numbers in values))
 
 
 def _interval(
-    modulus: float, relative: float, doubt: float, others: Sequence[float]
+    modulus: float, relative: float, model_error: float, others: Sequence[float]
 ) -> tuple[float, float]:
-    """95 % of a modulus with a relative deviation and doubt, Pa, and whatever else it might be."""
+    """95 % of a modulus, Pa, by its relative deviation and the model's relative error, and all
+    that equally good sets of effects give.
+    """
     noise = math.exp(1.96 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
-    wide = noise * (1.0 + doubt)
+    wide = noise * (1.0 + model_error)
     return min(modulus / wide, *others, modulus), max(modulus * wide, *others, modulus)
 
 
@@ -159,7 +163,7 @@ def _effects(
     point: Point, search: Search, best: Candidate, others: Mapping[str, Mapping[str, Candidate]]
 ) -> tuple[FoundEffect, ...]:
     deviations = best.fit.deviations()
-    bounds = {id(one) for one in best.fit.at_bound()}
+    bounds = {id(unknown) for unknown in best.fit.at_bound()}
     found = []
     for effect in best.effects:
         told = {
@@ -169,13 +173,17 @@ def _effects(
         }
         parameters = [
             FoundParameter(name, unit, value, 0.0, number, False)
-            for name, unit, value, number in sorted(told, key=lambda one: (one[3] or 0, one[0]))
+            for name, unit, value, number in sorted(
+                told, key=lambda known: (known[3] or 0, known[0])
+            )
         ]
-        for one, place, deviation in zip(
-            best.fit.unknowns, best.fit.places, deviations, strict=True
+        for unknown, unit_value, deviation in zip(
+            best.fit.unknowns, best.fit.unit_values, deviations, strict=True
         ):
-            if one.effect is effect:
-                parameters.append(_parameter(point, one, place, deviation, id(one) in bounds))
+            if unknown.effect is effect:
+                parameters.append(
+                    _parameter(point, unknown, unit_value, deviation, id(unknown) in bounds)
+                )
         parameters += [
             FoundParameter(name, unit, value, 0.0, None, False)
             for name, unit, value in effect.held(point.drops[0].context)
@@ -190,21 +198,21 @@ def _effects(
                 alternatives=tuple(others[effect.name]),
             )
         )
-    return tuple(sorted(found, key=lambda one: -one.evidence))
+    return tuple(sorted(found, key=lambda effect: -effect.evidence))
 
 
 def _parameter(
-    point: Point, one: Unknown, place: float, deviation: float, at_bound: bool
+    point: Point, unknown: Unknown, unit_value: float, deviation: float, at_bound: bool
 ) -> FoundParameter:
-    p, where = one.parameter, float(place)
-    number = None if one.drop is None else point.records.numbers[one.drop]
+    p, where = unknown.parameter, float(unit_value)
+    number = None if unknown.drop is None else point.records.numbers[unknown.drop]
     return FoundParameter(
-        p.name, p.unit, one.value(where), one.deviation(where, deviation), number, at_bound
+        p.name, p.unit, unknown.value(where), unknown.deviation(where, deviation), number, at_bound
     )
 
 
 def _warnings(
-    best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict, after: State
+    best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict, after: ModelState
 ) -> list[str]:
     found = []
     for effect in effects:
@@ -220,9 +228,10 @@ def _warnings(
             f"the modulus is known no better than {low / 1e6:.3g} to {high / 1e6:.3g} MPa, with "
             "the effects that cannot be told apart"
         )
-    for one in best.fit.at_bound():
-        if one.effect is None:
-            found.append(f"{one.parameter.name.replace('_', ' ')} of the ground sits on a bound")
+    for unknown in best.fit.at_bound():
+        if unknown.effect is None:
+            name = unknown.parameter.name.replace("_", " ")
+            found.append(f"{name} of the ground sits on a bound")
     return found
 
 

@@ -53,7 +53,7 @@ class FoundEffect:
 
 
 @dataclass(frozen=True)
-class State:
+class ModelState:
     """A model with its error.
 
     Parameters
@@ -110,7 +110,7 @@ class PointDiagnosis:
     numbers : tuple of int, of the drops
     verdict : Verdict
     noise_rms : float, m
-    before, after : State
+    before, after : ModelState
     effects : tuple of FoundEffect, strongest first
     held_out_before, held_out_after : float or None, residual over peak on what was not fitted
     warnings : tuple of str
@@ -121,8 +121,8 @@ class PointDiagnosis:
     numbers: tuple[int, ...]
     verdict: Verdict
     noise_rms: float
-    before: State
-    after: State
+    before: ModelState
+    after: ModelState
     effects: tuple[FoundEffect, ...]
     held_out_before: float | None
     held_out_after: float | None

@@ -32,11 +32,11 @@ class Fit:
     Parameters
     ----------
     problem : Problem
-    device : (d,) ndarray of places
-    own : tuple of (k_i,) ndarray of places, one a point
-    cost : float, sum of squares of the weighed residuals (`DropModel.weigh`)
+    device : (d,) ndarray of unit_values
+    own : tuple of (k_i,) ndarray of unit_values, one a point
+    cost : float, sum of squares of the weighted residuals (`DropModel.weighted_residual`)
     independent : float, what it would be if they were noise
-    normal : (n, n) ndarray, J^T J in places; the device's block first
+    normal : (n, n) ndarray, J^T J in unit_values; the device's block first
     """
 
     problem: Problem
@@ -47,22 +47,22 @@ class Fit:
     normal: FloatArray
 
     @property
-    def places(self) -> FloatArray:
-        """All places, the device's first."""
+    def unit_values(self) -> FloatArray:
+        """All unit_values, the device's first."""
         return np.concatenate([self.device, *self.own])
 
     @property
     def unknowns(self) -> list[Unknown]:
-        """All unknowns, in the order of `places`."""
-        return [*self.problem.device, *(one for own in self.problem.own for one in own)]
+        """All unknowns, in the order of `unit_values`."""
+        return [*self.problem.device, *(unknown for own in self.problem.own for unknown in own)]
 
     def at_bound(self) -> list[Unknown]:
         """Unknowns on a bound."""
-        near = (self.places < _ON_BOUND) | (self.places > 1.0 - _ON_BOUND)
+        near = (self.unit_values < _ON_BOUND) | (self.unit_values > 1.0 - _ON_BOUND)
         return [
-            one
-            for one, hit in zip(self.unknowns, near, strict=True)
-            if hit and not one.parameter.natural
+            unknown
+            for unknown, hit in zip(self.unknowns, near, strict=True)
+            if hit and not unknown.parameter.natural
         ]
 
     @property
@@ -71,7 +71,7 @@ class Fit:
         return float(np.sqrt(self.cost / self.independent))
 
     def deviations(self) -> FloatArray:
-        """Standard deviations of the places; a residual larger than noise counts."""
+        """Standard deviations of the unit_values; a residual larger than noise counts."""
         scale = max(1.0, self.excess)
         damped = self.normal + 1e-9 * np.eye(self.normal.shape[0])
         try:
@@ -93,22 +93,22 @@ def fit(
     Parameters
     ----------
     problem : Problem
-    device, own : places to start from
+    device, own : unit_values to start from
     iterations : int, at most
     """
     if len(problem.points) == 1:
         return _fit_point(problem, device, own[0], iterations)
-    device, owns = np.clip(device, 0.0, 1.0), [np.clip(one, 0.0, 1.0) for one in own]
+    device, owns = np.clip(device, 0.0, 1.0), [np.clip(values, 0.0, 1.0) for values in own]
     residuals = _residuals(problem, device, owns)
     cost = _cost(residuals)
     damping = 1e-2
     normal, gradient = _linearise(problem, device, owns, residuals)
     for _ in range(iterations):
-        places = np.concatenate([device, *owns])
+        unit_values = np.concatenate([device, *owns])
         accepted = False
         for _ in range(6):
-            step = _step(normal, gradient, damping, places)
-            trial = np.clip(places + step, 0.0, 1.0)
+            step = _step(normal, gradient, damping, unit_values)
+            trial = np.clip(unit_values + step, 0.0, 1.0)
             new_device, new_owns = _split(problem, trial)
             new_residuals = _residuals(problem, new_device, new_owns)
             new_cost = _cost(new_residuals)
@@ -133,12 +133,12 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
     """
     width = len(device)
 
-    def residual(places: FloatArray) -> FloatArray:
-        found = problem.residual(0, places[:width], places[width:])
+    def residual(unit_values: FloatArray) -> FloatArray:
+        found = problem.residual(0, unit_values[:width], unit_values[width:])
         return np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
-    def jacobian(places: FloatArray) -> FloatArray:
-        found = problem.jacobian(0, places[:width], places[width:], residual(places))
+    def jacobian(unit_values: FloatArray) -> FloatArray:
+        found = problem.jacobian(0, unit_values[:width], unit_values[width:], residual(unit_values))
         return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
     start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
@@ -153,13 +153,15 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
         gtol=1e-10,
         max_nfev=iterations,
     )
-    places, cost = found.x, 2.0 * float(found.cost)
+    unit_values, cost = found.x, 2.0 * float(found.cost)
     normal = found.jac.T @ found.jac
-    return Fit(problem, places[:width], (places[width:],), cost, problem.independent, normal)
+    return Fit(
+        problem, unit_values[:width], (unit_values[width:],), cost, problem.independent, normal
+    )
 
 
 def _cost(residuals: Sequence[FloatArray]) -> float:
-    total = float(sum(one @ one for one in residuals))
+    total = float(sum(residual @ residual for residual in residuals))
     return total if np.isfinite(total) else np.inf
 
 
@@ -169,9 +171,9 @@ def _residuals(
     return [problem.residual(i, device, own) for i, own in enumerate(owns)]
 
 
-def _split(problem: Problem, places: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+def _split(problem: Problem, unit_values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     edges = np.cumsum([len(problem.device), *map(len, problem.own)])[:-1]
-    device, *owns = np.split(places, edges)
+    device, *owns = np.split(unit_values, edges)
     return device, owns
 
 
@@ -195,10 +197,10 @@ def _linearise(
 
 
 def _step(
-    normal: FloatArray, gradient: FloatArray, damping: float, places: FloatArray
+    normal: FloatArray, gradient: FloatArray, damping: float, unit_values: FloatArray
 ) -> FloatArray:
-    free = ~((places <= 0.0) & (gradient > 0)) & ~((places >= 1.0) & (gradient < 0))
-    step = np.zeros(places.size)
+    free = ~((unit_values <= 0.0) & (gradient > 0)) & ~((unit_values >= 1.0) & (gradient < 0))
+    step = np.zeros(unit_values.size)
     if not free.any():
         return step
     part = normal[np.ix_(free, free)]

@@ -8,14 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from inversion.diagnosis.channel import Channel
+from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.effects.parallel import Bending, effective_force, hat_response
 from inversion.fitting.misfit import model_floor
 from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import Grounds, transfer_function
+from inversion.forward.nonlinear_stiffness import NonlinearStiffness, effective_force, hat_response
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.record import PreparedDrop, Record, prepare
@@ -38,7 +38,7 @@ Active = Sequence[tuple[Effect, Values]]
 
 
 @dataclass(frozen=True)
-class Scope:
+class FitScope:
     """What of a record counts for a fit, and how.
 
     Parameters
@@ -51,7 +51,7 @@ class Scope:
     plain: bool = False
 
 
-WHOLE = Scope()
+WHOLE = FitScope()
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class DropModel:
         self.before = first // stride
         samples = first + np.concatenate([np.arange(-self.before, 0) * stride, self.rows])
         self.channels = tuple(
-            Channel(sensor, noise, first, samples, drop.step)
+            MotionChannel(sensor, noise, first, samples, drop.step)
             for sensor, noise in zip(record.sensors, drop.channels, strict=True)
         )
         self._everywhere = np.stack([channel.observed for channel in self.channels])
@@ -123,13 +123,13 @@ class DropModel:
         floor = model_floor(drop, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
         self._floor = floor
-        self._whiteners: dict[Scope, tuple[FloatArray, ...]] = {}
+        self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}
         self.peak: FloatArray = drop.peak_displacement
         self._memory: dict[tuple[object, ...], ComplexArray] = {}
         self._motions: dict[tuple[object, ...], FloatArray] = {}
-        self._bent_before: FloatArray | None = None
-        self.bent = 0
-        """How often bending ground was solved for: six times the work of linear ground."""
+        self._last_displacement: FloatArray | None = None
+        self.nonlinear_solves = 0
+        """How often nonlinear ground was solved for: six times the work of linear ground."""
 
     def _prepare_transform(self, load: FloatArray) -> None:
         """From compliances at Laplace frequencies to motions under the load, and under a ramp."""
@@ -182,7 +182,7 @@ class DropModel:
         motion = self._ground_motion(ground, active)
         for effect, values in active:
             motion = effect.motion(
-                motion, values, self.context, partial(self._struck, ground, active)
+                motion, values, self.context, partial(self._impulse_response, ground, active)
             )
         motion = np.concatenate([np.zeros((motion.shape[0], self.before)), motion], axis=1)
         instrument, step = self.record.instrument, self.context.step
@@ -196,31 +196,32 @@ class DropModel:
         )
 
     def _ground_motion(self, ground: Ground, active: Active) -> FloatArray:
-        """Motion of the ground, whose static resistance may bend; remembered, for the effects
-        behind it are tried many times on the same motion.
+        """Motion of the ground, whose static resistance may be nonlinear.
+
+        Remembered, because later effects are tried many times on the same motion.
         """
-        bending = Bending()
+        law = NonlinearStiffness()
         for effect, values in active:
             ground = effect.ground(ground, values, self.context)
-            bending = effect.bending(bending, values, self.context)
+            law = effect.nonlinear_stiffness(law, values, self.context)
         shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
-        key = (ground, bending, *((e.name, *v.values()) for e, v in shaping))
+        key = (ground, law, *((e.name, *v.values()) for e, v in shaping))
         known = self._motions.get(key)
         if known is not None:
             return known
         compliance = self._compliance(ground, shaping, self._s)
         parts = np.concatenate([compliance.real, compliance.imag], axis=1)
         motion: FloatArray = parts @ self._synthesis
-        if not bending.straight:
-            self.bent += 1
-            motion = motion + self._bent(parts, ground, shaping, bending)
+        if not law.linear:
+            self.nonlinear_solves += 1
+            motion = motion + self._nonlinear_motion(parts, ground, shaping, law)
         if len(self._motions) >= _REMEMBERED:
             self._motions.pop(next(iter(self._motions)))
         self._motions[key] = motion
         return motion
 
-    def _struck(self, ground: Ground, active: Active) -> FloatArray:
-        """Motion after a blow of 1 N s on the plate, (n_sensors, n), m."""
+    def _impulse_response(self, ground: Ground, active: Active) -> FloatArray:
+        """Motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
         for effect, values in active:
             ground = effect.ground(ground, values, self.context)
         shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
@@ -228,22 +229,22 @@ class DropModel:
         parts = np.concatenate([compliance.real, compliance.imag], axis=1)
         return hat_response(parts @ self._ramp, self.context.step) / self.context.step
 
-    def _bent(
-        self, parts: FloatArray, ground: Ground, shaping: Active, bending: Bending
+    def _nonlinear_motion(
+        self, parts: FloatArray, ground: Ground, shaping: Active, law: NonlinearStiffness
     ) -> FloatArray:
-        """What the bending of the static resistance adds to the motion of the linear ground."""
+        """What the nonlinear static resistance adds to the motion of the linear ground."""
         still = self._compliance(ground, shaping, np.array([_STILL + 0j]))
         plate = int(np.argmin(self.context.offsets))
         stiffness = 1.0 / float(still[plate, 0].real)
         hats = hat_response(parts @ self._ramp, self.context.step)
         load = self.context.load
         reference = self.context.largest_load / stiffness
-        force, self._bent_before = effective_force(
-            hats[plate], load, bending, stiffness, reference, self._bent_before
+        force, self._last_displacement = effective_force(
+            hats[plate], load, law, stiffness, reference, self._last_displacement
         )
         # What the samples of the load leave out is small and linear: it stays in the motion.
         change = force - load
-        # Ground beside the plate feels the force on it, not how far it gives way under it.
+        # Ground beside the plate feels the force on it, not how far it deflects under it.
         under = self.context.offsets < self.context.plate_radius
         return np.stack(
             [
@@ -280,14 +281,14 @@ class DropModel:
         row = self.observed[int(np.argmin(self.context.offsets))]
         return float(row[self.context.time <= _SOON * self.context.contact_end].max())
 
-    def independent(self, scope: Scope = WHOLE) -> float:
+    def independent(self, scope: FitScope = WHOLE) -> float:
         """Number of independent samples that count, all sensors."""
         part = self._part(scope)
         count = part.stop - part.start
         seconds = count * self.context.step
         return float(min(max(INDEPENDENT_HZ * seconds, 8.0), count) * self.observed.shape[0])
 
-    def weigh(self, predicted: FloatArray, scope: Scope = WHOLE) -> FloatArray:
+    def weighted_residual(self, predicted: FloatArray, scope: FitScope = WHOLE) -> FloatArray:
         r"""What a prediction leaves, (n,): noise would leave a sum of squares of `independent`.
 
         Noise is coloured: a velocity's becomes a random walk when it is integrated, whose slow
@@ -313,12 +314,12 @@ class DropModel:
         parts = [share * (w @ row) for w, row in zip(whiteners, left, strict=True)]
         return np.concatenate(parts)
 
-    def weighed_size(self, scope: Scope = WHOLE) -> int:
-        """Number of values that `weigh` gives."""
+    def weighted_size(self, scope: FitScope = WHOLE) -> int:
+        """Number of values that `weighted_residual` gives."""
         part = self._part(scope)
         return int((part.stop - part.start) * self.observed.shape[0])
 
-    def _part(self, scope: Scope) -> slice:
+    def _part(self, scope: FitScope) -> slice:
         """Samples that count for a fit, those before the pulse among them unless all are alike."""
         window = self.window(contact_only=scope.contact_only)
         return slice(self.before + window.start if scope.plain else 0, self.before + window.stop)

@@ -60,12 +60,12 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> float:
     others = _without(problem, {left_out})
     found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
     device, own = found.device, found.own[0].copy()
-    free = [i for i, one in enumerate(problem.own[0]) if one.drop == left_out]
+    free = [i for i, unknown in enumerate(problem.own[0]) if unknown.drop == left_out]
     if free:
         alone = _without(problem, set(drops) - {left_out})
 
-        def residual(places: FloatArray) -> FloatArray:
-            own[free] = places
+        def residual(unit_values: FloatArray) -> FloatArray:
+            own[free] = unit_values
             return np.nan_to_num(alone.residual(0, device, own), nan=1e6, posinf=1e6, neginf=-1e6)
 
         start = np.clip(candidate.fit.own[0][free], 2e-3, 1.0 - 2e-3)

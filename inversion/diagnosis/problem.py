@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inversion.diagnosis.model import WHOLE, DropModel, PointRecords, Scope
+from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.effects.base import Effect, EffectParameter, Ground
 from inversion.forward.kernel import FloatArray
 from inversion.forward.library import SurrogateLibrary
@@ -46,27 +46,27 @@ class Unknown:
     effect: Effect | None = None
     drop: int | None = None
 
-    def place(self, value: float) -> float:
+    def unit_value(self, value: float) -> float:
         """Place of a value between the bounds, 0 to 1."""
         p = self.parameter
         if p.logarithmic:
             return float(np.log(value / p.lower) / np.log(p.upper / p.lower))
         return (value - p.lower) / (p.upper - p.lower)
 
-    def value(self, place: float) -> float:
-        """The inverse of `place`."""
+    def value(self, unit_value: float) -> float:
+        """The inverse of `unit_value`."""
         p = self.parameter
         if p.logarithmic:
-            return float(p.lower * (p.upper / p.lower) ** place)
-        return float(p.lower + place * (p.upper - p.lower))
+            return float(p.lower * (p.upper / p.lower) ** unit_value)
+        return float(p.lower + unit_value * (p.upper - p.lower))
 
-    def deviation(self, place: float, of_place: float) -> float:
-        """Standard deviation of the value when that of the place is `of_place`."""
+    def deviation(self, unit_value: float, of_unit_value: float) -> float:
+        """Standard deviation of the value when that of the unit_value is `of_unit_value`."""
         p = self.parameter
         slope = p.upper - p.lower
         if p.logarithmic:
-            slope = self.value(place) * math.log(p.upper / p.lower)
-        return float(abs(slope) * of_place)
+            slope = self.value(unit_value) * math.log(p.upper / p.lower)
+        return float(abs(slope) * of_unit_value)
 
 
 class Point:
@@ -138,13 +138,13 @@ class Point:
             ]
         return found
 
-    def ground(self, own: Sequence[Unknown], places: FloatArray) -> Ground:
-        """The ground at places of the point's unknowns."""
+    def ground(self, own: Sequence[Unknown], unit_values: FloatArray) -> Ground:
+        """The ground at unit_values of the point's unknowns."""
         record = self.records.records[0]
         soil = {
-            one.parameter.name: one.value(float(place))
-            for one, place in zip(own, places, strict=True)
-            if one.effect is None
+            unknown.parameter.name: unknown.value(float(unit_value))
+            for unknown, unit_value in zip(own, unit_values, strict=True)
+            if unknown.effect is None
         }
         soil = {p.name: p.starts[0] for p in SOIL} | soil
         if self.records.elastic:
@@ -168,7 +168,7 @@ class Problem:
     points : sequence of Point
     effects : sequence of Effect, in the order in which they act
     fixed : mapping of device effects that are given, by name
-    scope : Scope, what counts
+    scope : FitScope, what counts
     local : sequence of sequences of Effect, what each point has; None: all have all
     left_out : set of (point, drop), which count for nothing
     """
@@ -179,7 +179,7 @@ class Problem:
         effects: Sequence[Effect],
         fixed: dict[str, dict[str, float]] | None = None,
         *,
-        scope: Scope = WHOLE,
+        scope: FitScope = WHOLE,
         local: Sequence[Sequence[Effect]] | None = None,
         left_out: Collection[tuple[int, int]] = (),
     ) -> None:
@@ -208,13 +208,15 @@ class Problem:
     ) -> list[tuple[Effect, dict[str, float]]]:
         """Effects with their values for one drop of a point."""
         by_effect: dict[str, dict[str, float]] = {n: dict(v) for n, v in self.fixed.items()}
-        for one, place in zip(self.device, device, strict=True):
-            assert one.effect is not None
-            by_effect.setdefault(one.effect.name, {})[one.parameter.name] = one.value(float(place))
-        for one, place in zip(self.own[index], own, strict=True):
-            if one.effect is not None and one.drop in (None, drop):
-                values = by_effect.setdefault(one.effect.name, {})
-                values[one.parameter.name] = one.value(float(place))
+        for unknown, unit_value in zip(self.device, device, strict=True):
+            assert unknown.effect is not None
+            by_effect.setdefault(unknown.effect.name, {})[unknown.parameter.name] = unknown.value(
+                float(unit_value)
+            )
+        for unknown, unit_value in zip(self.own[index], own, strict=True):
+            if unknown.effect is not None and unknown.drop in (None, drop):
+                values = by_effect.setdefault(unknown.effect.name, {})
+                values[unknown.parameter.name] = unknown.value(float(unit_value))
         last = len(self.points[index].drops) - 1
         return [
             (effect, by_effect[effect.name])
@@ -239,7 +241,7 @@ class Problem:
         return point.drops[number].predict(point.ground(self.own[index], own), values)
 
     def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
-        """Of a point, (n,); see `DropModel.weigh`."""
+        """Of a point, (n,); see `DropModel.weighted_residual`."""
         count = len(self.points[index].drops)
         return np.concatenate([self.residual_drop(index, device, own, i) for i in range(count)])
 
@@ -250,7 +252,7 @@ class Problem:
         if (index, number) in self.left_out:
             return np.empty(0)
         predicted = self.predict_drop(index, device, own, number)
-        return self.points[index].drops[number].weigh(predicted, self.scope)
+        return self.points[index].drops[number].weighted_residual(predicted, self.scope)
 
     @property
     def independent(self) -> float:
@@ -276,9 +278,9 @@ class Problem:
     def jacobian(
         self, index: int, device: FloatArray, own: FloatArray, there: FloatArray
     ) -> FloatArray:
-        """Of a point's residual in the places of the device and its own, (n, d + k).
+        """Of a point's residual in the unit_values of the device and its own, (n, d + k).
 
-        By differences; a place that belongs to one drop moves that drop alone.
+        By differences; a unit_value that belongs to one drop moves that drop alone.
         """
         count = len(self.points[index].drops)
         parts = np.split(there, np.cumsum(self._sizes(index))[:-1])
@@ -289,9 +291,9 @@ class Problem:
             unknown = self.own[index][column - device.size] if is_own else self.device[column]
             moved_device, moved_own = device.copy(), own.copy()
             moved = moved_own if is_own else moved_device
-            place = column - device.size if is_own else column
-            step = _difference(moved[place])
-            moved[place] += step
+            unit_value = column - device.size if is_own else column
+            step = _difference(moved[unit_value])
+            moved[unit_value] += step
             for number in range(count) if unknown.drop is None else (unknown.drop,):
                 changed = self.residual_drop(index, moved_device, moved_own, number)
                 part = slice(rows[number], rows[number + 1])
@@ -302,11 +304,11 @@ class Problem:
         """Number of residuals of each drop of a point."""
         sizes = []
         for number, model in enumerate(self.points[index].drops):
-            size = model.weighed_size(self.scope)
+            size = model.weighted_size(self.scope)
             sizes.append(0 if (index, number) in self.left_out else size)
         return sizes
 
 
-def _difference(place: float) -> float:
+def _difference(unit_value: float) -> float:
     """Step of a difference, away from the nearer bound."""
-    return -_STEP if place > 0.5 else _STEP
+    return -_STEP if unit_value > 0.5 else _STEP

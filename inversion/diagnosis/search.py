@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from inversion.diagnosis.fit import Fit, fit
-from inversion.diagnosis.model import WHOLE, Scope
+from inversion.diagnosis.model import WHOLE, FitScope
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import CATALOGUE
@@ -35,15 +35,15 @@ ALIKE = 8.0
 EXPLAINED = 1.5
 # Up to this many times nothing is asked: there is nothing to explain.
 NOISE = 1.2
-# A weighed residual of so many times what noise leaves asks for no more effects.
+# A weighted residual of so many times what noise leaves asks for no more effects.
 ENOUGH = 1.15
 _PAIRS_REFINED = 6
 _BEAM = 2
 _MOST_EFFECTS = 4
 _QUICK = 5
-# Forward solves of a drop after which no larger sets are begun: a few seconds. Bending ground
+# Forward solves of a drop after which no larger sets are begun: a few seconds. Nonlinear ground
 # takes so many more.
-_MOST_SOLVES, _BENT_SHARE = 50_000, 5
+_MOST_SOLVES, _NONLINEAR_SHARE = 50_000, 5
 _COMPANY_QUICK = 12
 # So many starts are followed to the end.
 _REFINED = 2
@@ -140,7 +140,7 @@ class Search:
     points : sequence of Point
     catalogue : sequence of Effect, to choose from
     fixed : values of device effects that are given, by name
-    scope : Scope, what counts
+    scope : FitScope, what counts
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class Search:
         catalogue: Sequence[Effect] = CATALOGUE,
         fixed: dict[str, dict[str, float]] | None = None,
         *,
-        scope: Scope = WHOLE,
+        scope: FitScope = WHOLE,
     ) -> None:
         self.points = tuple(points)
         self.fixed = fixed or {}
@@ -194,10 +194,10 @@ class Search:
         starts = self._starts(problem, names)
         if len(starts) > _REFINED and iterations > _QUICK:
             tried = [fit(problem, device, own, _QUICK) for device, own in starts]
-            tried.sort(key=lambda one: one.cost)
-            starts = [(one.device, list(one.own)) for one in tried[:_REFINED]]
+            tried.sort(key=lambda attempt: attempt.cost)
+            starts = [(attempt.device, list(attempt.own)) for attempt in tried[:_REFINED]]
         fits = [fit(problem, device, own, iterations) for device, own in starts]
-        best = min(fits, key=lambda one: one.cost)
+        best = min(fits, key=lambda attempt: attempt.cost)
         self.solves += problem.solves
         return self._keep(Candidate(ordered, best, self._score(best)))
 
@@ -206,7 +206,7 @@ class Search:
 
     def _misfit(self, found: Fit) -> float:
         """Information criterion without what the parameters cost."""
-        bounds = sum(1 for one in found.at_bound() if one.effect is not None)
+        bounds = sum(1 for unknown in found.at_bound() if unknown.effect is not None)
         floor = max(found.excess**2, _FLOOR)
         return float(self.independent * np.log(floor)) + _BOUND_COST * bounds
 
@@ -216,17 +216,17 @@ class Search:
         """From the best smaller set, the rest at each of its own starts."""
         smaller = [c for key, c in self._known.items() if key < names]
         parent = min(smaller, key=lambda c: c.score, default=None)
-        known = _places_of(parent.fit) if parent is not None else {}
+        known = _unit_values_of(parent.fit) if parent is not None else {}
         missing = {
-            one.effect.name
-            for one in _all_unknowns(problem)
-            if one.effect is not None and _key(one, 0) not in known
+            unknown.effect.name
+            for unknown in _all_unknowns(problem)
+            if unknown.effect is not None and _key(unknown, 0) not in known
         }
         many = max(
             (
-                len(one.parameter.starts)
-                for one in _all_unknowns(problem)
-                if one.effect is None or one.effect.name in missing
+                len(unknown.parameter.starts)
+                for unknown in _all_unknowns(problem)
+                if unknown.effect is None or unknown.effect.name in missing
             ),
             default=1,
         )
@@ -239,7 +239,7 @@ class Search:
             starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
         if len(names) > 1 and any(company <= names | set(self.fixed) for company in _COMPANIES):
             alone = self._known.get(frozenset({"spring_rig"} & names))
-            rig = _places_of(alone.fit) if alone is not None and alone.effects else {}
+            rig = _unit_values_of(alone.fit) if alone is not None and alone.effects else {}
             radius = self.points[0].drops[0].context.plate_radius
             starts = starts[:1]
             for values in _company_starts(radius):
@@ -253,7 +253,7 @@ class Search:
                 self.points, self._given, self.fixed, scope=replace(self.scope, contact_only=True)
             )
             found = [fit(problem, *_start(problem, {}, choice)) for choice in range(3)]
-            self._contact = _places_of(min(found, key=lambda one: one.cost))
+            self._contact = _unit_values_of(min(found, key=lambda attempt: attempt.cost))
         return self._contact
 
     def run(self, likely: Collection[str] = ()) -> Candidate:
@@ -290,8 +290,8 @@ class Search:
     def _spent(self) -> bool:
         """Whether so much was computed that a user would have to wait."""
         models = [model for point in self.points for model in point.drops]
-        bent = sum(model.bent for model in models)
-        return self.solves + _BENT_SHARE * bent > _MOST_SOLVES * len(models)
+        nonlinear = sum(model.nonlinear_solves for model in models)
+        return self.solves + _NONLINEAR_SHARE * nonlinear > _MOST_SOLVES * len(models)
 
     def _companies(self, best: Candidate) -> list[Candidate]:
         """Sets that only help together."""
@@ -338,11 +338,11 @@ class Search:
         )[:_BEAM]
         tried = set()
         found = []
-        for one in beam:
+        for smaller in beam:
             for effect in self._shortlist():
-                names = one.names | {effect.name}
-                larger = (*one.effects, effect)
-                if effect in one.effects or names in tried or not _compatible(larger):
+                names = smaller.names | {effect.name}
+                larger = (*smaller.effects, effect)
+                if effect in smaller.effects or names in tried or not _compatible(larger):
                     continue
                 tried.add(names)
                 ordered = tuple(e for e in CATALOGUE if e in larger)
@@ -368,13 +368,13 @@ class Search:
             best = least
         return best
 
-    def without(self, one: Candidate, effect: Effect) -> Candidate:
+    def without(self, candidate: Candidate, effect: Effect) -> Candidate:
         """The set without one effect, fitted whole."""
-        rest = tuple(e for e in one.effects if e is not effect)
+        rest = tuple(e for e in candidate.effects if e is not effect)
         return self._fit(rest, 30) if rest else self.base()
 
     def alternatives(self, best: Candidate, effect: Effect) -> dict[str, Candidate]:
-        """Effects that would do in the place of one, the best first, each with its fit."""
+        """Effects that would do in the unit_value of one, the best first, each with its fit."""
         rest = tuple(e for e in best.effects if e is not effect)
         found = []
         for other in self.catalogue:
@@ -388,7 +388,7 @@ class Search:
             # Fewer parameters decide between them, but do not tell them apart.
             if self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE:
                 found.append((other.name, candidate))
-        return dict(sorted(found, key=lambda one: one[1].score))
+        return dict(sorted(found, key=lambda named: named[1].score))
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:
@@ -403,45 +403,53 @@ def _all_unknowns(problem: Problem) -> list[Unknown]:
 Key = tuple[int, str, str, int | None]
 
 
-def _key(one: Unknown, point: int) -> Key:
-    return point, one.effect.name if one.effect else "", one.parameter.name, one.drop
+def _key(unknown: Unknown, point: int) -> Key:
+    return (
+        point,
+        unknown.effect.name if unknown.effect else "",
+        unknown.parameter.name,
+        unknown.drop,
+    )
 
 
 def _of(problem: Problem, values: Mapping[tuple[str, str], float]) -> dict[Key, float]:
     """Places of values by effect and parameter, alike for all points and drops."""
     known = {}
     for index, unknowns in ((0, problem.device), *enumerate(problem.own)):
-        for one in unknowns:
-            name = (one.effect.name if one.effect else "", one.parameter.name)
+        for unknown in unknowns:
+            name = (unknown.effect.name if unknown.effect else "", unknown.parameter.name)
             if name in values:
-                known[_key(one, index)] = one.place(values[name])
+                known[_key(unknown, index)] = unknown.unit_value(values[name])
     return known
 
 
-def _places_of(found: Fit) -> dict[Key, float]:
+def _unit_values_of(found: Fit) -> dict[Key, float]:
     known = {
-        _key(one, 0): float(place)
-        for one, place in zip(found.problem.device, found.device, strict=True)
+        _key(unknown, 0): float(unit_value)
+        for unknown, unit_value in zip(found.problem.device, found.device, strict=True)
     }
-    for index, (unknowns, places) in enumerate(zip(found.problem.own, found.own, strict=True)):
-        for one, place in zip(unknowns, places, strict=True):
-            known[_key(one, index)] = float(place)
+    for index, (unknowns, unit_values) in enumerate(zip(found.problem.own, found.own, strict=True)):
+        for unknown, unit_value in zip(unknowns, unit_values, strict=True):
+            known[_key(unknown, index)] = float(unit_value)
     return known
 
 
 def _start(
     problem: Problem, known: dict[Key, float], choice: int
 ) -> tuple[FloatArray, list[FloatArray]]:
-    def place(one: Unknown, point: int) -> float:
-        found = known.get(_key(one, point))
+    def unit_value(unknown: Unknown, point: int) -> float:
+        found = known.get(_key(unknown, point))
         if found is not None:
             return found
-        starts = one.parameter.starts
+        starts = unknown.parameter.starts
         value = starts[choice % len(starts)]
-        if one.effect is None and one.parameter.name == "modulus_ratio":
+        if unknown.effect is None and unknown.parameter.name == "modulus_ratio":
             value *= (1.0, 0.6, 1.7)[choice % 3]
-        return one.place(value)
+        return unknown.unit_value(value)
 
-    device = np.array([place(one, 0) for one in problem.device])
-    owns = [np.array([place(one, index) for one in own]) for index, own in enumerate(problem.own)]
+    device = np.array([unit_value(unknown, 0) for unknown in problem.device])
+    owns = [
+        np.array([unit_value(unknown, index) for unknown in own])
+        for index, own in enumerate(problem.own)
+    ]
     return device, owns

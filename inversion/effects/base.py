@@ -4,7 +4,7 @@ The model of a record goes through five stages, and an effect changes one of the
 
     ground    parameters of the ground and the mass on it
     compliance  displacement over load in the Laplace domain
-    bending   static resistance that is no straight line
+    nonlinear stiffness  static resistance that is no straight line
     motion    what plate and ground do in time
     record    what sensor and processing make of it
 
@@ -19,13 +19,13 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from inversion.effects.parallel import Bending
 from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
-Struck = Callable[[], FloatArray]
-"""Motion of ground and plate after a blow of 1 N s on the plate at time 0, (n_sensors, n), m."""
+ImpulseResponse = Callable[[], FloatArray]
+"""Motion (n_sensors, n), m, after an impulse of 1 N s on the plate at time 0."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Effect:
         """Name, unit and value of what is not fitted but belongs to the values; goes last."""
         return ()
 
-    def doubt(self, values: Values) -> float:
+    def model_error(self, values: Values) -> float:
         """Relative error (95 %) of the modulus that the effect's own simplification may leave."""
         return 0.0
 
@@ -163,12 +163,18 @@ class Effect:
         """Displacement over load, (n_sensors, n), m/N, with the effect."""
         return compliance
 
-    def bending(self, bending: Bending, values: Values, drop: DropContext) -> Bending:
-        """How the ground's static resistance bends, with the effect."""
-        return bending
+    def nonlinear_stiffness(
+        self, law: NonlinearStiffness, values: Values, drop: DropContext
+    ) -> NonlinearStiffness:
+        """The law of the ground's static resistance, with the effect."""
+        return law
 
     def motion(
-        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+        self,
+        motion: FloatArray,
+        values: Values,
+        drop: DropContext,
+        impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """What plate and ground do, (n_sensors, n), m, with the effect."""
         return motion
@@ -213,11 +219,11 @@ def geophone(
     return record - convolve(record, kernel, step)
 
 
-def respond(blow: FloatArray, force: FloatArray, step: float) -> FloatArray:
-    """Motion (k, n) under a force on the plate (n,), N, given that after a blow of 1 N s."""
+def forced_motion(impulse_motion: FloatArray, force: FloatArray, step: float) -> FloatArray:
+    """Motion (k, n) under a force on the plate (n,), N, given that after an impulse of 1 N s."""
     if not force.any():
-        return np.zeros_like(blow)
-    return np.stack([step * np.convolve(row, force)[: force.size] for row in blow])
+        return np.zeros_like(impulse_motion)
+    return np.stack([step * np.convolve(row, force)[: force.size] for row in impulse_motion])
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:

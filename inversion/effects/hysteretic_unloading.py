@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.effects.parallel import Bending
+from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
 class HystereticUnloading(Effect):
     """Another exponent on the way back, and a part that is not recovered.
 
-    See `inversion.effects.parallel` for both.
+    See `inversion.forward.nonlinear_stiffness` for both.
     """
 
     name = "hysteretic_unloading"
@@ -20,10 +20,12 @@ class HystereticUnloading(Effect):
     )
     advice = "the ground yields: drop again until nothing is left behind"
 
-    def bending(self, bending: Bending, values: Values, drop: DropContext) -> Bending:
+    def nonlinear_stiffness(
+        self, law: NonlinearStiffness, values: Values, drop: DropContext
+    ) -> NonlinearStiffness:
         """The way back on the other path."""
         return replace(
-            bending,
+            law,
             unloading_exponent=values["exponent"],
             unrecovered=values["unrecovered"],
         )

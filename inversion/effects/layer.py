@@ -1,7 +1,7 @@
 r"""A crust or a soft top: the modulus of the top over the modulus below.
 
-The surface of two layers of one Poisson's ratio under a pressure of wave number k gives way
-:math:`F(kh)` times as much as the top alone would (Burmister 1945, J. Appl. Phys. 16, 89-94):
+The surface of two layers of one Poisson's ratio under a pressure of wave number k deflects
+:math:`F(kh)` times as far as the top alone would (Burmister 1945, J. Appl. Phys. 16, 89-94):
 
 .. math:: F(m) = \frac{1 + 4 N m e^{-2m} - N L e^{-4m}}
                       {1 - (N + L + 4 N m^2) e^{-2m} + N L e^{-4m}},
@@ -21,8 +21,8 @@ from scipy.special import j0
 from inversion.effects.base import DropContext, Effect, EffectParameter, Values
 from inversion.forward.kernel import ComplexArray, FloatArray
 
-# Doubt in the modulus per unit of the logarithm of the ratio, beyond what was seen to be safe.
-_DOUBT, _SAFE = 0.9, 0.5
+# Relative error of the modulus per unit of the ratio's logarithm, and up to where there is none.
+_ERROR_PER_LOG_RATIO, _SAFE = 0.9, 0.5
 # F is 1 beyond this m; nodes of the quadrature up to there.
 _FAR = 12.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(160)
@@ -51,11 +51,13 @@ class Layer(Effect):
         """The centre alone cannot tell it from another modulus."""
         return bool(drops[0].offsets.size > 1)
 
-    def doubt(self, values: Values) -> float:
+    def model_error(self, values: Values) -> float:
         """What is exact at rest was off by 0.28 in the logarithm of the modulus at a ratio of 2.5
         (finite elements, two sensors), and by less than 0.02 at 0.6 and 1.15.
         """
-        return float(np.expm1(_DOUBT * max(0.0, abs(np.log(values["modulus_ratio"])) - _SAFE)))
+        return float(
+            np.expm1(_ERROR_PER_LOG_RATIO * max(0.0, abs(np.log(values["modulus_ratio"])) - _SAFE))
+        )
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
@@ -80,7 +82,7 @@ def static_scale(
     nu : float
     """
     m = 0.5 * _FAR * (_NODES + 1.0)
-    more = (_give(m, ratio, nu) - 1.0) * 0.5 * _FAR * _WEIGHTS / thickness
+    more = (_deflection_factor(m, ratio, nu) - 1.0) * 0.5 * _FAR * _WEIGHTS / thickness
     k = m / thickness
     pressed = np.sinc(k * radius / np.pi)
     scale = np.empty(offsets.size)
@@ -94,7 +96,7 @@ def static_scale(
     return scale
 
 
-def _give(m: FloatArray, ratio: float, nu: float) -> FloatArray:
+def _deflection_factor(m: FloatArray, ratio: float, nu: float) -> FloatArray:
     """F(m)."""
     n, kappa = 1.0 / ratio, 3.0 - 4.0 * nu
     first, second = (1.0 - n) / (1.0 + n * kappa), kappa * (1.0 - n) / (kappa + n)

@@ -6,9 +6,9 @@ from inversion.effects.base import (
     DropContext,
     Effect,
     EffectParameter,
-    Struck,
+    ImpulseResponse,
     Values,
-    respond,
+    forced_motion,
 )
 from inversion.forward.kernel import FloatArray
 
@@ -33,8 +33,14 @@ class LoadShape(Effect):
         return (("misfit", "-", rms / drop.peak_load),)
 
     def motion(
-        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+        self,
+        motion: FloatArray,
+        values: Values,
+        drop: DropContext,
+        impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """With what the rest of the load moves."""
         assert drop.load_left is not None
-        return motion + values["share"] * respond(struck(), drop.load_left, drop.step)
+        return motion + values["share"] * forced_motion(
+            impulse_response(), drop.load_left, drop.step
+        )

@@ -1,12 +1,12 @@
 r"""Displacement that is left after the drop.
 
-The plate beds in while it goes deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. What is left
+The plate settles while it goes deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. What is left
 lies under the plate; the ground beside it comes back.
 """
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values
+from inversion.effects.base import DropContext, Effect, EffectParameter, ImpulseResponse, Values
 from inversion.forward.kernel import FloatArray
 
 
@@ -22,7 +22,11 @@ class PermanentSet(Effect):
     advice = "seat the plate with more drops before measuring"
 
     def motion(
-        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+        self,
+        motion: FloatArray,
+        values: Values,
+        drop: DropContext,
+        impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """With what stays, at the sensors on the plate."""
         result = motion.copy()

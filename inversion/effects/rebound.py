@@ -2,14 +2,21 @@ r"""Plate or hammer leaves contact, flies under gravity and comes down again.
 
 From the time of lift-off on the plate is a thrown body on which the load may still act,
 :math:`\ddot w = g + F/m`, until it meets the ground again. Its momentum then goes into ground and
-plate as a blow.
+plate as an impulse.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
+from inversion.effects.base import (
+    DropContext,
+    Effect,
+    EffectParameter,
+    ImpulseResponse,
+    Values,
+    forced_motion,
+)
 from inversion.forward.kernel import FloatArray
 
 GRAVITY = 9.80665
@@ -32,7 +39,11 @@ class Rebound(Effect):
         return time, replace(mass, starts=(drop.plate_mass or mass.starts[0],))
 
     def motion(
-        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+        self,
+        motion: FloatArray,
+        values: Values,
+        drop: DropContext,
+        impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """The plate in flight and after; the ground beside it goes its own way."""
         time, step = drop.time, drop.step
@@ -40,13 +51,13 @@ class Rebound(Effect):
         if not time[2] < moment < time[-2]:
             return motion
         flight, near = time - moment, drop.offsets < drop.plate_radius
-        blow = struck()
+        impulse_motion = impulse_response()
         # What the ground does once the plate has left it: neither load nor weight press on it.
         weight = values["mass"] * GRAVITY
         # Parts of samples count, so that the times have a smooth influence.
         flown = np.clip(flight / step + 0.5, 0.0, 1.0)
         taken = -flown * (drop.load + weight)
-        result = motion + respond(blow, taken, step)
+        result = motion + forced_motion(impulse_motion, taken, step)
         way = _way(flown * drop.load / values["mass"], step)
         last, speed, part = time.size, 0.0, 0.0
         for row, ground, below in zip(motion, result, near, strict=True):
@@ -71,7 +82,7 @@ class Rebound(Effect):
             index = np.arange(time.size)
             given = np.clip(index - last + 1.5 - part, 0.0, 1.0) * (drop.load + weight)
             given[last - 1 : last + 1] += values["mass"] * speed / step * np.array([1 - part, part])
-            result += respond(blow, given, step)
+            result += forced_motion(impulse_motion, given, step)
         return result
 
 

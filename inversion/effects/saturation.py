@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Struck, Values, respond
+from inversion.effects.base import (
+    DropContext,
+    Effect,
+    EffectParameter,
+    ImpulseResponse,
+    Values,
+    forced_motion,
+)
 from inversion.forward.kernel import FloatArray
 
 # A load within this part of its level is cut off.
@@ -27,7 +34,7 @@ class Saturation(Effect):
     def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
         """The level at which the velocity is flat, give or take its offset; the load's cap."""
         found = []
-        levels = [one for one in drop.flat if one is not None]
+        levels = [level for level in drop.flat if level is not None]
         if levels:
             low, high = 0.8 * min(levels), 1.25 * max(levels)
             found.append(replace(self.parameters[0], starts=(levels[0],), lower=low, upper=high))
@@ -39,7 +46,7 @@ class Saturation(Effect):
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Only where a record has a flat top."""
         return any(
-            drop.flat_load is not None or any(one is not None for one in drop.flat)
+            drop.flat_load is not None or any(level is not None for level in drop.flat)
             for drop in drops
         )
 
@@ -48,12 +55,16 @@ class Saturation(Effect):
         return () if drop.flat_load is None else (("level", "N", drop.flat_load),)
 
     def motion(
-        self, motion: FloatArray, values: Values, drop: DropContext, struck: Struck
+        self,
+        motion: FloatArray,
+        values: Values,
+        drop: DropContext,
+        impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """With what the cap of the load adds."""
         if "cap" not in values:
             return motion
-        return motion + respond(struck(), values["cap"] * _cap(drop), drop.step)
+        return motion + forced_motion(impulse_response(), values["cap"] * _cap(drop), drop.step)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """Velocities cut at the level."""

@@ -1,9 +1,9 @@
 r"""The modulus depends on the stress, between drops and within one.
 
 With :math:`E = E_{ref} (\sigma / \sigma_{ref})^n` the resistance to a displacement w grows like
-:math:`w^{1/(1-n)}` (`inversion.effects.parallel`), the reference being the stress under the point's
-largest drop. ``within`` is the part that acts within a drop; the rest acts between drops alone,
-each of which meets ground of one modulus.
+:math:`w^{1/(1-n)}` (`inversion.forward.nonlinear_stiffness`), the reference being the stress under
+the point's largest drop. ``within`` is the part that acts within a drop; the rest acts between
+drops alone, each of which meets ground of one modulus.
 """
 
 from dataclasses import replace
@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
-from inversion.effects.parallel import Bending
+from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
 class StressDependence(Effect):
-    """Bends the loading curve of a drop, and differs between drops of different height."""
+    """A curved loading path within a drop, and differs between drops of different height."""
 
     name = "stress_dependence"
     scope = "point"
@@ -39,7 +39,9 @@ class StressDependence(Effect):
         height = drop.peak_load / drop.largest_load
         return replace(ground, modulus=ground.modulus * height**between)
 
-    def bending(self, bending: Bending, values: Values, drop: DropContext) -> Bending:
+    def nonlinear_stiffness(
+        self, law: NonlinearStiffness, values: Values, drop: DropContext
+    ) -> NonlinearStiffness:
         """The part that acts within a drop, and between drops through it."""
         exponent = values["exponent"] * values.get("within", 1.0)
-        return replace(bending, stress_exponent=exponent)
+        return replace(law, stress_exponent=exponent)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.fitting.misfit import Misfit, WeighedDrop
+from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
 from inversion.fitting.published_fitness import published_fitness
 from inversion.forward.kernel import FloatArray
@@ -65,7 +65,7 @@ class GroundFit:
     converged : bool
     solves : int, forward solves, everything included
     misfit : Misfit at the full band
-    drops : tuple of WeighedDrop, with the window that was fitted
+    drops : tuple of WeightedDrop, with the window that was fitted
     """
 
     best: Minimum
@@ -74,11 +74,11 @@ class GroundFit:
     converged: bool
     solves: int
     misfit: Misfit
-    drops: tuple[WeighedDrop, ...]
+    drops: tuple[WeightedDrop, ...]
 
 
 def fit_ground(
-    drops: tuple[WeighedDrop, ...],
+    drops: tuple[WeightedDrop, ...],
     space: ParameterSpace,
     method: Method,
     rng: np.random.Generator,
@@ -197,7 +197,7 @@ def _profile_again(fit: GroundFit, misfit: Misfit, best: float) -> tuple[Minimum
 
 
 def _fit_published(
-    drops: tuple[WeighedDrop, ...], space: ParameterSpace, rng: np.random.Generator
+    drops: tuple[WeightedDrop, ...], space: ParameterSpace, rng: np.random.Generator
 ) -> GroundFit:
     """The paper's search: its operators, its fitness (Eq. 16), no polish."""
     misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)

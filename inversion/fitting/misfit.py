@@ -21,7 +21,7 @@ _FAR_SENSOR_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class WeighedDrop:
+class WeightedDrop:
     """A prepared drop with what its fit needs beside the ground.
 
     Parameters
@@ -67,7 +67,7 @@ class Misfit:
 
     Parameters
     ----------
-    drops : tuple of WeighedDrop
+    drops : tuple of WeightedDrop
     space : ParameterSpace
     band : float, Hz
     most_samples : int, samples of the window kept per drop (an even stride)
@@ -76,7 +76,7 @@ class Misfit:
 
     def __init__(
         self,
-        drops: tuple[WeighedDrop, ...],
+        drops: tuple[WeightedDrop, ...],
         space: ParameterSpace,
         band: float,
         most_samples: int,

@@ -46,12 +46,12 @@ class Parameter:
     logarithmic: bool
 
     def value(self, unit: FloatArray) -> FloatArray:
-        """Physical value of a place (...,) in the unit interval."""
+        """Physical value of a unit_value (...,) in the unit interval."""
         if self.logarithmic:
             return np.asarray(self.lower * (self.upper / self.lower) ** unit)
         return np.asarray(self.lower + (self.upper - self.lower) * unit)
 
-    def place(self, value: float) -> float:
+    def unit_value(self, value: float) -> float:
         """Place in the unit interval, clipped, of a physical value."""
         if self.logarithmic:
             unit = np.log(value / self.lower) / np.log(self.upper / self.lower)
@@ -60,7 +60,7 @@ class Parameter:
         return float(np.clip(unit, 0.0, 1.0))
 
     def slopes(self, unit: FloatArray) -> FloatArray:
-        """Derivatives (...,) of the physical value with respect to places (...,)."""
+        """Derivatives (...,) of the physical value with respect to unit_values (...,)."""
         if self.logarithmic:
             return np.asarray(self.value(unit) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit), self.upper - self.lower)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inversion.fitting.ground_fit import GroundFit, Minimum
-from inversion.fitting.misfit import WeighedDrop
+from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
@@ -99,7 +99,7 @@ def _covariances(
 
 
 def _sensor_noise(
-    item: WeighedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
+    item: WeightedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
 ) -> FloatArray:
     drop = item.drop
     channel = drop.channels[sensor]
@@ -122,7 +122,7 @@ def _sensor_noise(
 
 
 def _load_noise(
-    fit: GroundFit, item: WeighedDrop, rows: FloatArray, weights: FloatArray
+    fit: GroundFit, item: WeightedDrop, rows: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Noise of the load through the model, for weights (d, n_sensors, n) on the displacement."""
     drop = item.drop
@@ -146,9 +146,9 @@ def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, fl
     assert column is not None
     parameter = space.fitted[column]
     reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
-    places = [m.point[column] for m in (fit.best, *_equivalent(fit))]
+    unit_values = [m.point[column] for m in (fit.best, *_equivalent(fit))]
     # Nothing is claimed outside of what was searched.
-    ends = np.clip([min(places) - reach, max(places) + reach], 0.0, 1.0)
+    ends = np.clip([min(unit_values) - reach, max(unit_values) + reach], 0.0, 1.0)
     low, high = parameter.value(ends)
     return float(low), float(high)
 
@@ -163,10 +163,12 @@ def _depth_interval(
     parameter = space.fitted[column]
     reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
     own = float(fit.best.point[column])
-    places = [float(m.point[column]) for m in _equivalent(fit)]
+    unit_values = [float(m.point[column]) for m in _equivalent(fit)]
     spread = max(reach, 1.0 / 14.0)
-    unique = all(abs(place - own) <= 1.5 * spread for place in places) and reach < 0.25
-    ends = np.clip([min([own, *places]) - reach, max([own, *places]) + reach], 0.0, 1.0)
+    unique = (
+        all(abs(unit_value - own) <= 1.5 * spread for unit_value in unit_values) and reach < 0.25
+    )
+    ends = np.clip([min([own, *unit_values]) - reach, max([own, *unit_values]) + reach], 0.0, 1.0)
     low, high = parameter.value(ends)
     return (float(low), float(high)), unique
 

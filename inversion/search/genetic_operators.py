@@ -37,7 +37,7 @@ _CROSSOVER_REACH = 0.25
 
 
 @dataclass(frozen=True)
-class Role:
+class PopulationRole:
     """How one population makes its differential children.
 
     Different roles side by side make the populations more than parts of one large one.
@@ -74,10 +74,10 @@ class RoleTable:
 
     Parameters
     ----------
-    roles : tuple of Role, one per population
+    roles : tuple of PopulationRole, one per population
     """
 
-    def __init__(self, roles: tuple[Role, ...]) -> None:
+    def __init__(self, roles: tuple[PopulationRole, ...]) -> None:
         self.pull = _column([role.pull for role in roles])
         self.lowest_weight = _column([role.weight[0] for role in roles])
         self.weight_range = _column([role.weight[1] - role.weight[0] for role in roles])

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from inversion.errors import ModelError
-from inversion.search.genetic_operators import SMALLEST_POPULATION, FloatArray, Role
+from inversion.search.genetic_operators import SMALLEST_POPULATION, FloatArray, PopulationRole
 
 # From nearly rotation-invariant to nearly along the coordinates.  Of 200 searches in four genes
 # (benchmarks/search.py), 0.9 alone found the separable Rastrigin 170 times and the rotated one
 # 134 times, 0.3 alone 200 and 76, all four rates together 200 and 105.
-DEFAULT_ROLES = tuple(Role(crossover_rate=rate) for rate in (0.9, 0.7, 0.5, 0.3))
+DEFAULT_ROLES = tuple(PopulationRole(crossover_rate=rate) for rate in (0.9, 0.7, 0.5, 0.3))
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SearchSettings:
     breeding : "differential" or "generational"
         Children by differences of others, each competing with its parent; or selection,
         crossover and mutation of whole generations, as in the paper.
-    roles : tuple of Role
+    roles : tuple of PopulationRole
         Of the populations in turn (differential breeding), repeated when there are fewer.
     crossover_probability, mutation_probability : pair of float
         Each population draws its own from this range (generational breeding).
@@ -53,7 +53,7 @@ class SearchSettings:
     individuals: int = 80
     generations: int = 100
     breeding: Literal["differential", "generational"] = "differential"
-    roles: tuple[Role, ...] = DEFAULT_ROLES
+    roles: tuple[PopulationRole, ...] = DEFAULT_ROLES
     crossover_probability: tuple[float, float] = (0.95, 1.0)
     mutation_probability: tuple[float, float] = (0.02, 0.05)
     immigration_interval: int = 5

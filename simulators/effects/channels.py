@@ -59,11 +59,15 @@ def geophone_response(signals: Signals, frequency: float, damping: float) -> Sig
     return signals.with_velocity(lfilter(numerator, denominator, signals.velocity, axis=-1))
 
 
-Channel = Literal["load", "sensors", "both"]
+AffectedChannels = Literal["load", "sensors", "both"]
 
 
 def acquisition_filter(
-    signals: Signals, corner: float, order: int, advance: float, channel: Channel = "sensors"
+    signals: Signals,
+    corner: float,
+    order: int,
+    advance: float,
+    channel: AffectedChannels = "sensors",
 ) -> Signals:
     """Causal Butterworth low-pass (corner in Hz), then the record moved earlier by `advance` (s).
 

@@ -9,36 +9,38 @@ import numpy as np
 
 from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
 from simulators.effects.march import Indentation, strike
-from simulators.effects.outsiders import oscillator
 from simulators.effects.response import layered_ground
-from simulators.effects.scene import Outcome, Scene
+from simulators.effects.scene import Scene, SimulatedPoint
 from simulators.effects.soil import Hysteresis, PowerLaw
+from simulators.effects.unmodelled import oscillator
 from simulators.mesh import Array
 
 
-def bedrock(scene: Scene, strength: float) -> Outcome:
+def bedrock(scene: Scene, strength: float) -> SimulatedPoint:
     """A rigid base where the header says there is none; the strength only names the site."""
     depth = scene.ground.bedrock_depth
     signals = scene.signals(scene.strike_all())
-    return Outcome(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
+    return SimulatedPoint(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
 
 
-def layer(scene: Scene, ratio: float) -> Outcome:
+def layer(scene: Scene, ratio: float) -> SimulatedPoint:
     """A top of `ratio` times the modulus below, one plate radius thick."""
     below = scene.site.layers[-1]
     thickness = scene.radius
     site = layered_ground(
         below.modulus, ratio, thickness, below.viscosity, below.density, below.poisson_ratio
     )
-    response = scene.respond(site)
+    response = scene.response(site)
     drops = scene.strike_all([response] * len(scene.heights))
     parameters = {"ratio": ratio, "thickness_m": thickness}
-    return Outcome(scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf)
+    return SimulatedPoint(
+        scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf
+    )
 
 
-def stress_within(scene: Scene, exponent: float) -> Outcome:
+def stress_within(scene: Scene, exponent: float) -> SimulatedPoint:
     """Modulus that grows with stress in every instant; reported: the secant at the largest peak."""
-    response = scene.respond()
+    response = scene.response()
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
     weight = (scene.plate_mass + scene.hammer_mass) * STANDARD_GRAVITY
@@ -52,10 +54,10 @@ def stress_within(scene: Scene, exponent: float) -> Outcome:
     peak = max(float(np.max(drop.plate_displacement)) for drop in drops)
     modulus = scene.modulus * law().curve(peak)[0] / peak
     parameters = {"exponent": exponent, "sigma_ref_pa": _pressure(scene, drops)}
-    return Outcome(scene.signals(drops), modulus, parameters)
+    return SimulatedPoint(scene.signals(drops), modulus, parameters)
 
 
-def stress_between(scene: Scene, exponent: float) -> Outcome:
+def stress_between(scene: Scene, exponent: float) -> SimulatedPoint:
     """Linear ground in each drop, with a modulus (and viscosity) that follows its peak stress.
 
     Every height is a finite-element run of its own.
@@ -64,10 +66,10 @@ def stress_between(scene: Scene, exponent: float) -> Outcome:
     for height in scene.heights:
         factor = height**exponent
         layers = tuple(
-            replace(one, modulus=one.modulus * factor, viscosity=one.viscosity * factor)
-            for one in scene.site.layers
+            replace(layer, modulus=layer.modulus * factor, viscosity=layer.viscosity * factor)
+            for layer in scene.site.layers
         )
-        responses.append(scene.respond(replace(scene.site, layers=layers)))
+        responses.append(scene.response(replace(scene.site, layers=layers)))
     drops = scene.strike_all(responses)
     moduli = [response.ground.layers[-1].modulus for response in responses]
     parameters: dict[str, float | list[float]] = {
@@ -75,7 +77,7 @@ def stress_between(scene: Scene, exponent: float) -> Outcome:
         "sigma_ref_pa": _pressure(scene, drops),
         "moduli_pa": moduli,
     }
-    return Outcome(scene.signals(drops), max(moduli), parameters)
+    return SimulatedPoint(scene.signals(drops), max(moduli), parameters)
 
 
 def _pressure(scene: Scene, drops: list[SimulatedDrop]) -> float:
@@ -83,17 +85,17 @@ def _pressure(scene: Scene, drops: list[SimulatedDrop]) -> float:
     return largest / (math.pi * scene.radius**2)
 
 
-def hysteretic_unloading(scene: Scene, unrecovered: float) -> Outcome:
+def hysteretic_unloading(scene: Scene, unrecovered: float) -> SimulatedPoint:
     """The soil gives back less than it took, on a steeper path."""
-    stiffness = scene.respond().static_stiffness
+    stiffness = scene.response().static_stiffness
     exponent = 1 + 4 * unrecovered
     drops = scene.strike_all(law=lambda: Hysteresis(stiffness, exponent, unrecovered))
     parameters = {"exponent": exponent, "unrecovered_fraction": unrecovered}
-    return Outcome(scene.signals(drops), scene.modulus, parameters)
+    return SimulatedPoint(scene.signals(drops), scene.modulus, parameters)
 
 
-def permanent_set(scene: Scene, share: float) -> Outcome:
-    """The plate beds in; `share` of the peak deflection stays, half as much with each drop more."""
+def permanent_set(scene: Scene, share: float) -> SimulatedPoint:
+    """The plate settles; `share` of the peak deflection stays, half as much with each drop more."""
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
 
@@ -103,26 +105,26 @@ def permanent_set(scene: Scene, share: float) -> Outcome:
 
     drops = scene.strike_all(indentation=indentation)
     left = [indentation(n).at(float(np.max(drop.contact_force))) for n, drop in enumerate(drops)]
-    return Outcome(scene.signals(drops), scene.modulus, {"set_m": left})
+    return SimulatedPoint(scene.signals(drops), scene.modulus, {"set_m": left})
 
 
-def plate_inertia(scene: Scene, extra: float) -> Outcome:
+def plate_inertia(scene: Scene, extra: float) -> SimulatedPoint:
     """The load cell sits above `extra` times the declared mass more than was declared."""
     mass = extra * scene.plate_mass
     drops = scene.strike_all(plate_mass=scene.plate_mass + mass)
-    return Outcome(scene.signals(drops), scene.modulus, {"mass_kg": mass})
+    return SimulatedPoint(scene.signals(drops), scene.modulus, {"mass_kg": mass})
 
 
-def rough_contact(scene: Scene, share: float) -> Outcome:
+def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
     """Contact other than bonded: smooth, or only out to `share` of the radius where below 1."""
-    bonded = scene.respond()
+    bonded = scene.response()
     if share < 1:
-        response = scene.respond(radius=share * scene.radius)
+        response = scene.response(radius=share * scene.radius)
     else:
-        response = scene.respond(contact="smooth")
+        response = scene.response(contact="smooth")
     drops = scene.strike_all([response] * len(scene.heights))
     factor = response.static_stiffness / bonded.static_stiffness
-    return Outcome(
+    return SimulatedPoint(
         scene.signals(drops),
         scene.modulus,
         {"stiffness_factor": factor, "contact_share": share},
@@ -130,7 +132,7 @@ def rough_contact(scene: Scene, share: float) -> Outcome:
     )
 
 
-def rebound(scene: Scene, flight: float) -> Outcome:
+def rebound(scene: Scene, flight: float) -> SimulatedPoint:
     """The hammer's frame takes the plate along on its way up; it flies about `flight` seconds."""
     weight = scene.plate_mass * STANDARD_GRAVITY
     tug = 0.003  # s, of the pull
@@ -148,10 +150,12 @@ def rebound(scene: Scene, flight: float) -> Outcome:
         float(np.count_nonzero(drop.contact_force <= -0.999 * weight) * drop.time[1])
         for drop in drops
     ]
-    return Outcome(scene.signals(drops), scene.modulus, {"liftoff_s": begin, "flights_s": flights})
+    return SimulatedPoint(
+        scene.signals(drops), scene.modulus, {"liftoff_s": begin, "flights_s": flights}
+    )
 
 
-def spring_rig(scene: Scene, damping: float) -> Outcome:
+def spring_rig(scene: Scene, damping: float) -> SimulatedPoint:
     """Plate and frame on springs with a fraction `damping` of critical; no ground at all."""
     stiffness = float(scene.device.uniform(8e6, 30e6))
     moving = scene.plate_mass * float(scene.device.uniform(1.0, 2.0))
@@ -175,19 +179,19 @@ def spring_rig(scene: Scene, damping: float) -> Outcome:
         "moving_mass_kg": moving,
         "damping_of_critical": damping,
     }
-    return Outcome(signals, None, parameters)
+    return SimulatedPoint(signals, None, parameters)
 
 
-def load_shape(scene: Scene, asymmetry: float) -> Outcome:
+def load_shape(scene: Scene, asymmetry: float) -> SimulatedPoint:
     """A pulse of worn buffers: steep front, long back and a hump, no half-sine."""
-    response = scene.respond()
+    response = scene.response()
     steps = scene.samples
     force = worn_pulse(
         np.arange(steps, dtype=float) * response.time_step, 1.4 * scene.hammer_pulse, asymmetry
     )
     force *= scene.peak_force / np.max(force)
     drops = [strike(response, scene.plate_mass, height * force, steps) for height in scene.heights]
-    return Outcome(scene.signals(drops), scene.modulus, {"asymmetry": asymmetry})
+    return SimulatedPoint(scene.signals(drops), scene.modulus, {"asymmetry": asymmetry})
 
 
 def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
@@ -198,12 +202,12 @@ def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
     return np.where((time > 0) & (time < duration), pulse, 0.0)
 
 
-def false_trigger(scene: Scene, share: float) -> Outcome:
+def false_trigger(scene: Scene, share: float) -> SimulatedPoint:
     """No drop: somebody steps on the plate or the hammer bounces, `share` of the wanted load.
 
     Several small bumps at irregular times; the last drop of a point with more than one.
     """
-    response = scene.respond()
+    response = scene.response()
     steps = scene.samples
     time = np.arange(steps, dtype=float) * response.time_step
     force = np.zeros(steps)
@@ -215,4 +219,6 @@ def false_trigger(scene: Scene, share: float) -> Outcome:
     good = scene.strike_all()[:-1]
     drops = [*good, strike(response, scene.plate_mass, force, steps)]
     modulus = scene.modulus if good else None
-    return Outcome(scene.signals(drops), modulus, {"share": share, "drop": float(len(drops))})
+    return SimulatedPoint(
+        scene.signals(drops), modulus, {"share": share, "drop": float(len(drops))}
+    )

@@ -81,8 +81,8 @@ def write_signals(
             text = json.dumps(value) if isinstance(value, str) else repr(value)
             file.write(f"# {key} = {text}\n")
         file.write(",".join(columns) + "\n")
-        for number, one in enumerate(signals, start=1):
-            time, table = converter.stored(one, generator)
+        for number, drop in enumerate(signals, start=1):
+            time, table = converter.stored(drop, generator)
             whole = np.column_stack([np.full(time.size, number), time, table.T])
             formats = ["%d", "%.9g", "%.7g", *["%.9g"] * len(offsets)]
             np.savetxt(file, whole, delimiter=",", fmt=formats)

@@ -74,7 +74,7 @@ class Scene:
     density_scale: float = 1.0
     """See `GroundResponse.rescaled`."""
 
-    def respond(
+    def response(
         self, site: Ground | None = None, contact: str = "rough", radius: float | None = None
     ) -> GroundResponse:
         """Answer of this ground, or of another in the units of the finite-element run."""
@@ -86,7 +86,7 @@ class Scene:
     @property
     def ground(self) -> Ground:
         """The ground as it is."""
-        return self.respond().ground
+        return self.response().ground
 
     @property
     def modulus(self) -> float:
@@ -101,7 +101,7 @@ class Scene:
     @property
     def samples(self) -> int:
         """Length of a record in steps of the finite elements."""
-        step = self.respond().time_step
+        step = self.response().time_step
         whole = round(DURATION * self.time_scale / step)
         wanted = math.ceil((2.5 * self.hammer_pulse + 0.025) / step)
         return min(wanted, whole)
@@ -137,7 +137,7 @@ class Scene:
         indentation : of drop 0, 1, ...
         weight, pull, gravity : see `strike`
         """
-        responses = responses or [self.respond()] * len(self.heights)
+        responses = responses or [self.response()] * len(self.heights)
         mass = self.plate_mass if plate_mass is None else plate_mass
         velocity = self.velocity(responses[0], mass)
         return [
@@ -160,7 +160,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SimulatedPoint:
     """What a point became under an effect."""
 
     signals: list[Signals]
@@ -176,12 +176,12 @@ class Outcome:
 
     def through(
         self, operator: Callable[[Signals], Signals], **parameters: float | list[float]
-    ) -> Outcome:
+    ) -> SimulatedPoint:
         """The same point seen through an operator on the channels."""
         changed = [operator(signals) for signals in self.signals]
         return replace(self, signals=changed, parameters={**self.parameters, **parameters})
 
 
-def undisturbed(scene: Scene) -> Outcome:
+def undisturbed(scene: Scene) -> SimulatedPoint:
     """The point without any effect."""
-    return Outcome(scene.signals(scene.strike_all()), scene.modulus, {})
+    return SimulatedPoint(scene.signals(scene.strike_all()), scene.modulus, {})

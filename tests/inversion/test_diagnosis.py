@@ -110,7 +110,7 @@ def test_rock_under_other_finite_elements(
     number: int, shared: Path, library: SurrogateLibrary
 ) -> None:
     modulus, depth, point = computed_elsewhere(shared, number)
-    records = tuple(record_of(one, point.setup) for one in point.drops)
+    records = tuple(record_of(drop, point.setup) for drop in point.drops)
     found = diagnose_point(PointRecords("fe", records, (1,)), library)
     (effect,) = found.effects
     assert effect.name == "bedrock"
@@ -124,7 +124,7 @@ def test_other_finite_elements_with_their_rock_declared_have_no_effect(
 ) -> None:
     modulus, depth, point = computed_elsewhere(shared, number)
     records = tuple(
-        replace(record_of(one, point.setup), bedrock_depth=depth) for one in point.drops
+        replace(record_of(drop, point.setup), bedrock_depth=depth) for drop in point.drops
     )
     found = diagnose_point(PointRecords("fe", records, (1,)), library)
     assert found.effects == ()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from inversion.diagnosis.channel import Channel
+from inversion.diagnosis.channel import MotionChannel
 from inversion.measured.record import ChannelNoise, NoiseModel, Sensor
 from inversion.threads import single_threaded_blas
 
@@ -18,10 +18,10 @@ def noise(correlation: float, baseline: int, quantity: str) -> ChannelNoise:
     return ChannelNoise(NoiseModel(covariance, FIRST), quantity == "velocity", baseline)
 
 
-def channel(values: np.ndarray, quantity: str, correlation: float = 0.0) -> Channel:
+def channel(values: np.ndarray, quantity: str, correlation: float = 0.0) -> MotionChannel:
     baseline = 100 if quantity == "velocity" else 20
     sensor = Sensor(0.0, quantity, values)
-    return Channel(sensor, noise(correlation, baseline, quantity), FIRST, SAMPLES, STEP)
+    return MotionChannel(sensor, noise(correlation, baseline, quantity), FIRST, SAMPLES, STEP)
 
 
 def pulse(time: np.ndarray) -> np.ndarray:
@@ -35,23 +35,23 @@ def speed(time: np.ndarray) -> np.ndarray:
 
 
 def test_a_velocity_is_integrated_without_its_offset() -> None:
-    one = channel(speed(TIME) + 0.003, "velocity")
+    motion = channel(speed(TIME) + 0.003, "velocity")
     # The trapezoidal rule is as good as its step.
-    np.testing.assert_allclose(one.observed, pulse(TIME[SAMPLES]), atol=5e-8)
+    np.testing.assert_allclose(motion.observed, pulse(TIME[SAMPLES]), atol=5e-8)
 
 
 def test_a_displacement_is_zero_where_the_pulse_begins() -> None:
-    one = channel(pulse(TIME) + 5e-4, "displacement")
-    np.testing.assert_allclose(one.observed, pulse(TIME[SAMPLES]), atol=1e-12)
+    motion = channel(pulse(TIME) + 5e-4, "displacement")
+    np.testing.assert_allclose(motion.observed, pulse(TIME[SAMPLES]), atol=1e-12)
 
 
 def test_what_is_predicted_is_read_as_what_is_recorded() -> None:
     # Drift of a velocity: its mean before the pulse goes, in the record and in the prediction.
     drift = 0.02 * TIME + 0.004
-    one = channel(drift, "velocity")
+    motion = channel(drift, "velocity")
     predicted = 0.004 * TIME[SAMPLES] + 0.01 * TIME[SAMPLES] ** 2
-    np.testing.assert_allclose(one.read(predicted), one.observed, atol=2e-9)
-    assert np.abs(one.observed).max() > 2e-5  # it is the drift that is compared, not nothing
+    np.testing.assert_allclose(motion.read(predicted), motion.observed, atol=2e-9)
+    assert np.abs(motion.observed).max() > 2e-5  # it is the drift that is compared, not nothing
 
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
@@ -61,12 +61,12 @@ def test_weighed_noise_is_white(quantity: str, correlation: float) -> None:
     white = np.sqrt(1 - correlation**2) * rng.standard_normal((300, COUNT + 100))
     values = lfilter([1.0], [1.0, -correlation], white, axis=1)[:, 100:]
     with single_threaded_blas():
-        one = channel(values[0], quantity, correlation)
-        whitener = one.whitener(slice(0, SAMPLES.size), np.full(SAMPLES.size, 1e-9))
+        motion = channel(values[0], quantity, correlation)
+        whitener = motion.whitener(slice(0, SAMPLES.size), np.full(SAMPLES.size, 1e-9))
         observed = [channel(row, quantity, correlation).observed for row in values]
-        weighed = np.array(observed) @ whitener.T
-    square = np.mean(weighed**2, axis=0)
-    # Where the record is taken to zero nothing is left to be weighed.
+        weighted = np.array(observed) @ whitener.T
+    square = np.mean(weighted**2, axis=0)
+    # Where the record is taken to zero nothing is left to be weighted.
     assert np.median(square) == pytest.approx(1.0, abs=0.1)
     assert np.mean(square) == pytest.approx(1.0, abs=0.15)
-    assert abs(np.mean(weighed[:, 1:] * weighed[:, :-1])) < 0.1
+    assert abs(np.mean(weighted[:, 1:] * weighted[:, :-1])) < 0.1

@@ -7,7 +7,12 @@ from scipy.integrate import solve_ivp
 from inversion.diagnosis.flat_tops import flat_level, flat_velocity
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
-from inversion.effects.parallel import Bending, _march, effective_force, hat_response
+from inversion.forward.nonlinear_stiffness import (
+    NonlinearStiffness,
+    _march,
+    effective_force,
+    hat_response,
+)
 from inversion.measured.record import Sensor
 
 TIME = np.arange(600) * 1e-4
@@ -54,16 +59,18 @@ def through(effect: Effect, values, drop=None):
     ground = effect.ground(Ground(4e7, 5e4, 1900.0, 0.0, 10.0), values, drop)
     s = 50.0 + 2j * np.pi * np.arange(1, 40) * 10.0
     compliance = effect.compliance(np.full((2, s.size), 1e-8 + 0j), s, values, drop)
-    assert effect.bending(Bending(), values, drop).straight or name_bends(effect)
-    motion = effect.motion(MOTION, values, drop, no_blow)
+    assert effect.nonlinear_stiffness(NonlinearStiffness(), values, drop).linear or is_nonlinear(
+        effect
+    )
+    motion = effect.motion(MOTION, values, drop, no_impulse)
     return ground, compliance, effect.record(motion, values, drop)
 
 
-def no_blow() -> np.ndarray:
+def no_impulse() -> np.ndarray:
     return np.zeros_like(MOTION)
 
 
-def name_bends(effect: Effect) -> bool:
+def is_nonlinear(effect: Effect) -> bool:
     return effect.name not in NOTHING
 
 
@@ -93,11 +100,11 @@ def test_what_is_not_fitted_is_told_with_the_values() -> None:
     assert BY_NAME["acquisition_filter"].held(context()) == (("order", "-", 4.0),)
 
 
-def test_a_strong_layer_leaves_doubt_in_the_modulus() -> None:
+def test_a_strong_layer_leaves_an_error_of_the_modulus() -> None:
     layer = BY_NAME["layer"]
-    assert layer.doubt({"modulus_ratio": 1.2, "thickness": 0.2}) == 0.0
-    assert 0.25 < layer.doubt({"modulus_ratio": 2.3, "thickness": 0.2}) < 0.5
-    assert layer.doubt({"modulus_ratio": 1 / 2.3, "thickness": 0.2}) > 0.25
+    assert layer.model_error({"modulus_ratio": 1.2, "thickness": 0.2}) == 0.0
+    assert 0.25 < layer.model_error({"modulus_ratio": 2.3, "thickness": 0.2}) < 0.5
+    assert layer.model_error({"modulus_ratio": 1 / 2.3, "thickness": 0.2}) > 0.25
 
 
 def test_names_are_unique() -> None:
@@ -143,7 +150,7 @@ def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
 def test_a_straight_resistance_changes_nothing() -> None:
     hats = rod(1e-4, 600, 2e7, 1e5)
     load = 8000.0 * PULSE
-    force, _ = effective_force(hats[0], load, Bending(), 2e7, 4e-4)
+    force, _ = effective_force(hats[0], load, NonlinearStiffness(), 2e7, 4e-4)
     np.testing.assert_allclose(force, load, atol=1e-3)
 
 
@@ -160,7 +167,9 @@ def test_bending_ground_follows_its_equation_of_motion(n: float) -> None:
 
     found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
     hats = rod(1e-4, 600, stiffness, damper)
-    force, _ = effective_force(hats[0], load, Bending(stress_exponent=n), stiffness, reference)
+    force, _ = effective_force(
+        hats[0], load, NonlinearStiffness(stress_exponent=n), stiffness, reference
+    )
     got = np.convolve(hats[0], force)[:600]
     np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
 
@@ -169,7 +178,7 @@ def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
     # So slow that nothing is radiated: w = r (F / (k r))^(1 - n).
     hats = rod(1.0, 400, 2e7, 1e3)
     load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
-    force, _ = effective_force(hats[0], load, Bending(stress_exponent=0.4), 2e7, 4e-4)
+    force, _ = effective_force(hats[0], load, NonlinearStiffness(stress_exponent=0.4), 2e7, 4e-4)
     got = np.convolve(hats[0], force)[:400]
     np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
 
@@ -177,20 +186,26 @@ def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
 def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
     hats = rod(1e-4, 600, 2e7, 1e4)
     load = 8000.0 * PULSE
-    bending = Bending(unrecovered=0.2)
-    force, _ = effective_force(hats[0], load, bending, 2e7, 4e-4)
+    law = NonlinearStiffness(unrecovered=0.2)
+    force, _ = effective_force(hats[0], load, law, 2e7, 4e-4)
     got = np.convolve(hats[0], force)[:600]
     assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
 
 
 @pytest.mark.parametrize(
-    "bending", [Bending(0.4, 1.5, 0.2), Bending(-0.3), Bending(0.2, 3.0, 0.1), Bending()]
+    "law",
+    [
+        NonlinearStiffness(0.4, 1.5, 0.2),
+        NonlinearStiffness(-0.3),
+        NonlinearStiffness(0.2, 3.0, 0.1),
+        NonlinearStiffness(),
+    ],
 )
-def test_all_samples_at_once_and_one_after_the_other_agree(bending: Bending) -> None:
+def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffness) -> None:
     hats = rod(1e-4, 300, 2e7, 4e4)
     load = 8000.0 * PULSE[:300]
-    _, together = effective_force(hats[0], load, bending, 2e7, 4e-4)
-    marched = _march(hats[0], load, bending, 2e7, 4e-4)
+    _, together = effective_force(hats[0], load, law, 2e7, 4e-4)
+    marched = _march(hats[0], load, law, 2e7, 4e-4)
     np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
 
 
@@ -200,15 +215,17 @@ def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
     ground = Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
     values = {"exponent": 0.5, "within": 0.0}
     assert effect.ground(ground, values, low).modulus == pytest.approx(4e7 * 0.5**0.5)
-    assert effect.bending(Bending(), values, low) == Bending()
+    assert effect.nonlinear_stiffness(NonlinearStiffness(), values, low) == NonlinearStiffness()
     values = {"exponent": 0.5, "within": 1.0}
     assert effect.ground(ground, values, low) == ground
-    assert effect.bending(Bending(), values, low) == Bending(stress_exponent=0.5)
+    assert effect.nonlinear_stiffness(NonlinearStiffness(), values, low) == NonlinearStiffness(
+        stress_exponent=0.5
+    )
 
 
 def test_permanent_set_stays_under_the_plate() -> None:
     values = {"displacement": 1e-4, "exponent": 1.5}
-    record = BY_NAME["permanent_set"].motion(MOTION, values, context(), no_blow)
+    record = BY_NAME["permanent_set"].motion(MOTION, values, context(), no_impulse)
     assert record[0, -1] == pytest.approx(1e-4)
     half = int(np.argmax(PULSE >= 0.5))
     assert record[0, half] - MOTION[0, half] == pytest.approx(1e-4 * PULSE[half] ** 1.5)
@@ -219,7 +236,7 @@ def test_a_plate_in_flight_falls_with_gravity() -> None:
     # Late in the pulse the ground slows down by more than g: the plate goes on without it.
     drop = context(load=np.zeros_like(TIME))
     values = {"lift_off": -0.002, "mass": 20.0}
-    record = BY_NAME["rebound"].motion(4 * MOTION, values, drop, no_blow)
+    record = BY_NAME["rebound"].motion(4 * MOTION, values, drop, no_impulse)
     flying = np.flatnonzero(record[0] < 4 * MOTION[0] - 1e-7)
     assert flying.size > 50
     acceleration = np.diff(record[0][flying[0] : flying[-1]], 2) / 1e-8
@@ -249,11 +266,11 @@ def test_a_plate_that_jumps_comes_down_with_its_momentum() -> None:
     begin = int(np.argmax((pressed < -mass * gravity) & (TIME > 0.01)))
     root = np.sqrt(complex(damper**2 / (4 * mass**2) - stiffness / mass))
     rate = damper / (2 * mass)
-    blow = (np.exp(-rate * TIME) * np.sinh(root * TIME) / (mass * root)).real[None]
-    linear = 1e-4 * np.convolve(blow[0], load)[: TIME.size][None]
+    impulse = (np.exp(-rate * TIME) * np.sinh(root * TIME) / (mass * root)).real[None]
+    linear = 1e-4 * np.convolve(impulse[0], load)[: TIME.size][None]
     drop = context(load=load, offsets=np.zeros(1), quantities=("velocity",), flat=(None,))
     values = {"lift_off": TIME[begin] - drop.contact_end, "mass": mass}
-    record = BY_NAME["rebound"].motion(linear, values, drop, lambda: blow)[0]
+    record = BY_NAME["rebound"].motion(linear, values, drop, lambda: impulse)[0]
     assert truth.min() < -0.05 * truth.max()  # it does jump
     np.testing.assert_allclose(record, truth, atol=0.03 * truth.max())
     assert np.abs(linear[0] - truth).max() > 0.08 * truth.max()
@@ -272,9 +289,9 @@ def test_the_cap_of_a_clipped_load_goes_on_where_it_was_cut() -> None:
     (cap,) = BY_NAME["saturation"].parameters_for(drop)
     assert cap.starts[0] == pytest.approx(1600.0, rel=0.25)
     # Displacement that follows at once, one metre a newton second: the cap itself comes out.
-    blow = np.zeros_like(MOTION)
-    blow[:, 0] = 1.0 / drop.step
-    added = BY_NAME["saturation"].motion(0 * MOTION, {"cap": 1600.0}, drop, lambda: blow)
+    impulse = np.zeros_like(MOTION)
+    impulse[:, 0] = 1.0 / drop.step
+    added = BY_NAME["saturation"].motion(0 * MOTION, {"cap": 1600.0}, drop, lambda: impulse)
     np.testing.assert_allclose(added[0], full - drop.load, atol=0.02 * 8000.0)
     assert BY_NAME["saturation"].known(drop) == (("level", "N", 6400.0),)
 
@@ -297,8 +314,10 @@ def test_a_rig_is_a_resonator() -> None:
 
 def test_a_stiff_crust_lowers_the_centre_more_than_the_far_sensor() -> None:
     values = {"modulus_ratio": 3.0, "thickness": 0.2}
-    one = np.ones((2, 1), complex)
-    near, far = BY_NAME["layer"].compliance(one, np.ones(1, complex), values, context())[:, 0].real
+    uniform = np.ones((2, 1), complex)
+    near, far = (
+        BY_NAME["layer"].compliance(uniform, np.ones(1, complex), values, context())[:, 0].real
+    )
     assert near < 0.75
     assert near < far < 1.1
 

@@ -140,8 +140,8 @@ def test_displacement_and_velocity_tell_the_same(bench: Bench) -> None:
     quiet = np.zeros(record.time.size - bench.drop.time.size)
     values = np.concatenate([quiet, bench.drop.plate_displacement]) + 1e-4
     other = replace(record, sensors=(Sensor(0.0, "displacement", values),))
-    one, two = (bench.invert(some).subgrade.modulus.value for some in (record, other))
-    assert two == pytest.approx(one, rel=2e-3)
+    expected, found = (bench.invert(some).subgrade.modulus.value for some in (record, other))
+    assert found == pytest.approx(expected, rel=2e-3)
 
 
 def test_centre_sensor_alone(bench: Bench) -> None:
@@ -267,11 +267,11 @@ def test_genetic_search_and_least_squares_agree(bedrock_depth: float | None, ben
 
 def test_same_seed_same_result(bench: Bench) -> None:
     record = bench.record(1)
-    one, two = (bench.invert(record, replace(GENETIC, seed=5)) for _ in range(2))
-    assert one.subgrade == two.subgrade
-    assert one.forward_solves == two.forward_solves
-    assert one.seed == 5
-    assert np.array_equal(one.history.predicted, two.history.predicted)
+    first, again = (bench.invert(record, replace(GENETIC, seed=5)) for _ in range(2))
+    assert first.subgrade == again.subgrade
+    assert first.forward_solves == again.forward_solves
+    assert first.seed == 5
+    assert np.array_equal(first.history.predicted, again.history.predicted)
 
 
 def test_published_method_spends_what_the_paper_does(bench: Bench) -> None:
@@ -367,9 +367,11 @@ def test_more_noise_means_wider_intervals(bench: Bench) -> None:
             ),
         ),
     )
-    one, other = bench.invert(quiet), bench.invert(noisy)
-    assert deviation(other.subgrade.modulus) > 3 * deviation(one.subgrade.modulus)
-    widths = [result.modulus_interval[1] - result.modulus_interval[0] for result in (one, other)]
+    quiet_result, other = bench.invert(quiet), bench.invert(noisy)
+    assert deviation(other.subgrade.modulus) > 3 * deviation(quiet_result.subgrade.modulus)
+    widths = [
+        result.modulus_interval[1] - result.modulus_interval[0] for result in (quiet_result, other)
+    ]
     assert widths[1] > 1.5 * widths[0]
 
 

@@ -186,7 +186,7 @@ def test_noise_has_the_size_and_colour_it_states() -> None:
     assert np.corrcoef(noise[0, 1:], noise[0, :-1])[0, 1] == pytest.approx(0.8, abs=0.02)
 
 
-def test_outsiders_are_not_in_the_vocabulary() -> None:
+def test_unmodelled_effects_are_not_in_the_vocabulary() -> None:
     unknown = {effect.name for effect in EFFECTS.values() if not effect.known}
     assert len(unknown) >= 4
     assert len({effect.name for effect in EFFECTS.values()} - unknown - {CLEAN}) == 17

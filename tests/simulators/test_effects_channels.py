@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import freqz
 
-from simulators.effects import channels, outsiders
+from simulators.effects import channels, unmodelled
 from simulators.effects.signals import Signals
 from simulators.mesh import Array
 
@@ -76,13 +76,13 @@ def test_a_geophone_has_its_textbook_response() -> None:
 
 def test_a_filter_halves_the_power_at_its_corner_and_comes_earlier_by_the_advance() -> None:
     sine = np.sin(2 * math.pi * 300 * TIME)
-    one = Signals(TIME, sine, sine[None, :], sine[None, :])
-    found = channels.acquisition_filter(one, 300.0, 4, 0.0, "both")
+    pure = Signals(TIME, sine, sine[None, :], sine[None, :])
+    found = channels.acquisition_filter(pure, 300.0, 4, 0.0, "both")
     tail = slice(800, 1600)  # 12 whole periods
     assert np.sqrt(np.mean(found.load[tail] ** 2)) == pytest.approx(0.5, rel=0.01)
-    ahead = channels.acquisition_filter(one, 300.0, 4, 10 * STEP, "sensors")
+    ahead = channels.acquisition_filter(pure, 300.0, 4, 10 * STEP, "sensors")
     np.testing.assert_array_equal(ahead.velocity[:, :-10], found.velocity[:, 10:])
-    np.testing.assert_array_equal(ahead.load, one.load)
+    np.testing.assert_array_equal(ahead.load, pure.load)
     assert not np.any(found.load[: np.flatnonzero(sine)[0]])  # causal
 
 
@@ -116,7 +116,7 @@ def test_an_oscillator_rings_as_the_closed_form_says() -> None:
     step = 2e-6
     time = np.arange(10000) * step
     force = np.ones(time.size)
-    moved, speed = outsiders.oscillator(force, mass, 2 * ratio * omega * mass, stiffness, step)
+    moved, speed = unmodelled.oscillator(force, mass, 2 * ratio * omega * mass, stiffness, step)
     fast = omega * math.sqrt(1 - ratio**2)
     decay = np.exp(-ratio * omega * time)
     share = ratio / math.sqrt(1 - ratio**2)
@@ -128,7 +128,7 @@ def test_an_oscillator_rings_as_the_closed_form_says() -> None:
 
 
 def test_a_bending_plate_moves_its_centre_alone(signals: Signals) -> None:
-    found = outsiders.plate_flexure(signals, 220.0, 0.02, 0.05)
+    found = unmodelled.plate_flexure(signals, 220.0, 0.02, 0.05)
     np.testing.assert_array_equal(found.velocity[1], signals.velocity[1])
     after = TIME > PULSE
     extra = (found.velocity - signals.velocity)[0][after]
@@ -138,31 +138,31 @@ def test_a_bending_plate_moves_its_centre_alone(signals: Signals) -> None:
 
 
 def test_crosstalk_is_the_load_through_a_high_pass(signals: Signals) -> None:
-    low = outsiders.cable_crosstalk(signals, 0.1, 1e-6)
+    low = unmodelled.cable_crosstalk(signals, 0.1, 1e-6)
     extra = low.velocity - signals.velocity
     np.testing.assert_allclose(
         extra, [0.1 * signals.peak_velocity / 8e3 * signals.load] * 2, atol=1e-7
     )
-    high = outsiders.cable_crosstalk(signals, 0.1, 50.0)
+    high = unmodelled.cable_crosstalk(signals, 0.1, 50.0)
     assert np.min(high.velocity - signals.velocity) < 0  # after the pulse it discharges
 
 
 def test_a_slow_clock_states_too_short_times(signals: Signals) -> None:
-    found = outsiders.time_base_error(signals, 0.02)
+    found = unmodelled.time_base_error(signals, 0.02)
     assert found.time_step == pytest.approx(STEP / 1.02)
     np.testing.assert_array_equal(found.velocity, signals.velocity)
     np.testing.assert_allclose(found.displacement * 1.02, signals.displacement)
 
 
 def test_a_glitch_changes_the_gain_once(signals: Signals) -> None:
-    found = outsiders.gain_glitch(signals, 0.005, 0.1)
+    found = unmodelled.gain_glitch(signals, 0.005, 0.1)
     moving = signals.velocity[0] != 0
     ratio = found.velocity[0][moving] / signals.velocity[0][moving]
     np.testing.assert_allclose(ratio, np.where(TIME[moving] >= 0.005, 1.1, 1.0))
 
 
 def test_traffic_is_a_burst_around_its_frequency(signals: Signals) -> None:
-    found = outsiders.passing_traffic(signals, 1e-3, 15.0, 0.03, 0.02)
+    found = unmodelled.passing_traffic(signals, 1e-3, 15.0, 0.03, 0.02)
     extra = (found.velocity - signals.velocity)[0]
     assert np.max(np.abs(extra)) <= 1e-3
     quarter = int(np.argmin(np.abs(TIME - (0.03 + 1 / 60))))
@@ -170,7 +170,7 @@ def test_traffic_is_a_burst_around_its_frequency(signals: Signals) -> None:
 
 
 def test_a_bent_load_cell_reads_the_square(signals: Signals) -> None:
-    found = outsiders.load_cell_curvature(signals, 0.04)
+    found = unmodelled.load_cell_curvature(signals, 0.04)
     assert np.max(found.load) == pytest.approx(1.04 * 8e3)
     half = np.argmin(np.abs(signals.load - 4e3))
     assert found.load[half] / signals.load[half] == pytest.approx(1.02, rel=1e-3)

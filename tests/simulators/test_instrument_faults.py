@@ -61,9 +61,9 @@ def test_bit_errors_flip_so_many_bits_of_one_frame() -> None:
     broken, sound = faulty(fault("bit-errors", count=3)), faulty(fault("clock-jump", seconds=0.0))
     for instrument in (broken, sound):
         instrument.advance(0.1)
-    one, other = taken(broken), taken(sound)
-    assert len(one) == len(other)
-    differing = [(i, a ^ b) for i, (a, b) in enumerate(zip(one, other, strict=True)) if a != b]
+    sent, other = taken(broken), taken(sound)
+    assert len(sent) == len(other)
+    differing = [(i, a ^ b) for i, (a, b) in enumerate(zip(sent, other, strict=True)) if a != b]
     assert sum(bits.bit_count() for _, bits in differing) == 3
     begin = len(b"\0".join(other.split(b"\0")[:4])) + 1
     assert all(begin <= place < begin + 700 for place, _ in differing)

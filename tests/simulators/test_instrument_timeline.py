@@ -97,8 +97,8 @@ def test_samples_do_not_depend_on_the_portions_in_which_they_are_asked_for() -> 
 
 def test_another_seed_is_another_record() -> None:
     chosen = load_scenario("default")
-    one, other = (timeline(chosen, seed=seed).counts(0, 1000) for seed in (0, 1))
-    assert not np.array_equal(one, other)
+    first, other = (timeline(chosen, seed=seed).counts(0, 1000) for seed in (0, 1))
+    assert not np.array_equal(first, other)
 
 
 def test_noise_hum_drift_and_rest_have_the_size_that_is_asked_for() -> None:

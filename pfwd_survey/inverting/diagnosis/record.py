@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from inversion.diagnosis import FoundEffect, PointDiagnosis, State
+from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
 from pfwd_survey.inverting.diagnosis.entries import Entry
 
 
@@ -62,7 +62,7 @@ def _false_trigger() -> dict[str, Any]:
     }
 
 
-def _state_record(state: State) -> dict[str, Any]:
+def _state_record(state: ModelState) -> dict[str, Any]:
     return {
         "model": state.model,
         "modulus_pa": state.modulus,

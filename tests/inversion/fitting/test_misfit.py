@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inversion import Instrument, Record, Sensor, SurrogateLibrary
-from inversion.fitting.misfit import Misfit, WeighedDrop, model_floor
+from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
 from inversion.fitting.parameters import parameter_space
 from inversion.forward.contact import PlateProblem
 from inversion.measured.record import prepare
@@ -19,7 +19,7 @@ POINTS = np.array([[0.5, 0.1, 0.6, 0.4], [0.3, 0.4, 0.2, 0.9], [0.7, 0.02, 0.9, 
 
 
 @pytest.fixture(scope="module")
-def drops(library: SurrogateLibrary) -> tuple[WeighedDrop, ...]:
+def drops(library: SurrogateLibrary) -> tuple[WeightedDrop, ...]:
     """Two drops of different length: what they hold does not matter here."""
     surrogate = library.get(PlateProblem("rigid-smooth", 0.35), None)
     found = []
@@ -30,7 +30,7 @@ def drops(library: SurrogateLibrary) -> tuple[WeighedDrop, ...]:
         motion = 4e-4 * np.where(inside, np.sin(np.pi * time / duration) ** 2, 0.0)
         sensor = Sensor(0.0, "displacement", motion)
         drop = prepare(Record(time, load, (sensor,), INSTRUMENT, 0.35))
-        found.append(WeighedDrop(drop, surrogate, INSTRUMENT, drop.load, model_floor(drop, None)))
+        found.append(WeightedDrop(drop, surrogate, INSTRUMENT, drop.load, model_floor(drop, None)))
     return tuple(found)
 
 
@@ -40,7 +40,7 @@ def drops(library: SurrogateLibrary) -> tuple[WeighedDrop, ...]:
 )
 @pytest.mark.parametrize("band", [640.0, 1600.0])
 def test_derivatives_are_differences(
-    drops: tuple[WeighedDrop, ...],
+    drops: tuple[WeightedDrop, ...],
     density: float | None,
     depth: float | None,
     elastic: bool,

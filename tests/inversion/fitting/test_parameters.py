@@ -1,4 +1,4 @@
-"""The box of the search and the ground that a place in it stands for."""
+"""The box of the search and the ground that a point in it stands for."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def space(
 def test_places_and_values_are_inverse(parameter: Parameter, unit: float) -> None:
     value = float(parameter.value(np.array(unit)))
     assert parameter.lower * (1 - 1e-12) <= value <= parameter.upper * (1 + 1e-12)
-    assert parameter.place(value) == pytest.approx(unit, abs=1e-12)
+    assert parameter.unit_value(value) == pytest.approx(unit, abs=1e-12)
 
 
 @pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
@@ -55,9 +55,9 @@ def test_middle_of_the_box() -> None:
 
 
 def test_values_outside_are_pulled_to_the_bounds() -> None:
-    assert LOGARITHMIC.place(1e6) == 0.0
-    assert LOGARITHMIC.place(1e9) == 1.0
-    assert PLAIN.place(-3.0) == 0.0
+    assert LOGARITHMIC.unit_value(1e6) == 0.0
+    assert LOGARITHMIC.unit_value(1e9) == 1.0
+    assert PLAIN.unit_value(-3.0) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -67,9 +67,9 @@ def builder(monkeypatch: pytest.MonkeyPatch, shipped: Path) -> Builder:
     return made
 
 
-def same(one: Surrogate, other: Surrogate) -> bool:
+def same(surrogate: Surrogate, other: Surrogate) -> bool:
     """Whether two surrogates hold the same numbers."""
-    return one.problem == other.problem and dump_surrogate(one) == dump_surrogate(other)
+    return surrogate.problem == other.problem and dump_surrogate(surrogate) == dump_surrogate(other)
 
 
 # --- files ---------------------------------------------------------------------------------------

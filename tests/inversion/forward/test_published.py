@@ -202,12 +202,12 @@ def layer_compliance(xi: float, s: np.ndarray, shear: np.ndarray, depth: float) 
     over_c = 2 * (1 - nu) / (1 - 2 * nu)  # (lambda + 2 G) / G
     z = SOIL["density"] * s**2 / shear
     p, q = np.sqrt(xi**2 + z / over_c), np.sqrt(xi**2 + z)
-    one = np.ones_like(z)
+    ones = np.ones_like(z)
     waves = [  # d/dz, u, w, value at the surface, value at the base
-        (-p, xi * one, p, one, np.exp(-p * depth)),
-        (p, xi * one, -p, np.exp(-p * depth), one),
-        (-q, q, xi * one, one, np.exp(-q * depth)),
-        (q, -q, xi * one, np.exp(-q * depth), one),
+        (-p, xi * ones, p, ones, np.exp(-p * depth)),
+        (p, xi * ones, -p, np.exp(-p * depth), ones),
+        (-q, q, xi * ones, ones, np.exp(-q * depth)),
+        (q, -q, xi * ones, np.exp(-q * depth), ones),
     ]
     rows = [
         [(over_c * d * w + (over_c - 2) * xi * u) * top for d, u, w, top, _ in waves],

@@ -249,17 +249,17 @@ def test_stiffer_and_heavier_ground_moves_less_in_proportion(
         ground.inverse_depth,
     )
     instrument = Instrument(RADIUS)
-    one, other = (
+    plain, other = (
         transfer_function(every_depth, instrument, TRANSFORM.s, g) for g in (ground, scaled)
     )
-    assert factor * other == pytest.approx(one, rel=1e-12)
+    assert factor * other == pytest.approx(plain, rel=1e-12)
 
 
 @pytest.mark.parametrize("factor", [0.5, 3.0])
 def test_larger_plates_scale_with_everything_else(factor: float, every_depth: Surrogate) -> None:
     # Radius and depth times k, frequency over k: displacement per force over k.
     s = TRANSFORM.s
-    one = transfer_function(
+    plain = transfer_function(
         every_depth,
         Instrument(RADIUS),
         s,
@@ -271,7 +271,7 @@ def test_larger_plates_scale_with_everything_else(factor: float, every_depth: Su
         s / factor,
         Grounds(np.array([40e6]), np.array([0.0]), np.array([2000.0]), np.array([1 / factor])),
     )
-    assert factor * other == pytest.approx(one, rel=1e-12)
+    assert factor * other == pytest.approx(plain, rel=1e-12)
 
 
 # --- depths --------------------------------------------------------------------------------------

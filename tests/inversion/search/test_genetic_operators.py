@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inversion.search import genetic_operators as operators
-from inversion.search.genetic_operators import FloatArray, Role, RoleTable
+from inversion.search.genetic_operators import FloatArray, PopulationRole, RoleTable
 from inversion.search.settings import DEFAULT_ROLES
 from tests.inversion.search.objectives import seeds, sphere
 
@@ -96,7 +96,7 @@ def test_children_of_every_kind_stay_in_the_unit_box_and_leave_the_parents_alone
     before = genes.copy()
     parents = genes[:, :20]
     sure = np.ones(4)
-    roles = RoleTable((*DEFAULT_ROLES[:3], Role(pull=1.0, weight=(1.0, 1.0))))
+    roles = RoleTable((*DEFAULT_ROLES[:3], PopulationRole(pull=1.0, weight=(1.0, 1.0))))
     for children in (
         operators.cross_intermediate(parents, sure, rng),
         operators.mutate(parents, sure, rng),
@@ -134,7 +134,7 @@ def test_mutation_changes_about_the_given_part_of_the_genes() -> None:
 def test_every_differential_child_differs_from_its_parent() -> None:
     rng = np.random.default_rng(0)
     genes = rng.random((4, 22, 3))
-    rare = RoleTable((Role(crossover_rate=1e-9),) * 4)
+    rare = RoleTable((PopulationRole(crossover_rate=1e-9),) * 4)
     children = operators.differential_children(genes, genes[:, 2:], rare, rng)
     np.testing.assert_array_equal((children != genes[:, :20]).sum(axis=2), 1)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from inversion.errors import InversionError, ModelError
 from inversion.search import genetic_operators as operators
-from inversion.search.genetic_operators import FloatArray, Role
+from inversion.search.genetic_operators import FloatArray, PopulationRole
 from inversion.search.minima import Minima
 from inversion.search.multi_population import (
     MultiPopulationSearch,
@@ -48,10 +48,10 @@ def run(search: MultiPopulationSearch) -> SearchResult:
 def test_same_seed_gives_the_same_result(preset: SearchSettings) -> None:
     objective = rastrigin_at(np.array([0.3, -1.2, 2.1]))
     short = replace(preset, generations=25)
-    one, two, other = (run(search_of(objective, seed=s, settings=short)) for s in (7, 7, 8))
-    np.testing.assert_array_equal(one.parameters, two.parameters)
-    np.testing.assert_array_equal(one.history, two.history)
-    assert not np.array_equal(one.parameters, other.parameters)
+    first, again, other = (run(search_of(objective, seed=s, settings=short)) for s in (7, 7, 8))
+    np.testing.assert_array_equal(first.parameters, again.parameters)
+    np.testing.assert_array_equal(first.history, again.history)
+    assert not np.array_equal(first.parameters, other.parameters)
 
 
 @settings(max_examples=15, deadline=None)
@@ -331,7 +331,7 @@ def test_settings_that_make_no_sense_raise(wrong: dict[str, object], message: st
 )
 def test_roles_that_make_no_sense_raise(wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        Role(**wrong)  # type: ignore[arg-type]
+        PopulationRole(**wrong)  # type: ignore[arg-type]
 
 
 def test_minima_apart_are_the_best_of_each_place() -> None:

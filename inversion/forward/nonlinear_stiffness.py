@@ -1,4 +1,4 @@
-r"""Ground whose static resistance bends, beside the waves that it radiates.
+r"""Ground whose static resistance is no straight line, beside the waves that it radiates.
 
 .. math:: w = h * \big( F - [R(w) - K w] \big)
 
@@ -32,7 +32,7 @@ _STRAIGHT_BELOW = 1e-6
 
 
 @dataclass(frozen=True)
-class Bending:
+class NonlinearStiffness:
     """How the static resistance departs from a straight line.
 
     Parameters
@@ -47,9 +47,9 @@ class Bending:
     unrecovered: float = 0.0
 
     @property
-    def straight(self) -> bool:
-        """Whether there is no departure."""
-        return self == Bending()
+    def linear(self) -> bool:
+        """Whether the resistance is a straight line."""
+        return self == NonlinearStiffness()
 
 
 def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
@@ -73,21 +73,21 @@ def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
 def effective_force(
     plate: FloatArray,
     load: FloatArray,
-    bending: Bending,
+    law: NonlinearStiffness,
     stiffness: float,
     reference: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Force on the linear ground that stands for the load on the bending one, (n,), N.
+    """Force on the linear ground that stands for the load on the nonlinear one, (n,), N.
 
     Parameters
     ----------
     plate : (n,) ndarray, hat response of the plate, m/N
     load : (n,) ndarray, N
-    bending : Bending
+    law : NonlinearStiffness
     stiffness : float, N/m, static, of the linear ground
     reference : float, m
-    start : (n,) ndarray, m, displacement of like ground; None: that of the linear ground
+    start : (n,) ndarray, m, displacement of similar ground; None: that of the linear ground
 
     Returns
     -------
@@ -97,10 +97,10 @@ def effective_force(
     toeplitz = _lower_toeplitz(plate)
     linear = toeplitz @ load
     guess = linear if start is None else start
-    w, settled = _solve(toeplitz, guess, linear, load, bending, stiffness, reference)
+    w, settled = _solve(toeplitz, guess, linear, load, law, stiffness, reference)
     if not settled:
-        w = _march(plate, load, bending, stiffness, reference)
-    force, _, _ = _resistance(w, _turning_point(w, load), bending, stiffness, reference)
+        w = _march(plate, load, law, stiffness, reference)
+    force, _, _ = _resistance(w, _turning_point(w, load), law, stiffness, reference)
     return load - force + stiffness * w, w
 
 
@@ -109,16 +109,16 @@ def _solve(
     guess: FloatArray,
     linear: FloatArray,
     load: FloatArray,
-    bending: Bending,
+    law: NonlinearStiffness,
     stiffness: float,
     reference: float,
 ) -> tuple[FloatArray, bool]:
-    """Displacement of the plate, (n,), m, and whether Newton's steps came to rest."""
+    """Displacement of the plate, (n,), m, and whether Newton's steps converged."""
     scale = float(np.abs(linear).max())
     w, diagonal = guess.copy(), np.arange(load.size)
     for _ in range(_NEWTON_STEPS):
         turn = _turning_point(w, load)
-        force, slope, in_peak = _resistance(w, turn, bending, stiffness, reference)
+        force, slope, in_peak = _resistance(w, turn, law, stiffness, reference)
         left = w - linear + toeplitz @ (force - stiffness * w)
         system = toeplitz * (slope - stiffness)
         system[diagonal, diagonal] += 1.0
@@ -135,17 +135,17 @@ def _solve(
 
 
 def _march(
-    plate: FloatArray, load: FloatArray, bending: Bending, stiffness: float, reference: float
+    plate: FloatArray, load: FloatArray, law: NonlinearStiffness, stiffness: float, reference: float
 ) -> FloatArray:
     """Displacement of the plate, (n,), m, sample after sample.
 
     Each sample is the one root of a rising function: slower than Newton's method on all samples,
     but it always comes to an end.
     """
-    power = 1.0 / (1.0 - bending.stress_exponent)
-    back = power * bending.unloading_exponent
-    unrecovered, free = bending.unrecovered, 1.0 - bending.unrecovered
-    path_bends = bending.unloading_exponent != 1.0 or unrecovered != 0.0
+    power = 1.0 / (1.0 - law.stress_exponent)
+    back = power * law.unloading_exponent
+    unrecovered, free = law.unrecovered, 1.0 - law.unrecovered
+    other_path = law.unloading_exponent != 1.0 or unrecovered != 0.0
     w, acting = np.zeros(load.size), np.zeros(load.size)
     reversed_plate = plate[::-1]
     loaded = np.flatnonzero(load > _LOADED * load.max())
@@ -154,7 +154,7 @@ def _march(
     far = 10.0 * float(np.abs(plate).sum() * np.abs(load).max())
 
     def resistance(value: float, turned: bool) -> tuple[float, float]:
-        if not (turned and path_bends):
+        if not (turned and other_path):
             force, slope = _power_of(value / reference, power)
             return stiffness * reference * force, stiffness * slope
         top = stiffness * reference * _power_of(peak / reference, power)[0]
@@ -209,19 +209,17 @@ def _turning_point(w: FloatArray, load: FloatArray) -> int | None:
 
 
 def _resistance(
-    w: FloatArray, turn: int | None, bending: Bending, stiffness: float, reference: float
+    w: FloatArray, turn: int | None, law: NonlinearStiffness, stiffness: float, reference: float
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Force, its slope in w, and after the turning point its slope in the peak, each (n,)."""
-    power = 1.0 / (1.0 - bending.stress_exponent)
+    power = 1.0 / (1.0 - law.stress_exponent)
     force, slope = _power(w / reference, power)
     force, slope = force * stiffness * reference, slope * stiffness
-    if turn is None or (bending.unloading_exponent == 1.0 and bending.unrecovered == 0.0):
+    if turn is None or (law.unloading_exponent == 1.0 and law.unrecovered == 0.0):
         return force, slope, None
-    peak, top, free = float(w[turn]), float(force[turn]), 1.0 - bending.unrecovered
+    peak, top, free = float(w[turn]), float(force[turn]), 1.0 - law.unrecovered
     later = w[turn + 1 :]
-    value, steep = _power(
-        (later / peak - bending.unrecovered) / free, power * bending.unloading_exponent
-    )
+    value, steep = _power((later / peak - law.unrecovered) / free, power * law.unloading_exponent)
     force[turn + 1 :], slope[turn + 1 :] = top * value, top * steep / (peak * free)
     in_peak = np.zeros_like(w)
     in_peak[turn + 1 :] = power * top / peak * value - top * steep * later / (peak**2 * free)

@@ -1,4 +1,4 @@
-"""When a set of effects that fits is believed to be what is behind a residual."""
+"""When a set of effects that fits is accepted as what is behind a residual."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.diagnosis.belief import is_worth_telling, reasons_to_doubt
+from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
 from inversion.diagnosis.problem import Unknown
 from inversion.effects.base import EffectParameter
 from inversion.effects.catalogue import BY_NAME
@@ -19,10 +19,10 @@ EFFECT = BY_NAME["bedrock"]
 
 @dataclass
 class Fit:
-    """A fit as far as belief looks at it."""
+    """A fit as far as acceptance looks at it."""
 
     unknowns: list[Unknown]
-    places: Any
+    unit_values: Any
     spread: float
     bounds: list[Unknown]
     excess: float = 2.0
@@ -62,21 +62,23 @@ SIX = Point([Model(np.zeros((3, 8))), Model(np.zeros((3, 8)))])
 
 
 def reasons(point: Point, candidate: Candidate) -> list[str]:
-    return reasons_to_doubt(point, candidate)  # type: ignore[arg-type]
+    return reasons_to_reject(point, candidate)  # type: ignore[arg-type]
 
 
-def at(parameter: EffectParameter, place: float, spread: float, effect: Any = EFFECT) -> Candidate:
-    one = Unknown(parameter, effect)
-    return Candidate(fit=Fit([one], np.array([place]), spread, []))
+def at(
+    parameter: EffectParameter, unit_value: float, spread: float, effect: Any = EFFECT
+) -> Candidate:
+    unknown = Unknown(parameter, effect)
+    return Candidate(fit=Fit([unknown], np.array([unit_value]), spread, []))
 
 
 @pytest.mark.parametrize(
-    ("over_noise", "excess", "believed"),
+    ("over_noise", "excess", "accepted"),
     [(1.4, 2.0, True), (2.4, 0.9, True), (2.4, 1.1, False), (2.6, 0.9, False)],
 )
-def test_what_is_left_has_to_be_noise(over_noise: float, excess: float, believed: bool) -> None:
+def test_what_is_left_has_to_be_noise(over_noise: float, excess: float, accepted: bool) -> None:
     found = reasons(ONE, Candidate(over_noise, fit=Fit([], np.array([]), 0.0, [], excess)))
-    assert bool(found) != believed
+    assert bool(found) != accepted
     assert all("not explained" in text for text in found)
 
 
@@ -89,19 +91,19 @@ def test_many_effects_are_not_told_from_few_records() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "spread", "doubted"),
+    ("unit_value", "spread", "rejected"),
     [(0.5, 0.01, False), (0.15, 0.02, True), (0.15, 0.04, False), (0.9, 0.01, True)],
 )
-def test_values_that_no_instrument_has(place: float, spread: float, doubted: bool) -> None:
-    found = reasons(ONE, at(USUAL, place, spread))
-    assert bool(found) == doubted
+def test_values_that_no_instrument_has(unit_value: float, spread: float, rejected: bool) -> None:
+    found = reasons(ONE, at(USUAL, unit_value, spread))
+    assert bool(found) == rejected
     assert all("no instrument in use (2 to 8 Hz)" in text for text in found)
-    assert reasons(ONE, at(PLAIN, place, spread)) == []
+    assert reasons(ONE, at(PLAIN, unit_value, spread)) == []
 
 
 def test_a_bound_of_an_effect_counts_and_one_of_the_ground_does_not() -> None:
-    one, soil = Unknown(PLAIN, EFFECT), Unknown(PLAIN, None)
-    (text,) = reasons(ONE, Candidate(fit=Fit([], np.array([]), 0.0, [one, soil])))
+    unknown, soil = Unknown(PLAIN, EFFECT), Unknown(PLAIN, None)
+    (text,) = reasons(ONE, Candidate(fit=Fit([], np.array([]), 0.0, [unknown, soil])))
     assert "past its bounds" in text
     assert reasons(ONE, Candidate(fit=Fit([], np.array([]), 0.0, [soil]))) == []
 
@@ -112,6 +114,6 @@ def test_less_than_half_is_not_worth_telling(
 ) -> None:
     errors = {"base": 0.1, "best": left}
     monkeypatch.setattr(
-        "inversion.diagnosis.belief.residual_over_peak", lambda _, candidate: errors[candidate]
+        "inversion.diagnosis.acceptance.residual_over_peak", lambda _, candidate: errors[candidate]
     )
-    assert is_worth_telling(ONE, "base", "best") is worth  # type: ignore[arg-type]
+    assert is_worth_reporting(ONE, "base", "best") is worth  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Whether what a search found may be believed: a fit is no explanation for being close."""
+"""Whether what a search found is accepted: a close fit alone is no explanation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate
 
 # So many effects at once can be told from one record, and from several: more would fit anything.
-_BELIEVED_OF_ONE, _BELIEVED = 2, 4
+_MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
 # Times the noise that slow noise may reach by chance.
 _SLOW_NOISE = 2.5
 # Standard deviations by which a value may miss what is usual.
@@ -16,13 +16,13 @@ _CHANCE = 2.0
 _MOST_LEFT = 0.5
 
 
-def is_worth_telling(point: Point, base: Candidate, best: Candidate) -> bool:
+def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     """Whether effects that do not explain the residual take at least half of it away."""
     left = residual_over_peak(point, best)
     return left <= _MOST_LEFT * residual_over_peak(point, base)
 
 
-def reasons_to_doubt(point: Point, best: Candidate) -> list[str]:
+def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
     """Why a set of effects does not explain the residual, a short text each; none: it does."""
     reasons = []
     # Slow noise may look large at single samples: then what its correlation leaves counts.
@@ -30,13 +30,13 @@ def reasons_to_doubt(point: Point, best: Candidate) -> list[str]:
     if not (best.over_noise <= EXPLAINED or slow):
         reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
     records = len(point.drops) * point.drops[0].observed.shape[0]
-    if len(best.effects) > (_BELIEVED_OF_ONE if records == 1 else _BELIEVED):
+    if len(best.effects) > (_MOST_OF_ONE_RECORD if records == 1 else _MOST_EFFECTS):
         reasons.append(
             f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
             "measure again, with more drops or sensors"
         )
     reasons += _unusual(best)
-    if any(one.effect is not None for one in best.fit.at_bound()):
+    if any(unknown.effect is not None for unknown in best.fit.at_bound()):
         reasons.append("an effect that would go on past its bounds is no explanation")
     return reasons
 
@@ -44,17 +44,20 @@ def reasons_to_doubt(point: Point, best: Candidate) -> list[str]:
 def _unusual(best: Candidate) -> list[str]:
     """Parameters with values that no instrument in use has, and chance does not explain."""
     found = []
-    for one, place, deviation in zip(
-        best.fit.unknowns, best.fit.places, best.fit.deviations(), strict=True
+    for unknown, unit_value, deviation in zip(
+        best.fit.unknowns, best.fit.unit_values, best.fit.deviations(), strict=True
     ):
-        if one.effect is None or one.parameter.usual is None:
+        if unknown.effect is None or unknown.parameter.usual is None:
             continue
-        value, reach = one.value(float(place)), _CHANCE * one.deviation(float(place), deviation)
-        low, high = one.parameter.usual
+        value, reach = (
+            unknown.value(float(unit_value)),
+            _CHANCE * unknown.deviation(float(unit_value), deviation),
+        )
+        low, high = unknown.parameter.usual
         if value + reach < low or value - reach > high:
-            name, unit = one.parameter.name.replace("_", " "), one.parameter.unit
+            name, unit = unknown.parameter.name.replace("_", " "), unknown.parameter.unit
             found.append(
-                f"{one.effect.name}: {value:.3g} {unit} is the {name} of no instrument in use "
+                f"{unknown.effect.name}: {value:.3g} {unit} is the {name} of no instrument in use "
                 f"({low:g} to {high:g} {unit}): it stands in for another cause"
             )
     return found
