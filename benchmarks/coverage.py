@@ -32,7 +32,7 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.measured.record import CONTACT_END_FRACTION

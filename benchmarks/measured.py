@@ -260,7 +260,9 @@ def fit_drop(job: Job) -> Fitted:
     late = model.context.time > model.context.contact_end
     left = (predicted - model.observed)[:, late] / model.peak[:, None]
     values = {
-        f"{unknown.effect.name}.{unknown.parameter.name}": unknown.value(float(unit_value))
+        f"{unknown.effect.name}.{unknown.parameter.name}": float(
+            unknown.parameter.value(unit_value)
+        )
         for unknown, unit_value in zip(found.unknowns, found.unit_values, strict=True)
         if unknown.effect is not None
     }

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.output import Reporter
 from inversion import Instrument, Record, Sensor, Settings, SurrogateLibrary, invert
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.threads import single_threaded_blas
 from simulators.drop import DropSimulator, Hammer
 from simulators.mesh import Ground, Plate

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from benchmarks.output import Reporter
-from inversion.search.genetic_operators import FloatArray
+from inversion.arrays import FloatArray
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
 from inversion.threads import single_threaded_blas
 

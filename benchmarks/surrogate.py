@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.output import Reporter
 from inversion import Grounds, Instrument, PlateProblem, plate_compliance
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.contact import QuadratureRule
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import transfer_function
 from inversion.forward.surrogate_building import build_surrogate

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.errors import ModelError, RecordError
 from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
 from inversion.fitting.misfit import WeightedDrop, model_floor
@@ -23,7 +24,6 @@ from inversion.fitting.parameters import (
 )
 from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
 from inversion.forward.contact import PlateModel, PlateProblem
-from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate

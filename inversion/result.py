@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.measured.half_sine import HalfSineFit
 from inversion.measured.peak_method import PeakModulus
 

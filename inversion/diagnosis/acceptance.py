@@ -49,10 +49,8 @@ def _unusual(best: Candidate) -> list[str]:
     ):
         if unknown.effect is None or unknown.parameter.usual is None:
             continue
-        value, reach = (
-            unknown.value(float(unit_value)),
-            _CHANCE * unknown.deviation(float(unit_value), deviation),
-        )
+        value = float(unknown.parameter.value(unit_value))
+        reach = _CHANCE * unknown.parameter.deviation(unit_value, deviation)
         low, high = unknown.parameter.usual
         if value + reach < low or value - reach > high:
             name, unit = unknown.parameter.name.replace("_", " "), unknown.parameter.unit

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.measured.record import ChannelNoise, Sensor
 
 # Part of the mean variance that keeps a covariance positive.

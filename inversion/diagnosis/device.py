@@ -53,9 +53,11 @@ def fit_device(
     ):
         assert unknown.effect is not None
         name = unknown.parameter.name
-        values.setdefault(unknown.effect.name, {})[name] = unknown.value(float(unit_value))
-        spread.setdefault(unknown.effect.name, {})[name] = unknown.deviation(
-            float(unit_value), deviation
+        values.setdefault(unknown.effect.name, {})[name] = float(
+            unknown.parameter.value(unit_value)
+        )
+        spread.setdefault(unknown.effect.name, {})[name] = unknown.parameter.deviation(
+            unit_value, deviation
         )
     return DeviceFindings(values, spread, sum(len(point.drops) for point in made))
 
@@ -74,17 +76,19 @@ def _known_unit_value(unknown: Unknown, found: Sequence[PointDiagnosis]) -> floa
         for p in effect.parameters
         if p.name == unknown.parameter.name
     ]
-    return unknown.unit_value(float(np.median(known)) if known else unknown.parameter.starts[0])
+    return unknown.parameter.unit_value(
+        float(np.median(known)) if known else unknown.parameter.starts[0]
+    )
 
 
 def _own_unit_value(unknown: Unknown, diagnosis: PointDiagnosis) -> float:
     if unknown.effect is None:
-        return unknown.unit_value(unknown.parameter.starts[0])
+        return unknown.parameter.unit_value(unknown.parameter.starts[0])
     for effect in diagnosis.effects:
         if effect.name != unknown.effect.name:
             continue
         number = None if unknown.drop is None else diagnosis.numbers[unknown.drop]
         for p in effect.parameters:
             if p.name == unknown.parameter.name and p.drop == number:
-                return unknown.unit_value(p.value)
-    return unknown.unit_value(unknown.parameter.starts[0])
+                return unknown.parameter.unit_value(p.value)
+    return unknown.parameter.unit_value(unknown.parameter.starts[0])

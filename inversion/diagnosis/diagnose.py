@@ -125,8 +125,9 @@ def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> 
     index = len(found.problem.device)
     relative = math.nan
     if not rig:
-        first = found.problem.own[0][0].parameter
-        relative = found.deviations()[index] * math.log(first.upper / first.lower)
+        ratio, unit_value = found.problem.own[0][0].parameter, float(found.own[0][0])
+        deviation = ratio.deviation(unit_value, found.deviations()[index])
+        relative = deviation / float(ratio.value(unit_value))
     return ModelState(
         model="rig" if rig else model,
         modulus=math.nan if rig else ground.modulus,
@@ -207,7 +208,7 @@ def _parameter(
     p, where = unknown.parameter, float(unit_value)
     number = None if unknown.drop is None else point.records.numbers[unknown.drop]
     return FoundParameter(
-        p.name, p.unit, unknown.value(where), unknown.deviation(where, deviation), number, at_bound
+        p.name, p.unit, float(p.value(where)), p.deviation(where, deviation), number, at_bound
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 
 Verdict = Literal["clean", "explained", "unexplained"]
 DeviceValues = dict[str, dict[str, float]]

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.problem import Problem, Unknown
-from inversion.forward.kernel import FloatArray
+from inversion.fitting.parameters import on_bound
 
 _MOST_ITERATIONS = 30
 _SMALLEST_GAIN = 1e-5
-_ON_BOUND = 1e-3
 _LARGEST_STEP = 0.25
 # How far from a bound a fit begins, and what stands for a residual without a value.
 _INSIDE = 2e-3
@@ -58,7 +58,7 @@ class Fit:
 
     def at_bound(self) -> list[Unknown]:
         """Unknowns on a bound."""
-        near = (self.unit_values < _ON_BOUND) | (self.unit_values > 1.0 - _ON_BOUND)
+        near = on_bound(self.unit_values)
         return [
             unknown
             for unknown, hit in zip(self.unknowns, near, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.measured.record import Sensor
 
 # A top is flat within so many times the noise, or this part of it, over at least so many samples;

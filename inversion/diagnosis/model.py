@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.misfit import model_floor
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import Grounds, transfer_function
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, effective_force, hat_response
@@ -167,6 +167,7 @@ class DropModel:
             elastic=point.elastic,
             load_left=(drop.load - load)[self.rows] if point.half_sine else None,
             plate_mass=record.instrument.plate_mass,
+            has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
             flat=tuple(
                 flat_velocity(sensor, noise, drop.step, drop.peak_load >= largest_load)
                 for sensor, noise in zip(record.sensors, noises, strict=True)

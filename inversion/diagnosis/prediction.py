@@ -7,12 +7,12 @@ from collections.abc import Collection
 import numpy as np
 from scipy.optimize import least_squares
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import DeviceValues, PointDiagnosis
 from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem
 from inversion.diagnosis.search import Candidate, Search
-from inversion.forward.kernel import FloatArray
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 

@@ -14,21 +14,30 @@ from typing import Any
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
-from inversion.effects.base import Effect, EffectParameter, Ground
-from inversion.forward.kernel import FloatArray
+from inversion.effects.base import Effect, Ground
+from inversion.fitting.parameters import Parameter, soil_parameters
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.peak_method import peak_modulus
 
 _STEP = 1e-4
 
-SOIL = (
-    # E over the peak-method value, within what the inversion allows (inversion.fitting.parameters)
-    EffectParameter("modulus_ratio", "-", 0.12, 6.0, (0.8,), logarithmic=True),
-    EffectParameter("relaxation", "s", 0.0, 0.02, (1.0e-3,)),
-    EffectParameter("density", "kg/m3", 1000.0, 2800.0, (1800.0,), logarithmic=True),
-)
-"""Unknowns of the base model; the relaxation is eta over E."""
+
+def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
+    """Unknowns of the base model: E over the peak-method value, eta over E, and rho.
+
+    With the bounds of the inversion (`inversion.fitting.parameters`), as far as E is the
+    peak-method value.
+    """
+    modulus, viscosity, density = soil_parameters(peak_modulus)
+    low, high = modulus.lower / peak_modulus, modulus.upper / peak_modulus
+    slowest = viscosity.upper / peak_modulus
+    return (
+        Parameter("modulus_ratio", "-", low, high, (0.8,), logarithmic=True),
+        Parameter("relaxation", "s", 0.0, slowest, (1.0e-3,)),
+        density,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,36 +46,14 @@ class Unknown:
 
     Parameters
     ----------
-    parameter : EffectParameter
+    parameter : Parameter
     effect : Effect or None (the ground)
     drop : int or None, index of the drop that it belongs to; None: all of the point
     """
 
-    parameter: EffectParameter
+    parameter: Parameter
     effect: Effect | None = None
     drop: int | None = None
-
-    def unit_value(self, value: float) -> float:
-        """Place of a value between the bounds, 0 to 1."""
-        p = self.parameter
-        if p.logarithmic:
-            return float(np.log(value / p.lower) / np.log(p.upper / p.lower))
-        return (value - p.lower) / (p.upper - p.lower)
-
-    def value(self, unit_value: float) -> float:
-        """The inverse of `unit_value`."""
-        p = self.parameter
-        if p.logarithmic:
-            return float(p.lower * (p.upper / p.lower) ** unit_value)
-        return float(p.lower + unit_value * (p.upper - p.lower))
-
-    def deviation(self, unit_value: float, of_unit_value: float) -> float:
-        """Standard deviation of the value when that of the unit_value is `of_unit_value`."""
-        p = self.parameter
-        slope = p.upper - p.lower
-        if p.logarithmic:
-            slope = self.value(unit_value) * math.log(p.upper / p.lower)
-        return float(abs(slope) * of_unit_value)
 
 
 class Point:
@@ -104,11 +91,7 @@ class Point:
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))
-
-    @property
-    def has_bedrock(self) -> bool:
-        """Whether a rigid base is declared."""
-        return self.declared_depth is not None and not np.isinf(self.declared_depth)
+        self._soil = relative_soil(self.peak_modulus)
 
     @property
     def soil(self) -> list[Unknown]:
@@ -117,7 +100,7 @@ class Point:
         left_out = {"density"} if known else set()
         if self.records.elastic:
             left_out.add("relaxation")
-        return [Unknown(p) for p in SOIL if p.name not in left_out]
+        return [Unknown(p) for p in self._soil if p.name not in left_out]
 
     def unknowns(self, effects: Sequence[Effect]) -> list[Unknown]:
         """Of the ground and of the effects that are not the device's."""
@@ -128,9 +111,7 @@ class Point:
                 continue
             drops: list[int | None] = [None]
             if effect.scope == "drop":
-                drops = list(range(len(self.drops)))
-                if effect.name == "seating":
-                    drops.pop()
+                drops = [i for i, model in enumerate(self.drops) if effect.acts_on(model.context)]
             found += [
                 Unknown(p, effect, d)
                 for d in drops
@@ -142,11 +123,11 @@ class Point:
         """The ground at unit_values of the point's unknowns."""
         record = self.records.records[0]
         soil = {
-            unknown.parameter.name: unknown.value(float(unit_value))
+            unknown.parameter.name: float(unknown.parameter.value(unit_value))
             for unknown, unit_value in zip(own, unit_values, strict=True)
             if unknown.effect is None
         }
-        soil = {p.name: p.starts[0] for p in SOIL} | soil
+        soil = {p.name: p.starts[0] for p in self._soil} | soil
         if self.records.elastic:
             soil["relaxation"] = 0.0
         modulus = self.peak_modulus * soil["modulus_ratio"]
@@ -210,18 +191,18 @@ class Problem:
         by_effect: dict[str, dict[str, float]] = {n: dict(v) for n, v in self.fixed.items()}
         for unknown, unit_value in zip(self.device, device, strict=True):
             assert unknown.effect is not None
-            by_effect.setdefault(unknown.effect.name, {})[unknown.parameter.name] = unknown.value(
-                float(unit_value)
+            by_effect.setdefault(unknown.effect.name, {})[unknown.parameter.name] = float(
+                unknown.parameter.value(unit_value)
             )
         for unknown, unit_value in zip(self.own[index], own, strict=True):
             if unknown.effect is not None and unknown.drop in (None, drop):
                 values = by_effect.setdefault(unknown.effect.name, {})
-                values[unknown.parameter.name] = unknown.value(float(unit_value))
-        last = len(self.points[index].drops) - 1
+                values[unknown.parameter.name] = float(unknown.parameter.value(unit_value))
+        context = self.points[index].drops[drop].context
         return [
             (effect, by_effect[effect.name])
             for effect in self.effects
-            if effect.name in by_effect and not (effect.name == "seating" and drop == last)
+            if effect.name in by_effect and effect.acts_on(context)
         ]
 
     def predict(self, index: int, device: FloatArray, own: FloatArray) -> list[FloatArray]:

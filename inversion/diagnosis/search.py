@@ -15,12 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.fit import Fit, fit
 from inversion.diagnosis.model import WHOLE, FitScope
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import CATALOGUE
-from inversion.forward.kernel import FloatArray
 
 # Mean square over the noise below which residuals are not told apart. The noise holds the model's
 # own error, which is a bound and usually a generous one.
@@ -44,62 +44,12 @@ _QUICK = 5
 # Forward solves of a drop after which no larger sets are begun: a few seconds. Nonlinear ground
 # takes so many more.
 _MOST_SOLVES, _NONLINEAR_SHARE = 50_000, 5
-_COMPANY_QUICK = 12
+_JOINT_SET_QUICK = 12
 # So many starts are followed to the end.
 _REFINED = 2
 # What is so much worse after a few steps will not catch up.
 _HOPELESS = 60.0
 _SHORTLIST = 6
-# Roll-off of the sensor and ground that stiffens help only together; so may rock under both.
-_HIDING = ("geophone_response", "stress_dependence", "hysteretic_unloading", "bedrock")
-
-_COMPANIES = (
-    frozenset({"stress_dependence", "geophone_response"}),
-    frozenset({"stress_dependence", "hysteretic_unloading", "geophone_response"}),
-    frozenset({"bedrock", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
-    frozenset(
-        {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound", "geophone_response"}
-    ),
-    frozenset({"spring_rig", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
-)
-
-
-def _company_starts(radius: float) -> tuple[dict[tuple[str, str], float], ...]:
-    """Where companies begin: soft and stiff sensors, much and little bending; by effect and
-    parameter, for a plate of a radius in m.
-    """
-    stiff = {
-        ("geophone_response", "natural_frequency"): 11.0,
-        ("geophone_response", "damping"): 0.15,
-        ("stress_dependence", "exponent"): 0.4,
-        ("hysteretic_unloading", "exponent"): 1.5,
-        ("hysteretic_unloading", "unrecovered"): 0.2,
-        ("rebound", "lift_off"): -8e-4,
-        ("bedrock", "depth"): 6.0 * radius,
-    }
-    soft = {
-        ("geophone_response", "natural_frequency"): 14.0,
-        ("geophone_response", "damping"): 0.3,
-        ("stress_dependence", "exponent"): 0.5,
-        ("hysteretic_unloading", "exponent"): 1.5,
-        ("hysteretic_unloading", "unrecovered"): 0.4,
-        ("rebound", "lift_off"): -1.5e-3,
-        ("bedrock", "depth"): 4.0 * radius,
-    }
-    return stiff, soft
-
-
-# Effects that replace the ground or stand in for a third one explain anything together.
-_EXCLUSIVE = (
-    frozenset({"spring_rig", "bedrock"}),
-    frozenset({"spring_rig", "rough_contact"}),
-    frozenset({"spring_rig", "plate_inertia"}),
-    frozenset({"spring_rig", "layer"}),
-    frozenset({"spring_rig", "seating"}),
-    frozenset({"spring_rig", "sensor_lag"}),
-    frozenset({"permanent_set", "hysteretic_unloading"}),
-    frozenset({"layer", "rough_contact"}),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +108,11 @@ class Search:
         self.catalogue = tuple(
             effect
             for effect in catalogue
-            if effect.name not in self.fixed
-            and all(effect.offered(drops) for drops in contexts)
-            and not (effect.name == "bedrock" and any(p.has_bedrock for p in points))
+            if effect.name not in self.fixed and all(effect.offered(drops) for drops in contexts)
         )
-        self._given = tuple(effect for effect in CATALOGUE if effect.name in self.fixed)
+        self._in_order = tuple(dict.fromkeys((*CATALOGUE, *catalogue)))
+        self._given = tuple(effect for effect in self._in_order if effect.name in self.fixed)
+        self._joint_sets = _joint_sets((*self.catalogue, *self._given))
         self._known: dict[frozenset[str], Candidate] = {}
         self.solves = 0
         self._contact: dict[Key, float] | None = None
@@ -174,7 +124,7 @@ class Search:
 
     def candidate(self, effects: Iterable[Effect], iterations: int = 30) -> Candidate:
         """Effects with their best fit, from several starts and from smaller sets known already."""
-        ordered = tuple(effect for effect in CATALOGUE if effect in tuple(effects))
+        ordered = self._ordered(effects)
         names = frozenset(effect.name for effect in ordered)
         known = self._known.get(names)
         if known is not None and iterations <= 30 and known.fit is not None:
@@ -189,7 +139,7 @@ class Search:
 
     def _fit(self, ordered: tuple[Effect, ...], iterations: int) -> Candidate:
         names = frozenset(effect.name for effect in ordered)
-        active = [e for e in CATALOGUE if e in ordered or e in self._given]
+        active = self._ordered((*ordered, *self._given))
         problem = Problem(self.points, active, self.fixed, scope=self.scope)
         starts = self._starts(problem, names)
         if len(starts) > _REFINED and iterations > _QUICK:
@@ -237,14 +187,32 @@ class Search:
         if len(names) == 1:
             # What comes after the pulse may have spoilt the ground of the base model.
             starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
-        if len(names) > 1 and any(company <= names | set(self.fixed) for company in _COMPANIES):
-            alone = self._known.get(frozenset({"spring_rig"} & names))
-            rig = _unit_values_of(alone.fit) if alone is not None and alone.effects else {}
-            radius = self.points[0].drops[0].context.plate_radius
-            starts = starts[:1]
-            for values in _company_starts(radius):
-                starts.append(_start(problem, rig | _of(problem, values), 0))
+        if len(names) > 1 and any(joint <= names | set(self.fixed) for joint in self._joint_sets):
+            starts = [starts[0], *self._joint_starts(problem, names)]
         return starts
+
+    def _joint_starts(
+        self, problem: Problem, names: frozenset[str]
+    ) -> list[tuple[FloatArray, list[FloatArray]]]:
+        """From the values that the effects of a joint set give for it.
+
+        What takes the place of the ground begins where it fits best alone.
+        """
+        drop = self.points[0].drops[0].context
+        alone = self._known.get(
+            frozenset(e.name for e in problem.effects if e.replaces_ground and e.name in names)
+        )
+        known = _unit_values_of(alone.fit) if alone is not None and alone.effects else {}
+        offered = {effect.name: effect.joint_starts_for(drop) for effect in problem.effects}
+        found = []
+        for number in range(max(map(len, offered.values()))):
+            values = {
+                (name, parameter): value
+                for name, starts in offered.items()
+                for parameter, value in (starts[number].items() if number < len(starts) else ())
+            }
+            found.append(_start(problem, known | _of(problem, values), 0))
+        return found
 
     def _ground_of_contact(self) -> dict[Key, float]:
         """The base model's ground when the contact phase alone counts."""
@@ -276,7 +244,7 @@ class Search:
         if best.fit.excess > ENOUGH:
             best = self._pairs(best)
         if best.fit.excess > ENOUGH:
-            best = self._better(best, self._companies(best))
+            best = self._better(best, self._jointly(best))
         level = 2
         while level < _MOST_EFFECTS and best.fit.excess > ENOUGH and not self._spent:
             grown = self._better(best, self._grow(level))
@@ -293,17 +261,15 @@ class Search:
         nonlinear = sum(model.nonlinear_solves for model in models)
         return self.solves + _NONLINEAR_SHARE * nonlinear > _MOST_SOLVES * len(models)
 
-    def _companies(self, best: Candidate) -> list[Candidate]:
+    def _jointly(self, best: Candidate) -> list[Candidate]:
         """Sets that only help together."""
         found = []
         offered = {effect.name for effect in self.catalogue} | set(self.fixed)
-        for names in _COMPANIES:
+        for names in self._joint_sets:
             if not names <= offered or self._spent:
                 continue
-            several = len(self.points[0].drops) > 1
-            wanted = names | ({"seating"} if several else set())
-            chosen = tuple(e for e in self.catalogue if e.name in wanted)
-            quick = self._fit(chosen, _COMPANY_QUICK)
+            chosen = tuple(e for e in self.catalogue if e.name in names or e.in_every_joint_set)
+            quick = self._fit(chosen, _JOINT_SET_QUICK)
             if self._misfit(quick.fit) < self._misfit(best.fit) + _HOPELESS:
                 found.append(self._fit(chosen, 40))
         return found
@@ -325,11 +291,11 @@ class Search:
         return self._better(best, [self._fit(c.effects, 30) for c in chosen])
 
     def _shortlist(self) -> list[Effect]:
-        """Effects that help most alone, and those that are known to hide behind each other."""
+        """Effects that help most alone, and those that others may mask."""
         alone = [self._known[frozenset({effect.name})] for effect in self.catalogue]
         best = sorted(alone, key=lambda c: c.score)[:_SHORTLIST]
-        names = set(_HIDING).union(*(c.names for c in best))
-        return [effect for effect in self.catalogue if effect.name in names]
+        names: set[str] = set().union(*(c.names for c in best))
+        return [e for e in self.catalogue if e.name in names or e.may_be_masked]
 
     def _grow(self, level: int) -> list[Candidate]:
         """One effect more for the best sets of this size."""
@@ -345,10 +311,15 @@ class Search:
                 if effect in smaller.effects or names in tried or not _compatible(larger):
                     continue
                 tried.add(names)
-                ordered = tuple(e for e in CATALOGUE if e in larger)
+                ordered = self._ordered(larger)
                 found.append(self._fit(ordered, _QUICK))
         chosen = sorted(found, key=lambda c: c.score)[:_BEAM]
         return [self._fit(c.effects, 30) for c in chosen]
+
+    def _ordered(self, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+        """Effects in the order in which they act."""
+        wanted = set(effects)
+        return tuple(effect for effect in self._in_order if effect in wanted)
 
     @staticmethod
     def _better(best: Candidate, others: Iterable[Candidate]) -> Candidate:
@@ -359,7 +330,7 @@ class Search:
         return best
 
     def _shrink(self, best: Candidate) -> Candidate:
-        """Without effects that are not worth it in the company of the others."""
+        """Without effects that are not worth it beside the others."""
         while len(best.effects) > 0:
             smaller = [self.without(best, effect) for effect in best.effects]
             least = min(smaller, key=lambda c: c.score)
@@ -380,7 +351,7 @@ class Search:
         for other in self.catalogue:
             if other in best.effects or not _compatible((*rest, other)):
                 continue
-            ordered = tuple(e for e in CATALOGUE if e in (*rest, other))
+            ordered = self._ordered((*rest, other))
             candidate = self._fit(ordered, _QUICK)
             if self._misfit(candidate.fit) > self._misfit(best.fit) + _HOPELESS:
                 continue
@@ -392,8 +363,13 @@ class Search:
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:
-    names = {effect.name for effect in effects}
-    return not any(pair <= names for pair in _EXCLUSIVE)
+    return not any(a.conflicts_with(b) for a, b in itertools.combinations(effects, 2))
+
+
+def _joint_sets(effects: Sequence[Effect]) -> tuple[frozenset[str], ...]:
+    """Those of all effects, the smallest first: larger ones begin where smaller ones ended."""
+    every = dict.fromkeys(names for effect in effects for names in effect.joint_sets)
+    return tuple(sorted(every, key=len))
 
 
 def _all_unknowns(problem: Problem) -> list[Unknown]:
@@ -419,7 +395,7 @@ def _of(problem: Problem, values: Mapping[tuple[str, str], float]) -> dict[Key, 
         for unknown in unknowns:
             name = (unknown.effect.name if unknown.effect else "", unknown.parameter.name)
             if name in values:
-                known[_key(unknown, index)] = unknown.unit_value(values[name])
+                known[_key(unknown, index)] = unknown.parameter.unit_value(values[name])
     return known
 
 
@@ -445,7 +421,7 @@ def _start(
         value = starts[choice % len(starts)]
         if unknown.effect is None and unknown.parameter.name == "modulus_ratio":
             value *= (1.0, 0.6, 1.7)[choice % 3]
-        return unknown.unit_value(value)
+        return unknown.parameter.unit_value(value)
 
     device = np.array([unit_value(unknown, 0) for unknown in problem.device])
     owns = [

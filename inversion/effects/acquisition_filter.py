@@ -6,8 +6,9 @@ Butterworth of order N and corner :math:`\omega_c`: poles
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values, shift
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values, shift
+from inversion.fitting.parameters import Parameter
 
 ORDER = 4
 """The records tell orders hardly apart; 4 stands for 2 to 6."""
@@ -19,8 +20,8 @@ class AcquisitionFilter(Effect):
     name = "acquisition_filter"
     scope = "device"
     parameters = (
-        EffectParameter("corner", "Hz", 20.0, 2000.0, (150.0,), logarithmic=True),
-        EffectParameter("advance", "s", -1e-3, 6e-3, (0.0, 2e-3)),
+        Parameter("corner", "Hz", 20.0, 2000.0, (150.0,), logarithmic=True),
+        Parameter("advance", "s", -1e-3, 6e-3, (0.0, 2e-3)),
     )
     advice = "ask the maker for the filter of the deflection channel, or switch it off"
 

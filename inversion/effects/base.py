@@ -8,7 +8,9 @@ The model of a record goes through five stages, and an effect changes one of the
     motion    what plate and ground do in time
     record    what sensor and processing make of it
 
-A new effect is one module with one class and one entry in the catalogue.
+A new effect is one module with one class and one entry in the catalogue. What the search of the
+diagnosis has to know of it (where its fit begins, what it is not tried with, what can hide it) is
+said by the class.
 """
 
 from __future__ import annotations
@@ -19,39 +21,14 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
 ImpulseResponse = Callable[[], FloatArray]
 """Motion (n_sensors, n), m, after an impulse of 1 N s on the plate at time 0."""
-
-
-@dataclass(frozen=True)
-class EffectParameter:
-    """One number of an effect.
-
-    Parameters
-    ----------
-    name : str, with its unit as in the result's keys (mass, natural_frequency, ...)
-    unit : str, SI; "-": none
-    lower, upper : float, bounds
-    starts : tuple of float, where a fit begins: so large that the effect shows
-    logarithmic : bool, whether its scale is logarithmic
-    natural : bool, whether its bounds are those of nature, where a value may well sit
-    usual : (float, float) or None, what instruments in use have: a fit may leave it, and then
-        stands for something else that looks alike
-    """
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
-    starts: tuple[float, ...]
-    logarithmic: bool = False
-    natural: bool = False
-    usual: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +52,7 @@ class DropContext:
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
     plate_mass : float, kg, declared
+    has_bedrock : bool, whether a rigid base is declared
     elastic : bool, whether the base model's ground is
     load_left : (n,) ndarray of float, N: what the load in use leaves of the measured one
     """
@@ -94,6 +72,7 @@ class DropContext:
     flat_load: float | None = None
     rest: tuple[float, ...] = ()
     plate_mass: float = 0.0
+    has_bedrock: bool = False
     elastic: bool = False
     load_left: FloatArray | None = None
 
@@ -127,17 +106,42 @@ class Effect:
 
     name: ClassVar[str]
     scope: ClassVar[Scope]
-    parameters: ClassVar[tuple[EffectParameter, ...]]
+    parameters: ClassVar[tuple[Parameter, ...]]
     advice: ClassVar[str] = ""
     """What to do in the field."""
     replaces_ground: ClassVar[bool] = False
     """Whether there is no ground where it is: then none is fitted."""
+    excludes: ClassVar[frozenset[str]] = frozenset()
+    """Names of effects that are not tried together with it, because both would explain anything.
+    It is enough that one of two names the other."""
+    may_be_masked: ClassVar[bool] = False
+    """Whether other effects can hide it: then it is tried in larger sets even if it explains
+    nothing alone."""
+    joint_sets: ClassVar[tuple[frozenset[str], ...]] = ()
+    """Sets of effects, it among them, that explain a residual only together."""
+    in_every_joint_set: ClassVar[bool] = False
+    """Whether it is added to each joint set, its own and those of others."""
+    joint_starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
+    """Values of its parameters from which the fits of a joint set begin. The first of all effects
+    belong together, and so do the second: little damping and little nonlinearity, then more."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Whether records like these could show it."""
         return True
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    def joint_starts_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
+        """The joint starts that fit the plate."""
+        return self.joint_starts
+
+    def acts_on(self, drop: DropContext) -> bool:
+        """Whether it can show in this drop of a point, and has values there."""
+        return True
+
+    def conflicts_with(self, other: Effect) -> bool:
+        """Whether the two are never tried together."""
+        return other.name in self.excludes or self.name in other.excludes
+
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The parameters with bounds that fit the plate and the drop; none: it has no effect."""
         return self.parameters
 

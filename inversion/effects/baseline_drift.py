@@ -1,7 +1,8 @@
 """Offset or slow drift of a channel, integrated."""
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 
 
 class BaselineDrift(Effect):
@@ -10,12 +11,12 @@ class BaselineDrift(Effect):
     name = "baseline_drift"
     scope = "drop"
     parameters = (
-        EffectParameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,)),
-        EffectParameter("acceleration", "m/s2", -3.0, 3.0, (0.0,)),
+        Parameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,)),
+        Parameter("acceleration", "m/s2", -3.0, 3.0, (0.0,)),
     )
     advice = "let the geophone settle before the drop; keep cable and connector still"
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """A velocity's offset before the pulse was taken off: what is left is its drift."""
         return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
 

@@ -1,7 +1,8 @@
 """The second-order high-pass of a geophone, left in the record."""
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values, geophone
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values, geophone
+from inversion.fitting.parameters import Parameter
 
 
 class GeophoneResponse(Effect):
@@ -12,12 +13,18 @@ class GeophoneResponse(Effect):
     parameters = (
         # Those of deflectometers have 4.5 Hz and more.  Below some 2 Hz a pulse and its tail feel
         # no more of the response than a slow creep, which much else leaves as well.
-        EffectParameter(
+        Parameter(
             "natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True, usual=(2.0, 30.0)
         ),
-        EffectParameter("damping", "-", 0.02, 1.5, (0.6, 0.2), logarithmic=True),
+        Parameter("damping", "-", 0.02, 1.5, (0.6, 0.2), logarithmic=True),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
+    # Roll-off of the sensor and ground that stiffens explain a record only together.
+    may_be_masked = True
+    joint_starts = (
+        {"natural_frequency": 11.0, "damping": 0.15},
+        {"natural_frequency": 14.0, "damping": 0.3},
+    )
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """As the geophone shows it."""

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
@@ -15,10 +16,16 @@ class HystereticUnloading(Effect):
     name = "hysteretic_unloading"
     scope = "drop"
     parameters = (
-        EffectParameter("exponent", "-", 0.3, 6.0, (1.4, 0.8), logarithmic=True),
-        EffectParameter("unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True),
+        Parameter("exponent", "-", 0.3, 6.0, (1.4, 0.8), logarithmic=True),
+        Parameter("unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True),
     )
     advice = "the ground yields: drop again until nothing is left behind"
+    # Like the stiffening it may be hidden behind roll-off of the sensor.
+    may_be_masked = True
+    joint_starts = (
+        {"exponent": 1.5, "unrecovered": 0.2},
+        {"exponent": 1.5, "unrecovered": 0.4},
+    )
 
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext

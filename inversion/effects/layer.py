@@ -18,8 +18,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import j0
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 
 # Relative error of the modulus per unit of the ratio's logarithm, and up to where there is none.
 _ERROR_PER_LOG_RATIO, _SAFE = 0.9, 0.5
@@ -34,14 +35,17 @@ class Layer(Effect):
     name = "layer"
     scope = "point"
     parameters = (
-        EffectParameter("modulus_ratio", "-", 0.1, 10.0, (2.0, 0.6), logarithmic=True),
-        EffectParameter("thickness", "m", 0.05, 2.0, (0.2,), logarithmic=True),
+        Parameter("modulus_ratio", "-", 0.1, 10.0, (2.0, 0.6), logarithmic=True),
+        Parameter("thickness", "m", 0.05, 2.0, (0.2,), logarithmic=True),
     )
     advice = (
         "the top differs from what is below: look into a trial pit, or measure on what is below"
     )
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    # Both change the plate's deflection over that of the ground beside it.
+    excludes = frozenset({"rough_contact"})
+
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Thicknesses that the plate can feel and the sensors can tell."""
         ratio, thickness = self.parameters
         a = drop.plate_radius

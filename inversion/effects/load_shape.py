@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.effects.base import (
     DropContext,
     Effect,
-    EffectParameter,
     ImpulseResponse,
     Values,
     forced_motion,
 )
-from inversion.forward.kernel import FloatArray
+from inversion.fitting.parameters import Parameter
 
 
 class LoadShape(Effect):
@@ -18,7 +18,7 @@ class LoadShape(Effect):
 
     name = "load_shape"
     scope = "drop"
-    parameters = (EffectParameter("share", "-", 0.0, 1.5, (1.0,), natural=True),)
+    parameters = (Parameter("share", "-", 0.0, 1.5, (1.0,), natural=True),)
     advice = "use the measured load; look after buffers and guide of the hammer"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 
 
 class MainsHum(Effect):
@@ -12,9 +13,9 @@ class MainsHum(Effect):
     name = "mains_hum"
     scope = "drop"
     parameters = (
-        EffectParameter("amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True),
-        EffectParameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
-        EffectParameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
+        Parameter("amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True),
+        Parameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
+        Parameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
     )
     advice = "keep the cable away from mains and generators"
 

@@ -6,8 +6,9 @@ lies under the plate; the ground beside it comes back.
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, ImpulseResponse, Values
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, ImpulseResponse, Values
+from inversion.fitting.parameters import Parameter
 
 
 class PermanentSet(Effect):
@@ -16,10 +17,12 @@ class PermanentSet(Effect):
     name = "permanent_set"
     scope = "drop"
     parameters = (
-        EffectParameter("displacement", "m", 0.0, 1e-2, (5e-5,), natural=True),
-        EffectParameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True),
+        Parameter("displacement", "m", 0.0, 1e-2, (5e-5,), natural=True),
+        Parameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True),
     )
     advice = "seat the plate with more drops before measuring"
+    # Both leave displacement behind.
+    excludes = frozenset({"hysteretic_unloading"})
 
     def motion(
         self,

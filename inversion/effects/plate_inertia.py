@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.parameters import Parameter
 
 
 class PlateInertia(Effect):
@@ -10,7 +11,7 @@ class PlateInertia(Effect):
 
     name = "plate_inertia"
     scope = "device"
-    parameters = (EffectParameter("mass", "kg", 0.0, 400.0, (8.0, 60.0)),)
+    parameters = (Parameter("mass", "kg", 0.0, 400.0, (8.0, 60.0)),)
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:

@@ -9,15 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.effects.base import (
     DropContext,
     Effect,
-    EffectParameter,
     ImpulseResponse,
     Values,
     forced_motion,
 )
-from inversion.forward.kernel import FloatArray
+from inversion.fitting.parameters import Parameter
 
 GRAVITY = 9.80665
 
@@ -28,12 +28,13 @@ class Rebound(Effect):
     name = "rebound"
     scope = "drop"
     parameters = (
-        EffectParameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),
-        EffectParameter("mass", "kg", 1.0, 300.0, (20.0,), logarithmic=True, natural=True),
+        Parameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),
+        Parameter("mass", "kg", 1.0, 300.0, (20.0,), logarithmic=True, natural=True),
     )
     advice = "the plate jumps: level it, seat it, or drop from lower down"
+    joint_starts = ({"lift_off": -8e-4}, {"lift_off": -1.5e-3})
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The mass in flight is about that of the plate, where that is known."""
         time, mass = self.parameters
         return time, replace(mass, starts=(drop.plate_mass or mass.starts[0],))

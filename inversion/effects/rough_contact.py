@@ -1,7 +1,8 @@
 """Slip between plate and ground other than the base model's."""
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.forward.kernel import ComplexArray
+from inversion.arrays import ComplexArray
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 
 
 class RoughContact(Effect):
@@ -9,7 +10,7 @@ class RoughContact(Effect):
 
     name = "rough_contact"
     scope = "point"
-    parameters = (EffectParameter("factor", "-", 0.6, 1.6, (1.05, 0.95), logarithmic=True),)
+    parameters = (Parameter("factor", "-", 0.6, 1.6, (1.05, 0.95), logarithmic=True),)
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.effects.base import (
     DropContext,
     Effect,
-    EffectParameter,
     ImpulseResponse,
     Values,
     forced_motion,
 )
-from inversion.forward.kernel import FloatArray
+from inversion.fitting.parameters import Parameter
 
 # A load within this part of its level is cut off.
 _CUT = 0.99
@@ -26,12 +26,12 @@ class Saturation(Effect):
     name = "saturation"
     scope = "drop"
     parameters = (
-        EffectParameter("level", "m/s", 1e-6, 100.0, (0.1,), logarithmic=True),
-        EffectParameter("cap", "N", 0.0, 1.0, (0.1,), natural=True),
+        Parameter("level", "m/s", 1e-6, 100.0, (0.1,), logarithmic=True),
+        Parameter("cap", "N", 0.0, 1.0, (0.1,), natural=True),
     )
     advice = "lower the gain or the drop height: the channel reached the end of its range"
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The level at which the velocity is flat, give or take its offset; the load's cap."""
         found = []
         levels = [level for level in drop.flat if level is not None]

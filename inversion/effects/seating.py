@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.parameters import Parameter
 
 
 class Seating(Effect):
@@ -10,8 +11,13 @@ class Seating(Effect):
 
     name = "seating"
     scope = "drop"
-    parameters = (EffectParameter("modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True),)
+    parameters = (Parameter("modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True),)
     advice = "drop again until two drops agree; the modulus is that of the last drop"
+    in_every_joint_set = True
+
+    def acts_on(self, drop: DropContext) -> bool:
+        """On all but the last drop, with which the others are compared."""
+        return drop.index < drop.count - 1
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Only several drops can differ."""
@@ -19,6 +25,4 @@ class Seating(Effect):
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground as the drop met it."""
-        if drop.index == drop.count - 1:
-            return ground
         return replace(ground, modulus=ground.modulus * values["modulus_ratio"])

@@ -1,7 +1,8 @@
 """The channels are not simultaneous."""
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values, shift
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values, shift
+from inversion.fitting.parameters import Parameter
 
 
 class SensorLag(Effect):
@@ -9,7 +10,7 @@ class SensorLag(Effect):
 
     name = "sensor_lag"
     scope = "device"
-    parameters = (EffectParameter("delay", "s", -3e-3, 3e-3, (4e-4, -4e-4)),)
+    parameters = (Parameter("delay", "s", -3e-3, 3e-3, (4e-4, -4e-4)),)
     advice = "have the instrument's channels checked against each other; declare load_delay_s"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

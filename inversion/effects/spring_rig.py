@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Values
-from inversion.forward.kernel import ComplexArray
+from inversion.arrays import ComplexArray
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.parameters import Parameter
 
 
 class SpringRig(Effect):
@@ -12,11 +13,18 @@ class SpringRig(Effect):
     name = "spring_rig"
     scope = "point"
     parameters = (
-        EffectParameter("stiffness", "N/m", 1e5, 5e8, (5e6, 3e7), logarithmic=True),
-        EffectParameter("moving_mass", "kg", 0.5, 300.0, (15.0,), logarithmic=True),
-        EffectParameter("damping_ratio", "-", 0.001, 2.0, (0.1,), logarithmic=True),
+        Parameter("stiffness", "N/m", 1e5, 5e8, (5e6, 3e7), logarithmic=True),
+        Parameter("moving_mass", "kg", 0.5, 300.0, (15.0,), logarithmic=True),
+        Parameter("damping_ratio", "-", 0.001, 2.0, (0.1,), logarithmic=True),
     )
     replaces_ground = True
+    # What replaces the ground explains anything together with what changes the ground.
+    excludes = frozenset(
+        {"bedrock", "rough_contact", "plate_inertia", "layer", "seating", "sensor_lag"}
+    )
+    joint_sets = (
+        frozenset({"spring_rig", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
+    )
     advice = "this is a rig on springs, no ground: there is no modulus to report"
 
     def compliance(

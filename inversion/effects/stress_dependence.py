@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
@@ -20,12 +21,19 @@ class StressDependence(Effect):
     name = "stress_dependence"
     scope = "point"
     parameters = (
-        EffectParameter("exponent", "-", -0.9, 0.85, (0.35, -0.25, 0.3)),
-        EffectParameter("within", "-", 0.0, 1.0, (1.0, 1.0, 0.0), natural=True),
+        Parameter("exponent", "-", -0.9, 0.85, (0.35, -0.25, 0.3)),
+        Parameter("within", "-", 0.0, 1.0, (1.0, 1.0, 0.0), natural=True),
     )
     advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
+    # Ground that stiffens and roll-off of the sensor explain a record only together.
+    may_be_masked = True
+    joint_sets = (
+        frozenset({"stress_dependence", "geophone_response"}),
+        frozenset({"stress_dependence", "hysteretic_unloading", "geophone_response"}),
+    )
+    joint_starts = ({"exponent": 0.4}, {"exponent": 0.5})
 
-    def parameters_for(self, drop: DropContext) -> tuple[EffectParameter, ...]:
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """With a single drop all of it is within the drop."""
         return self.parameters if drop.count > 1 else self.parameters[:1]
 

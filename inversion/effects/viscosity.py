@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from inversion.effects.base import DropContext, Effect, EffectParameter, Ground, Values
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.parameters import Parameter
 
 
 class Viscosity(Effect):
@@ -10,7 +11,7 @@ class Viscosity(Effect):
 
     name = "viscosity"
     scope = "point"
-    parameters = (EffectParameter("viscosity", "Pa s", 100.0, 3e6, (3e4, 1e5), logarithmic=True),)
+    parameters = (Parameter("viscosity", "Pa s", 100.0, 3e6, (3e4, 1e5), logarithmic=True),)
     advice = "the ground damps: do not ask for an elastic one"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

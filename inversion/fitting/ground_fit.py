@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inversion.arrays import FloatArray
 from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
 from inversion.fitting.published_fitness import published_fitness
-from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
 from inversion.search.least_squares import fit_batch
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
@@ -202,7 +201,7 @@ def _fit_published(
     """The paper's search: its operators, its fitness (Eq. 16), no polish."""
     misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
 
-    def inverse_fitness(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse_fitness(points: FloatArray) -> FloatArray:
         observed, predicted = misfit.centre(points)
         return np.asarray(1.0 / published_fitness(observed, predicted, tempered=True))
 
@@ -225,7 +224,7 @@ def _fit_published(
 def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
     settings = SearchSettings(polish_evaluations=0)
 
-    def objective(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def objective(points: FloatArray) -> FloatArray:
         return np.asarray(misfit.objective(points), dtype=np.float64)
 
     search = MultiPopulationSearch(objective, np.zeros(size), np.ones(size), rng, settings=settings)

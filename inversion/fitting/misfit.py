@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.arrays import FloatArray
 from inversion.fitting.parameters import ParameterSpace
-from inversion.forward.kernel import FloatArray
 from inversion.forward.model import ForwardModel, Instrument
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.record import PreparedDrop

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.arrays import FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import FloatArray
 from inversion.forward.model import Grounds
 from inversion.forward.surrogate import SHALLOWEST
 
@@ -23,47 +23,83 @@ _MODULUS_FACTORS = (0.12, 6.0)
 _DENSITY_BOUNDS = (1000.0, 2800.0)
 _LEAST_VISCOSITY_BOUND = 4.0e5
 _RELAXATION_BOUND_S = 0.012
-DEEPEST = 60.0
+_DEEPEST = 60.0
 
-# A fitted value this close to a bound, as a fraction of the range, is on it.
-_ON_BOUND = 1e-4
+# A fitted value this close to a bound, as a fraction of the range, is on it.  A method that keeps
+# away from bounds (inversion.diagnosis.fit) comes no closer than some ten-thousandths.
+_ON_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One fitted parameter.
+    """One number that is fitted between bounds: of the ground or of an effect.
 
     Parameters
     ----------
-    name : str
-    lower, upper : float, SI
-    logarithmic : bool, whether the unit box is linear in its logarithm
+    name : str, as in the result's keys (modulus, mass, natural_frequency, ...)
+    unit : str, SI; "-": none
+    lower, upper : float, bounds
+    starts : tuple of float, where a fit begins; of an effect: so large that it shows
+    logarithmic : bool, whether the unit interval is linear in its logarithm
+    natural : bool, whether its bounds are those of nature, where a value may well sit
+    usual : (float, float) or None, what instruments in use have: a fit may leave it, and then
+        stands for something else that looks alike
     """
 
     name: str
+    unit: str
     lower: float
     upper: float
-    logarithmic: bool
+    starts: tuple[float, ...] = ()
+    logarithmic: bool = False
+    natural: bool = False
+    usual: tuple[float, float] | None = None
 
-    def value(self, unit: FloatArray) -> FloatArray:
-        """Physical value of a unit_value (...,) in the unit interval."""
+    def value(self, unit_value: FloatArray | float) -> FloatArray:
+        """Physical value of points (...,) of the unit interval."""
         if self.logarithmic:
-            return np.asarray(self.lower * (self.upper / self.lower) ** unit)
-        return np.asarray(self.lower + (self.upper - self.lower) * unit)
+            return np.asarray(self.lower * (self.upper / self.lower) ** unit_value)
+        return np.asarray(self.lower + (self.upper - self.lower) * unit_value)
 
     def unit_value(self, value: float) -> float:
-        """Place in the unit interval, clipped, of a physical value."""
+        """The inverse of `value`, clipped to the unit interval."""
         if self.logarithmic:
-            unit = np.log(value / self.lower) / np.log(self.upper / self.lower)
+            unit_value = np.log(value / self.lower) / np.log(self.upper / self.lower)
         else:
-            unit = (value - self.lower) / (self.upper - self.lower)
-        return float(np.clip(unit, 0.0, 1.0))
+            unit_value = (value - self.lower) / (self.upper - self.lower)
+        return float(np.clip(unit_value, 0.0, 1.0))
 
-    def slopes(self, unit: FloatArray) -> FloatArray:
-        """Derivatives (...,) of the physical value with respect to unit_values (...,)."""
+    def slopes(self, unit_value: FloatArray | float) -> FloatArray:
+        """Derivatives (...,) of the physical value with respect to the unit value."""
         if self.logarithmic:
-            return np.asarray(self.value(unit) * math.log(self.upper / self.lower))
-        return np.full(np.shape(unit), self.upper - self.lower)
+            return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
+        return np.full(np.shape(unit_value), self.upper - self.lower)
+
+    def deviation(self, unit_value: float, of_unit_value: float) -> float:
+        """Standard deviation of the value where that of the unit value is `of_unit_value`."""
+        return float(self.slopes(unit_value) * of_unit_value)
+
+
+def on_bound(unit_values: FloatArray) -> NDArray[np.bool_]:
+    """Which unit values (...,) sit on a bound."""
+    return np.asarray((unit_values < _ON_BOUND) | (unit_values > 1.0 - _ON_BOUND))
+
+
+def soil_parameters(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
+    """Modulus, viscosity and density as they are searched around a peak-method modulus, Pa."""
+    low, high = (factor * peak_modulus for factor in _MODULUS_FACTORS)
+    most_viscous = max(_LEAST_VISCOSITY_BOUND, _RELAXATION_BOUND_S * peak_modulus)
+    return (
+        Parameter(MODULUS, "Pa", low, high, logarithmic=True),
+        Parameter(VISCOSITY, "Pa s", 0.0, most_viscous),
+        Parameter(DENSITY, "kg/m3", *_DENSITY_BOUNDS, starts=(1800.0,), logarithmic=True),
+    )
+
+
+def depth_parameter(plate_radius: float) -> Parameter:
+    """The depth of rock, within what the tables cover and an echo reaches."""
+    shallow, deep = SHALLOWEST * 1.001 * plate_radius, _DEEPEST * plate_radius
+    return Parameter(DEPTH, "m", shallow, deep, logarithmic=True)
 
 
 @dataclass(frozen=True)
@@ -121,8 +157,7 @@ class ParameterSpace:
 
         A viscosity of zero is physical (elastic ground), but it is named all the same.
         """
-        near = (point < _ON_BOUND) | (point > 1.0 - _ON_BOUND)
-        return tuple(p.name for p, hit in zip(self.fitted, near, strict=True) if hit)
+        return tuple(p.name for p, hit in zip(self.fitted, on_bound(point), strict=True) if hit)
 
 
 def parameter_space(
@@ -139,27 +174,19 @@ def parameter_space(
     peak_modulus : float, Pa, modulus by the peak method, the centre of the search
     bedrock_depth : float, m; inf: half-space; None: fitted
     """
-    fitted = [
-        Parameter(
-            MODULUS,
-            _MODULUS_FACTORS[0] * peak_modulus,
-            _MODULUS_FACTORS[1] * peak_modulus,
-            logarithmic=True,
-        )
-    ]
+    modulus, viscosity, soil_density = soil_parameters(peak_modulus)
+    fitted = [modulus]
     fixed: dict[str, float] = {}
     if elastic:
         fixed[VISCOSITY] = 0.0
     else:
-        upper = max(_LEAST_VISCOSITY_BOUND, _RELAXATION_BOUND_S * peak_modulus)
-        fitted.append(Parameter(VISCOSITY, 0.0, upper, logarithmic=False))
+        fitted.append(viscosity)
     if density is None:
-        fitted.append(Parameter(DENSITY, *_DENSITY_BOUNDS, logarithmic=True))
+        fitted.append(soil_density)
     else:
         fixed[DENSITY] = density
     if bedrock_depth is None:
-        shallow, deep = SHALLOWEST * 1.001 * plate_radius, DEEPEST * plate_radius
-        fitted.append(Parameter(DEPTH, shallow, deep, logarithmic=True))
+        fitted.append(depth_parameter(plate_radius))
     elif bedrock_depth > 0.0:
         fixed[DEPTH] = bedrock_depth
     else:

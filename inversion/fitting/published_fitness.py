@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inversion.arrays import FloatArray
 from inversion.errors import ModelError, RecordError
-
-FloatArray = NDArray[np.float64]
 
 
 def published_fitness(

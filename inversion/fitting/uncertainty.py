@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.fitting.ground_fit import GroundFit, Minimum
 from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
-from inversion.forward.kernel import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
 from inversion.forward.model import transfer_function
 from inversion.measured.record import NoiseModel, native_rows

@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gamma, hyp2f1, j0, spherical_jn
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import ComplexArray, FloatArray, layer_compliance
+from inversion.forward.kernel import layer_compliance
 
 PlateModel = Literal["rigid-rough", "rigid-smooth", "published", "averaged"]
 

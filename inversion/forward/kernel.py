@@ -18,13 +18,11 @@ quantities) the surface moves by
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-ComplexArray = NDArray[np.complexfloating[Any, Any]]
-FloatArray = NDArray[np.floating[Any]]
+from inversion.arrays import ComplexArray, FloatArray
 
 # Beyond this many nepers a wave that went down and came back is below double precision.
 _NEGLIGIBLE_ECHO = 19.0

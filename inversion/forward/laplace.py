@@ -20,8 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import ComplexArray, FloatArray
 
 _PERIOD_OVER_RECORD = 1.25
 _DAMPING_TIMES_PERIOD = 7.0

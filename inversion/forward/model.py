@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.surrogate import Surrogate
 

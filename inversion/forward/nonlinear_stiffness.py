@@ -21,7 +21,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_triangular
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 
 _NEWTON_STEPS = 12
 _CONVERGED = 1e-6

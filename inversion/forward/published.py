@@ -29,8 +29,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 
 __all__ = [
@@ -44,8 +44,6 @@ __all__ = [
     "surface_compliance",
 ]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 GAUSS_NODES = 20  # Eq. 14: "the 20 node Gauss interpolation formula"
 DEFAULT_SEGMENTS = 40  # 800 nodes in all

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 
 # Individuals whose intermediate arrays stay in the second-level cache together.
 _CHUNK_ELEMENTS = 32_000

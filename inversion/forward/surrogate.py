@@ -22,11 +22,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.forward.contact import (
     PlateProblem,
 )
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.rational import evaluate, evaluate_with_slope, numerators
 
 # The shallowest base the tables hold, in plate radii.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.contact import (
     PlateProblem,
     QuadratureRule,
@@ -17,7 +18,6 @@ from inversion.forward.contact import (
     forget_layouts,
     layouts,
 )
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.rational import basis, evaluate, numerators
 from inversion.forward.surrogate import SHALLOWEST, Surrogate

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.errors import RecordError
-from inversion.forward.kernel import FloatArray
 
 
 @dataclass(frozen=True)

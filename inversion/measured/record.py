@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.errors import RecordError
-from inversion.forward.kernel import FloatArray
 from inversion.forward.model import Instrument
 
 Quantity = Literal["velocity", "displacement"]

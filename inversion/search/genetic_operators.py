@@ -11,12 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inversion.arrays import FloatArray, IntArray
 from inversion.errors import ModelError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 # Score of the fittest individual of a population, the 100 of Eq. 17.
 _FULL_SCORE = 100.0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating[Any]]
+from inversion.arrays import FloatArray
+
 # Points (m, d) of the unit box and the columns that are free -> weighted residuals (m, n) and
 # their derivatives (m, n, free) by these columns.
 Linearise = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]

@@ -30,9 +30,9 @@ from itertools import cycle, islice
 import numpy as np
 from numpy.typing import ArrayLike
 
+from inversion.arrays import FloatArray
 from inversion.errors import InversionError, ModelError
 from inversion.search.genetic_operators import (
-    FloatArray,
     RoleTable,
     contrast_fitness,
     cross_intermediate,
@@ -141,8 +141,8 @@ class MultiPopulationSearch:
         self._mutation_probability = rng.uniform(*settings.mutation_probability, count)
 
         shape = (count, settings.individuals // count)
-        self._genes = np.zeros((*shape, self._lower.size))
-        self._misfit = np.full(shape, np.inf)
+        self._genes: FloatArray = np.zeros((*shape, self._lower.size))
+        self._misfit: FloatArray = np.full(shape, np.inf)
         self._minima = Minima.none(self._lower.size)
         self._last_polish: QuadraticPolish | None = None
         self._best_point = np.full(self._lower.size, np.nan)

@@ -16,13 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inversion.arrays import FloatArray, IntArray
 from inversion.errors import ModelError
 from inversion.search.minima import Minima
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Objective = Callable[[FloatArray], FloatArray]
 
 # Newton steps tried: of the model of f (the full step, shorter ones where it was too bold, twice
@@ -92,7 +90,7 @@ class QuadraticPolish:
         # Columns of each matrix are the directions of that design.
         self._directions = starts.radii[:, None, None] * unit
         self._active = np.arange(len(starts))
-        self._asked = np.empty((0, 0, size))
+        self._asked: FloatArray = np.empty((0, 0, size))
         self._iteration: _Iteration | None = None
 
     @property

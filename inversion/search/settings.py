@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from inversion.arrays import FloatArray
 from inversion.errors import ModelError
-from inversion.search.genetic_operators import SMALLEST_POPULATION, FloatArray, PopulationRole
+from inversion.search.genetic_operators import SMALLEST_POPULATION, PopulationRole
 
 # From nearly rotation-invariant to nearly along the coordinates.  Of 200 searches in four genes
 # (benchmarks/search.py), 0.9 alone found the separable Rastrigin 170 times and the rotated one

@@ -8,12 +8,12 @@ import pytest
 
 from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
 from inversion.diagnosis.problem import Unknown
-from inversion.effects.base import EffectParameter
 from inversion.effects.catalogue import BY_NAME
+from inversion.fitting.parameters import Parameter
 
-NATURAL = EffectParameter("amplitude", "-", 0.0, 1.0, (0.5,), natural=True)
-USUAL = EffectParameter("frequency", "Hz", 0.0, 10.0, (5.0,), usual=(2.0, 8.0))
-PLAIN = EffectParameter("depth", "m", 0.0, 10.0, (5.0,))
+NATURAL = Parameter("amplitude", "-", 0.0, 1.0, (0.5,), natural=True)
+USUAL = Parameter("frequency", "Hz", 0.0, 10.0, (5.0,), usual=(2.0, 8.0))
+PLAIN = Parameter("depth", "m", 0.0, 10.0, (5.0,))
 EFFECT = BY_NAME["bedrock"]
 
 
@@ -65,9 +65,7 @@ def reasons(point: Point, candidate: Candidate) -> list[str]:
     return reasons_to_reject(point, candidate)  # type: ignore[arg-type]
 
 
-def at(
-    parameter: EffectParameter, unit_value: float, spread: float, effect: Any = EFFECT
-) -> Candidate:
+def at(parameter: Parameter, unit_value: float, spread: float, effect: Any = EFFECT) -> Candidate:
     unknown = Unknown(parameter, effect)
     return Candidate(fit=Fit([unknown], np.array([unit_value]), spread, []))
 

@@ -22,8 +22,8 @@ from inversion.fitting.parameters import (
 from inversion.forward.surrogate import SHALLOWEST
 
 RADIUS = 0.15
-PLAIN = Parameter("viscosity", 0.0, 4e5, logarithmic=False)
-LOGARITHMIC = Parameter("modulus", 5e6, 3e8, logarithmic=True)
+PLAIN = Parameter("viscosity", "Pa s", 0.0, 4e5, logarithmic=False)
+LOGARITHMIC = Parameter("modulus", "Pa", 5e6, 3e8, logarithmic=True)
 
 
 def space(

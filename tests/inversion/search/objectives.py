@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import strategies as st
 
-from inversion.search.genetic_operators import FloatArray
+from inversion.arrays import FloatArray
 
 Objective = Callable[[FloatArray], FloatArray]
 

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from inversion.arrays import FloatArray
 from inversion.errors import InversionError, ModelError
 from inversion.search import genetic_operators as operators
-from inversion.search.genetic_operators import FloatArray, PopulationRole
+from inversion.search.genetic_operators import PopulationRole
 from inversion.search.minima import Minima
 from inversion.search.multi_population import (
     MultiPopulationSearch,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from inversion.arrays import FloatArray
 from inversion.errors import ModelError
-from inversion.search.genetic_operators import FloatArray
 from inversion.search.multi_population import polish
 from inversion.search.quadratic_polish import bounded_newton_step, iteration_cost
 from tests.inversion.search.objectives import Objective, seeds, sphere
