@@ -230,7 +230,7 @@ def _report(
         modulus_interval=uncertainty.modulus_interval,
         depth_interval=uncertainty.depth_interval,
         modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
-        method="mpga" if settings.method == "published" else settings.method,
+        method=settings.method,
         model="half-space" if math.isinf(depth) else "layer",
         plate=settings.plate,
         load="measured" if settings.load == "measured" else "half-sine",

@@ -279,6 +279,7 @@ def test_published_method_spends_what_the_paper_does(bench: Bench) -> None:
         LEAST_SQUARES, method="published", load="half-sine-equal-area", all_sensors=False
     )
     result = bench.invert(bench.record(1), settings)
+    assert result.method == "published"
     # Four populations of twenty over a hundred generations, and one solve for the report.
     assert 8000 <= result.forward_solves <= 8001
     # No polish, a half-sine for the load: near, not true.

@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from inversion.diagnosis.flat_tops import flat_level, flat_velocity
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, convolve, geophone, shift
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
-    _march,
-    effective_force,
-    hat_response,
 )
-from inversion.measured.record import Sensor
 
 TIME = np.arange(600) * 1e-4
 PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
@@ -139,76 +134,6 @@ def test_a_delay_shifts() -> None:
     np.testing.assert_allclose(shift(MOTION, 0.002, TIME)[0, 20:], MOTION[0, :-20], atol=1e-9)
 
 
-def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
-    """Hat response of a spring and a damper side by side: w = (1 - exp(-k t / c)) / k."""
-    time = step * np.arange(count)
-    rate = stiffness / damper
-    ramp = (time - (1 - np.exp(-rate * time)) / rate) / stiffness
-    return hat_response(ramp[None], step)
-
-
-def test_a_straight_resistance_changes_nothing() -> None:
-    hats = rod(1e-4, 600, 2e7, 1e5)
-    load = 8000.0 * PULSE
-    force, _ = effective_force(hats[0], load, NonlinearStiffness(), 2e7, 4e-4)
-    np.testing.assert_allclose(force, load, atol=1e-3)
-
-
-@pytest.mark.parametrize("n", [0.3, -0.3, 0.55])
-def test_bending_ground_follows_its_equation_of_motion(n: float) -> None:
-    # c w' + R(w) = F with R = k r (w / r)^(1/(1-n)): integrated without any convolution.
-    stiffness, damper, reference = 2e7, 3e4, 4e-4
-    load = 8000.0 * PULSE
-
-    def motion(t, w):
-        force = np.interp(t, TIME, load)
-        size = max(abs(w[0]) / reference, 1e-6)
-        return [(force - np.sign(w[0]) * stiffness * reference * size ** (1 / (1 - n))) / damper]
-
-    found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
-    hats = rod(1e-4, 600, stiffness, damper)
-    force, _ = effective_force(
-        hats[0], load, NonlinearStiffness(stress_exponent=n), stiffness, reference
-    )
-    got = np.convolve(hats[0], force)[:600]
-    np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
-
-
-def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
-    # So slow that nothing is radiated: w = r (F / (k r))^(1 - n).
-    hats = rod(1.0, 400, 2e7, 1e3)
-    load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
-    force, _ = effective_force(hats[0], load, NonlinearStiffness(stress_exponent=0.4), 2e7, 4e-4)
-    got = np.convolve(hats[0], force)[:400]
-    np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
-
-
-def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
-    hats = rod(1e-4, 600, 2e7, 1e4)
-    load = 8000.0 * PULSE
-    law = NonlinearStiffness(unrecovered=0.2)
-    force, _ = effective_force(hats[0], load, law, 2e7, 4e-4)
-    got = np.convolve(hats[0], force)[:600]
-    assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        NonlinearStiffness(0.4, 1.5, 0.2),
-        NonlinearStiffness(-0.3),
-        NonlinearStiffness(0.2, 3.0, 0.1),
-        NonlinearStiffness(),
-    ],
-)
-def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffness) -> None:
-    hats = rod(1e-4, 300, 2e7, 4e4)
-    load = 8000.0 * PULSE[:300]
-    _, together = effective_force(hats[0], load, law, 2e7, 4e-4)
-    marched = _march(hats[0], load, law, 2e7, 4e-4)
-    np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
-
-
 def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
     effect = BY_NAME["stress_dependence"]
     low = context(peak_load=4000.0, count=3)
@@ -320,26 +245,3 @@ def test_a_stiff_crust_lowers_the_centre_more_than_the_far_sensor() -> None:
     )
     assert near < 0.75
     assert near < far < 1.1
-
-
-@pytest.mark.parametrize("level", [0.6, 0.85, 0.95])
-@pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_a_cut_off_top_is_seen_and_a_rounded_one_is_not(level: float, noise: float) -> None:
-    rng = np.random.default_rng(2)
-    pulse = np.sin(np.pi * np.arange(300) / 100) * np.exp(-np.arange(300) / 150)
-    pulse = pulse / pulse.max()
-    hiss = noise * rng.standard_normal(300)
-    assert flat_level(pulse + hiss, noise) is None
-    cut = np.clip(pulse, -level, level) + hiss
-    assert flat_level(cut, noise) == pytest.approx(level, abs=3 * noise + 1e-9)
-
-
-def test_a_noisy_displacement_is_not_taken_for_a_clipped_velocity() -> None:
-    rng = np.random.default_rng(3)
-    still = Sensor(0.0, "displacement", 1e-6 * rng.standard_normal(400))
-    assert flat_velocity(still, 1e-6, 1e-4, largest=True) is None
-    moving = Sensor(0.0, "displacement", 5e-4 * PULSE)
-    level = flat_velocity(moving, 1e-8, 1e-4, largest=True)
-    assert level is not None
-    assert 0.9 * 5e-4 * np.pi / 0.02 < level <= 5e-4 * np.pi / 0.02
-    assert flat_velocity(moving, 1e-8, 1e-4, largest=False) is None

@@ -1,8 +1,5 @@
 """The diagnosis on drops of finite elements whose effects nobody declared."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import signal
@@ -10,8 +7,6 @@ from scipy import signal
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
 from inversion.forward.model import Instrument
-from pfwd_survey.files.traces import TracePoint, read_traces
-from pfwd_survey.inverting.analysis import record_of
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
 
@@ -95,42 +90,6 @@ def test_what_no_effect_explains_is_called_so(
     assert found.verdict == "unexplained"
     assert not found.corrected
     assert any("not explained" in text for text in found.warnings)
-
-
-def computed_elsewhere(shared: Path, number: int) -> tuple[float, float, TracePoint]:
-    """Modulus, Pa, depth of the rock, m, and the drops of other finite elements."""
-    table = (shared / "fe_drops" / "README.md").read_text(encoding="utf-8").splitlines()
-    (row,) = [line for line in table if line.startswith(f"| fe_{number:02d} ")]
-    modulus, depth = (float(row.split("|")[column]) for column in (2, 4))
-    return 1e6 * modulus, depth, read_traces(shared / "fe_drops" / f"fe_{number:02d}.csv")
-
-
-@pytest.mark.parametrize("number", range(1, 9))
-def test_rock_under_other_finite_elements(
-    number: int, shared: Path, library: SurrogateLibrary
-) -> None:
-    modulus, depth, point = computed_elsewhere(shared, number)
-    records = tuple(record_of(drop, point.setup) for drop in point.drops)
-    found = diagnose_point(PointRecords("fe", records, (1,)), library)
-    (effect,) = found.effects
-    assert effect.name == "bedrock"
-    assert effect.parameters[0].value == pytest.approx(depth, rel=0.03)
-    assert found.after.modulus == pytest.approx(modulus, rel=0.012)
-
-
-@pytest.mark.parametrize("number", range(1, 9))
-def test_other_finite_elements_with_their_rock_declared_have_no_effect(
-    number: int, shared: Path, library: SurrogateLibrary
-) -> None:
-    modulus, depth, point = computed_elsewhere(shared, number)
-    records = tuple(
-        replace(record_of(drop, point.setup), bedrock_depth=depth) for drop in point.drops
-    )
-    found = diagnose_point(PointRecords("fe", records, (1,)), library)
-    assert found.effects == ()
-    assert found.after.modulus == pytest.approx(modulus, rel=0.007)
-    # Undamped ground rings on until the side of the mesh answers: that is no noise, nor an effect.
-    assert found.verdict == ("unexplained" if number == 6 else "clean")
 
 
 @pytest.mark.parametrize(("frequency", "verdict"), [(0.8, "unexplained"), (4.5, "explained")])

@@ -56,7 +56,7 @@ def test_what_is_predicted_is_read_as_what_is_recorded() -> None:
 
 @pytest.mark.parametrize("quantity", ["velocity", "displacement"])
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
-def test_weighed_noise_is_white(quantity: str, correlation: float) -> None:
+def test_weighted_noise_is_white(quantity: str, correlation: float) -> None:
     rng = np.random.default_rng(4)
     white = np.sqrt(1 - correlation**2) * rng.standard_normal((300, COUNT + 100))
     values = lfilter([1.0], [1.0, -correlation], white, axis=1)[:, 100:]

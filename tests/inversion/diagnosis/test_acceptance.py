@@ -107,7 +107,7 @@ def test_a_bound_of_an_effect_counts_and_one_of_the_ground_does_not() -> None:
 
 
 @pytest.mark.parametrize(("left", "worth"), [(0.04, True), (0.05, True), (0.06, False)])
-def test_less_than_half_is_not_worth_telling(
+def test_less_than_half_is_not_worth_reporting(
     monkeypatch: pytest.MonkeyPatch, left: float, worth: bool
 ) -> None:
     errors = {"base": 0.1, "best": left}

@@ -1,0 +1,85 @@
+"""Ground with a nonlinear static resistance against closed forms and integrations."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from inversion.forward.nonlinear_stiffness import (
+    NonlinearStiffness,
+    _march,
+    effective_force,
+    hat_response,
+)
+
+TIME = np.arange(600) * 1e-4
+PULSE = np.where(TIME < 0.02, np.sin(np.pi * TIME / 0.02) ** 2, 0.0)
+
+
+def rod(step: float, count: int, stiffness: float, damper: float) -> np.ndarray:
+    """Hat response of a spring and a damper side by side: w = (1 - exp(-k t / c)) / k."""
+    time = step * np.arange(count)
+    rate = stiffness / damper
+    ramp = (time - (1 - np.exp(-rate * time)) / rate) / stiffness
+    return hat_response(ramp[None], step)
+
+
+def test_a_straight_resistance_changes_nothing() -> None:
+    hats = rod(1e-4, 600, 2e7, 1e5)
+    load = 8000.0 * PULSE
+    force, _ = effective_force(hats[0], load, NonlinearStiffness(), 2e7, 4e-4)
+    np.testing.assert_allclose(force, load, atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [0.3, -0.3, 0.55])
+def test_nonlinear_ground_follows_its_equation_of_motion(n: float) -> None:
+    # c w' + R(w) = F with R = k r (w / r)^(1/(1-n)): integrated without any convolution.
+    stiffness, damper, reference = 2e7, 3e4, 4e-4
+    load = 8000.0 * PULSE
+
+    def motion(t, w):
+        force = np.interp(t, TIME, load)
+        size = max(abs(w[0]) / reference, 1e-6)
+        return [(force - np.sign(w[0]) * stiffness * reference * size ** (1 / (1 - n))) / damper]
+
+    found = solve_ivp(motion, (0, TIME[-1]), [0.0], t_eval=TIME, max_step=5e-5, rtol=1e-9)
+    hats = rod(1e-4, 600, stiffness, damper)
+    force, _ = effective_force(
+        hats[0], load, NonlinearStiffness(stress_exponent=n), stiffness, reference
+    )
+    got = np.convolve(hats[0], force)[:600]
+    np.testing.assert_allclose(got, found.y[0], atol=6e-3 * found.y[0].max())
+
+
+def test_stress_makes_a_static_displacement_a_power_of_the_load() -> None:
+    # So slow that nothing is radiated: w = r (F / (k r))^(1 - n).
+    hats = rod(1.0, 400, 2e7, 1e3)
+    load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
+    force, _ = effective_force(hats[0], load, NonlinearStiffness(stress_exponent=0.4), 2e7, 4e-4)
+    got = np.convolve(hats[0], force)[:400]
+    np.testing.assert_allclose(got[50:], 4e-4 * (load[50:] / 8000.0) ** 0.6, rtol=0.01)
+
+
+def test_what_is_not_recovered_stays_when_the_load_has_gone() -> None:
+    hats = rod(1e-4, 600, 2e7, 1e4)
+    load = 8000.0 * PULSE
+    law = NonlinearStiffness(unrecovered=0.2)
+    force, _ = effective_force(hats[0], load, law, 2e7, 4e-4)
+    got = np.convolve(hats[0], force)[:600]
+    assert got[-1] == pytest.approx(0.2 * got.max(), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        NonlinearStiffness(0.4, 1.5, 0.2),
+        NonlinearStiffness(-0.3),
+        NonlinearStiffness(0.2, 3.0, 0.1),
+        NonlinearStiffness(),
+    ],
+)
+def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffness) -> None:
+    hats = rod(1e-4, 300, 2e7, 4e4)
+    load = 8000.0 * PULSE[:300]
+    _, together = effective_force(hats[0], load, law, 2e7, 4e-4)
+    marched = _march(hats[0], load, law, 2e7, 4e-4)
+    np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
