@@ -110,13 +110,17 @@ def _sensor_noise(
         quantum += channel.model.quadratic_form(native_rows(full, channel, drop.step))
         return quantum
     # No record before the pulse: what is rough in the residual of the channel itself is taken for
-    # white noise; a velocity over several steps is the mean of as many samples.
+    # white noise. Second differences of white noise have 6 times its variance. A velocity over k
+    # steps is a mean by trapezoids that shares its ends with the next: (6 k - 5) / k^2 times.
     stride = int(rows[1] - rows[0])
     native = np.diff(left) / (stride * drop.step) if channel.integrates else left
-    white = float(np.mean(np.diff(native, 2) ** 2)) / 6.0 * (stride if channel.integrates else 1)
+    times = (6.0 * stride - 5.0) / stride**2 if channel.integrates else 6.0
+    white = float(np.mean(np.diff(native, 2) ** 2)) / times
     model = NoiseModel(np.array([white]), native.size)
+    # The zero of a displacement is at least the first sample, with its noise.
+    before = channel.baseline_samples if channel.integrates else max(1, channel.baseline_samples)
     quantum += model.quadratic_form(
-        native_rows(full, replace(channel, baseline_samples=0), drop.step)
+        native_rows(full, replace(channel, baseline_samples=before), drop.step)
     )
     return quantum
 

@@ -1,0 +1,102 @@
+"""Drops that the forward model computed, for what has to hold whatever the data are.
+
+They prove nothing about the model; what they have is a known ground and any noise that is wanted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
+from inversion import SurrogateLibrary as Library
+from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
+from inversion.fitting.parameters import (
+    DENSITY,
+    DEPTH,
+    MODULUS,
+    VISCOSITY,
+    ParameterSpace,
+    parameter_space,
+)
+from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.measured.record import Quantity, prepare
+
+Array = NDArray[np.float64]
+
+RADIUS, POISSON_RATIO = 0.15, 0.35
+INSTRUMENT = Instrument(RADIUS, 10.0)
+STEP, PULSE = 2e-4, 0.018
+TRUTH = {MODULUS: 45e6, VISCOSITY: 5e4, DENSITY: 1900.0, DEPTH: 1.1}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """How a drop is recorded; standard deviations of white noise in the channel's unit."""
+
+    quantity: Quantity = "displacement"
+    sensor_noise: float = 0.0
+    load_noise: float = 0.0
+    pre_trigger: float = 0.04
+    length: float = 0.05
+    seed: int = 0
+    peak: float = 8000.0
+    instrument: Instrument = INSTRUMENT
+
+
+def grounds(depth: float = TRUTH[DEPTH]) -> Grounds:
+    values = (TRUTH[MODULUS], TRUTH[VISCOSITY], TRUTH[DENSITY], 1 / depth)
+    return Grounds(*(np.array([value]) for value in values))
+
+
+def half_sine(time: Array, peak: float) -> Array:
+    inside = (time > 0) & (time < PULSE)
+    return np.where(inside, peak * np.sin(np.pi * time / PULSE), 0.0)
+
+
+def record(library: Library, scene: Scene, depth: float = TRUTH[DEPTH]) -> Record:
+    """One drop on the ground of TRUTH."""
+    time = STEP * np.arange(-round(scene.pre_trigger / STEP), round(scene.length / STEP))
+    load = half_sine(time, scene.peak)
+    own = time[time >= -STEP / 2]
+    surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+    model = ForwardModel(
+        surrogate, scene.instrument, own, half_sine(own, scene.peak), own[1:], FULL_BAND_HZ
+    )
+    moved = np.zeros(time.size)
+    moved[-own.size + 1 :] = model.displacement(grounds(depth))[0, 0]
+    if scene.quantity == "velocity":
+        moved = np.gradient(moved, STEP)
+    rng = np.random.default_rng(scene.seed)
+    moved = moved + scene.sensor_noise * rng.standard_normal(time.size)
+    load = load + scene.load_noise * rng.standard_normal(time.size)
+    sensor = Sensor(0.0, scene.quantity, moved)
+    return Record(time, load, (sensor,), scene.instrument, POISSON_RATIO)
+
+
+def weighted(library: Library, drop: Record) -> WeightedDrop:
+    prepared = prepare(drop)
+    surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+    floor = model_floor(prepared, drop.model_floor)
+    return WeightedDrop(prepared, surrogate, drop.instrument, prepared.load, floor)
+
+
+def space(density: float | None = TRUTH[DENSITY], depth: float | None = None) -> ParameterSpace:
+    return parameter_space(40e6, RADIUS, density, depth, elastic=False)
+
+
+def true_point(of: ParameterSpace) -> Array:
+    return np.array([p.unit_value(TRUTH[p.name]) for p in of.fitted])
+
+
+def fit_at_truth(
+    drops: tuple[WeightedDrop, ...], of: ParameterSpace, most_samples: int = 400
+) -> GroundFit:
+    """A fit that came to rest at the truth, without other minima."""
+    misfit = Misfit(drops, of, FULL_BAND_HZ, most_samples)
+    point = true_point(of)
+    best = Minimum(point, float(misfit.objective(point[None])[0]))
+    return GroundFit(best, (), (), True, 1, misfit, drops)

@@ -1,0 +1,320 @@
+"""Stated deviations against every sample of the record moved by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.stats import chi2, norm
+
+from inversion import ForwardModel, Instrument, Record, Sensor, SurrogateLibrary
+from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.misfit import WeightedDrop
+from inversion.fitting.parameters import DEPTH, MODULUS
+from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
+from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.measured.record import prepare
+from tests.inversion.fitting.synthetic import (
+    INSTRUMENT,
+    TRUTH,
+    Array,
+    Scene,
+    fit_at_truth,
+    grounds,
+    record,
+    space,
+    true_point,
+    weighted,
+)
+
+# Of velocities, m/s, displacements, m, and loads, N: about a hundredth of their peaks.
+SPEED_NOISE, MOTION_NOISE, LOAD_NOISE = 2e-4, 4e-6, 60.0
+
+
+def on_parameters(fit: GroundFit) -> Array:
+    """What one metre of displacement at each residual moves the unit values by, (d, n)."""
+    slopes = fit.misfit.linearise(fit.best.point[None], np.arange(fit.best.point.size))[1][0]
+    scales = [
+        np.repeat(item.scale, rows.size)
+        for item, rows in zip(fit.drops, fit.misfit.rows, strict=True)
+    ]
+    return np.linalg.solve(slopes.T @ slopes, slopes.T) / np.concatenate(scales)
+
+
+def deviations(fit: GroundFit, covariance: Array) -> dict[str, float]:
+    """Standard deviations in SI of a covariance of unit values."""
+    slopes = [
+        float(p.slopes(u)) for p, u in zip(fit.misfit.space.fitted, fit.best.point, strict=True)
+    ]
+    found = np.sqrt(np.diag(covariance)) * slopes
+    return dict(zip(fit.misfit.space.names, found, strict=True))
+
+
+def by_samples(drop: Record, rows: Array) -> Array:
+    """Displacement at some rows by each native sample of the sensor, (rows, samples)."""
+    (sensor,) = drop.sensors
+    size = float(np.abs(sensor.values).max())
+    at_rest = prepare(drop).displacement[0, rows]
+    columns = []
+    for index in range(drop.time.size):
+        values = sensor.values.copy()
+        values[index] += size
+        moved = replace(drop, sensors=(replace(sensor, values=values),))
+        columns.append((prepare(moved).displacement[0, rows] - at_rest) / size)
+    return np.stack(columns, axis=1)
+
+
+def expected_of_sensor(fit: GroundFit, drop: Record, variance: float) -> dict[str, float]:
+    weights = on_parameters(fit) @ by_samples(drop, fit.misfit.rows[0])
+    return deviations(fit, variance * weights @ weights.T)
+
+
+def mean_variance(fit: GroundFit) -> float:
+    """Of white noise with the same low-frequency power as the model of the sensor's noise."""
+    values = fit.drops[0].drop.channels[0].model.autocovariance
+    return float(values[0] + 2 * values[1:].sum())
+
+
+@pytest.mark.parametrize(
+    ("quantity", "noise"), [("velocity", SPEED_NOISE), ("displacement", MOTION_NOISE)]
+)
+@pytest.mark.parametrize("most_samples", [400, 40])
+def test_noise_of_the_sensor_reaches_the_ground_sample_by_sample(
+    quantity, noise: float, most_samples: int, library: SurrogateLibrary
+) -> None:
+    drop = record(library, Scene(quantity, sensor_noise=noise, seed=4))
+    fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
+    stated = estimate_uncertainty(fit).standard_deviation
+    expected = expected_of_sensor(fit, drop, mean_variance(fit))
+    for name, value in expected.items():
+        # Correlated noise is not quite white noise of the same power.
+        assert stated[name] == pytest.approx(value, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "noise"), [("velocity", SPEED_NOISE), ("displacement", MOTION_NOISE)]
+)
+@pytest.mark.parametrize("most_samples", [400, 40])
+def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
+    quantity, noise: float, most_samples: int, library: SurrogateLibrary
+) -> None:
+    drop = record(library, Scene(quantity, sensor_noise=noise, pre_trigger=0.0, seed=1))
+    fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
+    assert fit.drops[0].drop.channels[0].model.samples == 0
+    stated = estimate_uncertainty(fit).standard_deviation
+    expected = expected_of_sensor(fit, drop, noise**2)
+    for name, value in expected.items():
+        assert stated[name] == pytest.approx(value, rel=0.3)
+
+
+@pytest.mark.parametrize("instrument", [INSTRUMENT, replace(INSTRUMENT, load_delay=1e-3)])
+def test_noise_of_the_load_reaches_the_ground_through_the_model(
+    instrument: Instrument, library: SurrogateLibrary
+) -> None:
+    drop = record(library, Scene(load_noise=LOAD_NOISE, instrument=instrument, seed=2))
+    fit = fit_at_truth((weighted(library, drop),), space())
+    (item,), (rows,) = fit.drops, fit.misfit.rows
+    prepared = item.drop
+    assert prepared.load_noise.rms == pytest.approx(LOAD_NOISE, rel=0.15)
+    columns = []
+    for index in range(int(rows[-1]) + 1):
+        hat = np.zeros(prepared.time.size)
+        hat[index] = 1.0
+        model = ForwardModel(
+            item.surrogate, instrument, prepared.time, hat, prepared.time[rows], FULL_BAND_HZ
+        )
+        columns.append(model.displacement(grounds())[0, 0])
+    weights = on_parameters(fit) @ np.stack(columns, axis=1)
+    values = np.zeros(weights.shape[1])
+    known = prepared.load_noise.autocovariance[: values.size]
+    values[: known.size] = known
+    expected = deviations(fit, weights @ toeplitz(values) @ weights.T)
+    stated = estimate_uncertainty(fit).standard_deviation
+    for name, value in expected.items():
+        assert value > 0
+        assert stated[name] == pytest.approx(value, rel=0.02)
+
+
+def test_a_load_without_a_pre_trigger_adds_nothing(library: SurrogateLibrary) -> None:
+    quiet, noisy = (
+        fit_at_truth((weighted(library, record(library, scene)),), space())
+        for scene in (Scene(pre_trigger=0.0), Scene(pre_trigger=0.0, load_noise=1e-3))
+    )
+    assert noisy.drops[0].drop.load_noise.samples == 0
+    first, other = (estimate_uncertainty(fit).standard_deviation for fit in (quiet, noisy))
+    assert other[MODULUS] == pytest.approx(first[MODULUS], rel=1e-3)
+
+
+def test_steps_of_the_converter_are_noise_of_their_own(library: SurrogateLibrary) -> None:
+    drop = record(library, Scene())
+    quantum = 2e-6
+    values = quantum * np.round(drop.sensors[0].values / quantum)
+    drop = replace(drop, sensors=(Sensor(0.0, "displacement", values),))
+    fit = fit_at_truth((weighted(library, drop),), space())
+    assert fit.drops[0].drop.quantisation == pytest.approx([quantum / np.sqrt(12)])
+    weights = on_parameters(fit)
+    expected = deviations(fit, quantum**2 / 12 * weights @ weights.T)
+    assert estimate_uncertainty(fit).standard_deviation == pytest.approx(expected, rel=1e-6)
+
+
+def of_model(fit: GroundFit) -> Array:
+    """Covariance of the unit values by a smooth error of the model of the stated size."""
+    (item,), (rows,) = fit.drops, fit.misfit.rows
+    time = item.drop.time[rows]
+    smooth = np.exp(-(((time[:, None] - time) / (item.drop.contact_end / 3)) ** 2))
+    weights = on_parameters(fit)
+    result: Array = item.model_floor[0] ** 2 * weights @ smooth @ weights.T
+    return result
+
+
+@pytest.mark.parametrize("cost", [0.3, 9.0])
+def test_the_model_is_off_smoothly_over_a_third_of_the_contact(
+    cost: float, library: SurrogateLibrary
+) -> None:
+    fit = fit_at_truth((weighted(library, record(library, Scene())),), space())
+    fit = replace(fit, best=replace(fit.best, cost=cost))
+    covariance = max(1.0, cost) * of_model(fit)
+    stated = estimate_uncertainty(fit).model_deviation
+    assert stated == pytest.approx(deviations(fit, covariance), rel=0.02)
+
+
+def test_two_alike_drops_halve_the_variance(library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene("velocity", SPEED_NOISE, LOAD_NOISE)))
+    alone, both = (estimate_uncertainty(fit_at_truth((drop,) * count, space())) for count in (1, 2))
+    for name, value in alone.standard_deviation.items():
+        assert both.standard_deviation[name] == pytest.approx(value / np.sqrt(2), rel=1e-6)
+        assert both.model_deviation[name] == pytest.approx(
+            alone.model_deviation[name] / np.sqrt(2), rel=1e-6
+        )
+
+
+# --- intervals -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fit(library: SurrogateLibrary) -> GroundFit:
+    scene = Scene("velocity", SPEED_NOISE, LOAD_NOISE)
+    return fit_at_truth((weighted(library, record(library, scene)),), space(density=None))
+
+
+def reach(found: Uncertainty, name: str) -> float:
+    """95 % of a normal distribution, of the logarithm of a parameter."""
+    both = np.hypot(found.standard_deviation[name], found.model_deviation[name])
+    return float(norm.ppf(0.975) * both / TRUTH[name])
+
+
+def test_intervals_hold_95_percent_of_both_parts(fit: GroundFit) -> None:
+    found = estimate_uncertainty(fit)
+    assert found.depth_interval is not None
+    for name, ends in ((MODULUS, found.modulus_interval), (DEPTH, found.depth_interval)):
+        sides = np.log(ends) - np.log(TRUTH[name])
+        assert sides == pytest.approx([-reach(found, name), reach(found, name)], rel=1e-4)
+    assert found.depth_unique
+
+
+def test_correlation_is_that_of_both_parts(fit: GroundFit) -> None:
+    found = estimate_uncertainty(fit)
+    assert np.diag(found.correlation) == pytest.approx(np.ones(4))
+    assert found.correlation == pytest.approx(found.correlation.T)
+    smooth = of_model(fit)
+    steps = [
+        float(p.slopes(u)) for p, u in zip(fit.misfit.space.fitted, fit.best.point, strict=True)
+    ]
+    both = [
+        np.hypot(found.standard_deviation[name], found.model_deviation[name]) / step
+        for name, step in zip(fit.misfit.space.names, steps, strict=True)
+    ]
+    # What the model's part does not explain of the covariance is that of the noise: no larger.
+    random = found.correlation * np.outer(both, both) - smooth
+    assert np.diag(random) == pytest.approx(
+        [
+            (found.standard_deviation[n] / s) ** 2
+            for n, s in zip(fit.misfit.space.names, steps, strict=True)
+        ],
+        rel=0.02,
+    )
+    assert np.linalg.eigvalsh(random).min() > -1e-3 * np.trace(random)
+    quiet = replace(fit, best=replace(fit.best, cost=1e6))
+    spread = np.sqrt(np.diag(smooth))
+    assert estimate_uncertainty(quiet).correlation == pytest.approx(
+        smooth / np.outer(spread, spread), abs=0.01
+    )
+
+
+def at(fit: GroundFit, **moves: float) -> Array:
+    """The truth with some unit values moved."""
+    point = true_point(fit.misfit.space)
+    for name, move in moves.items():
+        point[fit.misfit.space.names.index(name)] += move
+    return point
+
+
+@pytest.mark.parametrize("where", ["others", "profile"])
+@pytest.mark.parametrize("cost", [0.5, 4.0])
+@pytest.mark.parametrize("side", [-0.15, 0.15])
+def test_whatever_fits_nearly_as_well_is_in_the_intervals(
+    where: str, cost: float, side: float, fit: GroundFit
+) -> None:
+    best = replace(fit.best, cost=cost)
+    alone = estimate_uncertainty(replace(fit, best=best))
+    # 95 % of chi-square with two degrees of freedom, of six independent samples a drop.
+    allowed = cost + chi2.ppf(0.95, 2) / 6 * max(1.0, cost)
+    point = at(fit, **{MODULUS: side, DEPTH: 2 * side})
+    for share, inside in ((0.99, True), (1.03, False)):
+        other = Minimum(point, cost + share * (allowed - cost))
+        found = estimate_uncertainty(replace(fit, best=best, **{where: (other,)}))
+        assert found.depth_interval is not None
+        assert alone.depth_interval is not None
+        if not inside:
+            assert found.modulus_interval == alone.modulus_interval
+            assert found.depth_interval == alone.depth_interval
+            assert found.depth_unique
+            continue
+        assert not found.depth_unique
+        end, factor = (0, -1.0) if side < 0 else (1, 1.0)
+        parameters = fit.misfit.space.fitted
+        for name, interval, before in (
+            (MODULUS, found.modulus_interval, alone.modulus_interval),
+            (DEPTH, found.depth_interval, alone.depth_interval),
+        ):
+            column = fit.misfit.space.names.index(name)
+            there = float(parameters[column].value(point[column]))
+            expected = there * np.exp(factor * reach(alone, name))
+            assert interval[end] == pytest.approx(expected, rel=1e-3)
+            assert interval[1 - end] == pytest.approx(before[1 - end], rel=1e-9)
+
+
+def test_nothing_is_claimed_outside_of_the_box(fit: GroundFit) -> None:
+    parameters = fit.misfit.space.fitted
+    far = [Minimum(np.full(len(parameters), end), 0.0) for end in (0.0, 1.0)]
+    found = estimate_uncertainty(replace(fit, others=tuple(far)))
+    modulus, depth = (parameters[fit.misfit.space.names.index(n)] for n in (MODULUS, DEPTH))
+    assert found.modulus_interval == pytest.approx((modulus.lower, modulus.upper))
+    assert found.depth_interval == pytest.approx((depth.lower, depth.upper))
+
+
+@pytest.mark.parametrize(("move", "unique"), [(0.09, True), (-0.09, True), (0.12, False)])
+def test_a_depth_is_unique_when_what_fits_is_near(
+    move: float, unique: bool, fit: GroundFit
+) -> None:
+    # Near is one and a half steps of the profile, of which there are fourteen in the box.
+    near = Minimum(at(fit, **{DEPTH: move}), fit.best.cost)
+    assert estimate_uncertainty(replace(fit, profile=(near,))).depth_unique == unique
+
+
+def test_a_depth_that_may_be_anything_is_not_unique(library: SurrogateLibrary) -> None:
+    scene = Scene("velocity", 1e-2)
+    deep = fit_at_truth((weighted(library, record(library, scene)),), space(density=None))
+    found = estimate_uncertainty(deep)
+    (depth,) = (p for p in deep.misfit.space.fitted if p.name == DEPTH)
+    assert reach(found, DEPTH) > 0.25 * np.log(depth.upper / depth.lower)
+    assert not found.depth_unique
+
+
+def test_a_given_depth_has_no_interval(library: SurrogateLibrary) -> None:
+    drop: WeightedDrop = weighted(library, record(library, Scene()))
+    found = estimate_uncertainty(fit_at_truth((drop,), space(depth=TRUTH[DEPTH])))
+    assert found.depth_interval is None
+    assert found.depth_unique
