@@ -9,14 +9,12 @@ import contextlib
 import errno
 import importlib
 import os
-import signal
 import sys
-import threading
 from collections.abc import Sequence
-from types import FrameType
 
 from pfwd_survey.errors import DeviceError, OptionError, SurveyError
 from pfwd_survey.processes import children_shielded
+from tui.interrupts import stopped_by_signals, take_no_more_signals
 from tui.output import say
 from tui.parser import build_parser
 
@@ -37,8 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
     try:
-        _stop_cleanly_on_signals()
-        with children_shielded():
+        with stopped_by_signals(), children_shielded():
             status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))
         sys.stdout.flush()  # here, so that a reader who has left is noticed here
     except KeyboardInterrupt:
@@ -56,14 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = USAGE if isinstance(err, OptionError) else REFUSED
     # Registered last, done first: while Python itself ends, an interrupt would end it by the signal
     # though the work is done.
-    atexit.register(_take_no_more_signals)
+    atexit.register(take_no_more_signals)
     return status
-
-
-def _take_no_more_signals() -> None:
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _is_reader_gone(err: Exception) -> bool:
@@ -81,14 +72,3 @@ def _explain(err: Exception, command: str) -> str:
         f"{command}: an unexpected error, please report it: {type(err).__name__}: {err} "
         "(PFWD_DEBUG=1 shows where)"
     )
-
-
-def _stop_cleanly_on_signals() -> None:
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    # Python hands signals to the main thread only, and refuses handlers elsewhere.
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, stop)
-        # Set anew: what a shell starts in the background ignores it otherwise.
-        signal.signal(signal.SIGINT, stop)
