@@ -27,6 +27,9 @@ STATIC_CHECKS = {
     "ruff": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
     "mypy": ["mypy"],
+    # The other systems cannot be run everywhere, but what does not exist there can be found.
+    "mypy for Windows": ["mypy", "--platform", "win32", "--cache-dir", ".mypy_cache/win32"],
+    "mypy for macOS": ["mypy", "--platform", "darwin", "--cache-dir", ".mypy_cache/darwin"],
     "imports": ["lint-imports"],
 }
 

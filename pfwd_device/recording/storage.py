@@ -41,10 +41,11 @@ class Storage:
 
     def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
         """Bytes written, which may be fewer than there are."""
-        if hasattr(os, "pwrite"):
+        if sys.platform != "win32":
             return os.pwrite(descriptor, data, offset)
-        os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
-        return os.write(descriptor, data)
+        else:  # noqa: RET505 - only an else is left out of the checks for other platforms
+            os.lseek(descriptor, offset, os.SEEK_SET)
+            return os.write(descriptor, data)
 
     def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
         """Write all of `data`, however short the single writes are."""
@@ -71,10 +72,10 @@ class Storage:
         """What is at `offset`; fewer bytes than asked for where the file ends."""
         parts = []
         while length > 0:
-            if hasattr(os, "pread"):
+            if sys.platform != "win32":
                 part = os.pread(descriptor, length, offset)
             else:
-                os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
+                os.lseek(descriptor, offset, os.SEEK_SET)
                 part = os.read(descriptor, length)
             if not part:
                 break
@@ -91,14 +92,16 @@ class Storage:
         """
         if sys.platform == "win32":
             return True
-        import fcntl
+        else:  # noqa: RET505 - only an else is left out of the checks for Windows
+            import fcntl
 
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as err:
-            # Other errors: a file system without locks. What others write is noticed all the same.
-            return err.errno not in (errno.EACCES, errno.EAGAIN)
-        return True
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as err:
+                # Other errors: a file system without locks. What others write is noticed all the
+                # same.
+                return err.errno not in (errno.EACCES, errno.EAGAIN)
+            return True
 
     def size(self, descriptor: int) -> int:
         """Length of the file, bytes."""

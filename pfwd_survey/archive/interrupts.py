@@ -2,10 +2,29 @@
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 
 from pfwd_survey.spawning import ensure_tracker
+
+if sys.platform == "win32":
+
+    @contextlib.contextmanager
+    def _interrupts_blocked() -> Iterator[None]:
+        """Windows has no masks of signals."""
+        yield
+
+else:
+
+    @contextlib.contextmanager
+    def _interrupts_blocked() -> Iterator[None]:
+        ensure_tracker()  # started later, it would lift the mask
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextlib.contextmanager
@@ -22,15 +41,10 @@ def interrupts_wait() -> Iterator[None]:
     came: list[int] = []
     both = (signal.SIGINT, signal.SIGTERM)
     before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in both}
-    masks = hasattr(signal, "pthread_sigmask")
-    if masks:
-        ensure_tracker()  # started later, it would lift the mask
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
-        yield
+        with _interrupts_blocked():
+            yield
     finally:
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for one, handler in before.items():
             # None: set by something other than Python, which cannot be set again from here.
             signal.signal(one, signal.SIG_DFL if handler is None else handler)

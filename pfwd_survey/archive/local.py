@@ -9,10 +9,11 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,11 @@ from pfwd_survey.archive.work import ONE_THREAD, SourceOutcome, invert_batch, li
 from pfwd_survey.archive.workers import Batch
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.spawning import spawn_context
+
+if sys.platform == "win32":
+    from multiprocessing.connection import PipeConnection as Connection
+else:
+    from multiprocessing.connection import Connection
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.options import AnalysisOptions

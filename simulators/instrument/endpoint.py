@@ -7,15 +7,10 @@ serial port the kernel reports a hang-up for as long as nobody does.
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import select
-import shutil
 import socket
-import sys
-import tempfile
 import time
-from pathlib import Path
 from typing import Protocol
 
 from simulators.mesh import SimulationError
@@ -75,126 +70,6 @@ class Endpoint(Protocol):
     def close(self) -> None:
         """Leave nothing behind."""
         ...
-
-
-class PtyEndpoint:
-    """A virtual serial port.
-
-    Parameters
-    ----------
-    movable : bool
-        Whether the cable will be pulled: the URL is then a link that points to whatever port
-        there is.
-    """
-
-    def __init__(self, movable: bool = False) -> None:
-        self._folder: Path | None = None
-        self._master = -1
-        self.visits = 0
-        self._occupied = False
-        port = self._open()
-        self.url = port
-        if movable:
-            self._folder = Path(tempfile.mkdtemp(prefix="pfwd-port-"))
-            self.url = str(self._folder / "port")
-            os.symlink(port, self.url)
-
-    def _open(self) -> str:
-        import tty
-
-        try:
-            self._master, slave = os.openpty()
-        except OSError as err:
-            raise EndpointError(err.errno, f"no virtual serial port: {err.strerror}") from err
-        port = os.ttyname(slave)
-        tty.setraw(slave)
-        os.set_blocking(self._master, False)
-        self._port = port
-        self._quiet_since = math.inf
-        # Closed: only so can it be seen whether a host has the port open.
-        os.close(slave)
-        return port
-
-    @property
-    def connected(self) -> bool:
-        """See `Endpoint`."""
-        occupied = self._master >= 0
-        if occupied and sys.platform == "linux":  # elsewhere the kernel does not tell
-            poll = select.poll()
-            poll.register(self._master, 0)
-            occupied = not any(event & select.POLLHUP for _, event in poll.poll(0))
-        if occupied and not self._occupied:
-            self.visits += 1
-        self._occupied = occupied
-        return occupied
-
-    def wait(self, seconds: float, writing: bool) -> None:
-        """See `Endpoint`."""
-        if not self.connected:
-            time.sleep(seconds)
-            return
-        poll = select.poll()
-        poll.register(self._master, select.POLLIN | (select.POLLOUT if writing else 0))
-        poll.poll(1000 * seconds)
-
-    def read(self) -> bytes:
-        """See `Endpoint`."""
-        try:
-            return os.read(self._master, READ_SIZE)
-        except OSError:  # nothing there, or nobody
-            return b""
-
-    def write(self, data: bytes | bytearray | memoryview) -> int:
-        """See `Endpoint`."""
-        self._quiet_since = math.inf
-        try:
-            return os.write(self._master, data)
-        except OSError:
-            return 0
-
-    def drained(self) -> bool:
-        """See `Endpoint`."""
-        if not self.connected:
-            return True
-        import fcntl
-        import struct
-        import termios
-
-        # Opened for a moment; a host has it open already, so nothing is reset by that.
-        slave = os.open(self._port, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            (unread,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))
-        finally:
-            os.close(slave)
-        now = time.monotonic()
-        self._quiet_since = math.inf if unread else min(self._quiet_since, now)
-        return now - self._quiet_since >= QUIET_TIME
-
-    def finish(self) -> None:
-        """See `Endpoint`; on a serial port it is the hang-up that tells."""
-
-    def unplug(self) -> None:
-        """See `Endpoint`."""
-        if self._folder is not None:
-            Path(self.url).unlink(missing_ok=True)
-        if self._master >= 0:
-            os.close(self._master)
-            self._master = -1
-        self._occupied = False
-
-    def plug(self) -> None:
-        """See `Endpoint`."""
-        port = self._open()
-        if self._folder is None:
-            self.url = port
-        else:
-            os.symlink(port, self.url)
-
-    def close(self) -> None:
-        """See `Endpoint`."""
-        self.unplug()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
 
 
 class TcpEndpoint:
@@ -323,9 +198,12 @@ def open_endpoint(listen: str | None, movable: bool = False) -> Endpoint:
     if listen is None:
         listen = "pty" if HAS_PTY else "tcp://127.0.0.1:0"
     if listen == "pty":
-        if not HAS_PTY:
+        if sys.platform == "win32":
             raise EndpointError("pty: this platform has no virtual serial ports; try tcp://")
-        return PtyEndpoint(movable)
+        else:  # noqa: RET506 - only an else is left out of the checks for Windows
+            from simulators.instrument.pseudo_terminal import PtyEndpoint
+
+            return PtyEndpoint(movable)
     host, colon, port = listen.removeprefix("tcp://").rpartition(":")
     good = listen.startswith("tcp://") and colon and host and port.isdecimal()
     if not good or int(port) > 65_535:

@@ -18,7 +18,6 @@ from simulators.instrument.device import Instrument
 from simulators.instrument.endpoint import (
     Endpoint,
     EndpointError,
-    PtyEndpoint,
     TcpEndpoint,
     open_endpoint,
 )
@@ -183,6 +182,8 @@ def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
 
 @pytest.mark.posix
 def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
+    from simulators.instrument.pseudo_terminal import PtyEndpoint
+
     with closing(PtyEndpoint(movable=True)) as endpoint:
         first = Path(endpoint.url).resolve()
         with closing(Reader(endpoint.url)) as reader:
