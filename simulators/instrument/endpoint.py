@@ -10,6 +10,7 @@ import contextlib
 import os
 import select
 import socket
+import sys
 import time
 from typing import Protocol
 
