@@ -3,29 +3,54 @@
 The file is built in memory and written by :class:`~pfwd_device.recording.storage.Storage`: HDF5
 itself, when it meets a full disk, may report success or end the program. h5py is imported by the
 functions that need it; recording does without.
+
+Everything that a reader sees in a file of format version 2 is under one digest, the attribute
+``visible_sha256`` (:func:`~pfwd_device.recording.hdf5_tree.digest`). Files of version 1 have
+``content_sha256``, a digest of what is kept of the drop, which leaves the attributes out that
+repeat it for other programs. Neither version has the other one's digest, so that a file of
+version 2 cannot be read as one of version 1.
 """
 
-import io
-import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from pfwd_device.drop import Channel, Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import MOST_REBOUNDS, MOST_SENSORS, drop_parts
-from pfwd_device.recording.layout import FORMAT_VERSION
+from pfwd_device.recording.hdf5_tree import (
+    Attribute,
+    Dataset,
+    Group,
+    Place,
+    digest,
+    opened,
+    read_attribute,
+    read_group,
+    write_group,
+)
 from pfwd_device.recording.payload import Array, content_digest, decode_json, encode_json
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.text import clean
 
-LARGEST_FILE = 2**30
-"""Bytes; a drop takes about 100 kB, so a larger file is something else."""
+FILE_VERSION = 2
+"""Of drop files; 1 had no digest of the attributes."""
+
+DIGEST = "visible_sha256"
+"""Attribute with the digest of everything else."""
+
+OLD_DIGEST = "content_sha256"
+"""Attribute with the digest of format version 1."""
+
+LARGEST_FILE = 192 * 2**20
+"""Bytes; the largest arrays unpacked, and the longest texts. A drop takes about 100 kB."""
+
+MOST_CALIBRATIONS = 2048
+"""Attributes with identity and calibration of the channels: 64 channels with 32 facts each. What
+is beyond them is in ``metadata`` alone."""
 
 _UNITS = {"velocity": "m/s", "displacement": "m"}
-_CHUNK = 65_536
 
 _ATTRIBUTES = (
     "plate_radius_m",
@@ -42,6 +67,21 @@ _ATTRIBUTES = (
     "time_utc",
     "key",
 )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StoredDrop:
+    """A drop as it was found in an HDF5 file."""
+
+    record: DropRecord
+    number: int
+    """Survey-wide number."""
+    survey: bytes
+    """Identity of the survey."""
+    version: int
+    """Of the format; attributes of version 1 are under no digest."""
+    digest: str
+    """SHA-256 of all that a reader sees, or in version 1 of what is kept of the drop."""
 
 
 def drop_digest(record: DropRecord, number: int) -> str:
@@ -65,7 +105,7 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
 
     # Built in memory; the name is never opened.
     with h5py.File("drop.h5", "w", driver="core", backing_store=False) as file:
-        _write(file, record, number, survey)
+        write_drop(file, record, number, survey)
         file.flush()
         return bytes(file.id.get_file_image())
 
@@ -83,49 +123,61 @@ def read_drop_file(path: str | Path) -> DropRecord:
 
 def read_drop_file_parts(path: Path) -> tuple[DropRecord, int, bytes]:
     """Drop, survey-wide number and identity of the survey of a file; raises as the above."""
+    found = stored_drop(path)
+    return found.record, found.number, found.survey
+
+
+def stored_drop(path: Path) -> StoredDrop:
+    """The drop of a file with what is known of the file; raises as `read_drop_file`."""
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise RecordingError(f"{path}: expected the file of a drop, came one of over 1 GiB")
-        return drop_from_file_bytes(path.read_bytes(), str(path))
+            raise RecordingError(
+                f"{path}: expected the file of a drop, came one of over {LARGEST_FILE // 2**20} MiB"
+            )
     except OSError as err:
         raise RecordingError(f"{path}: expected a readable drop file, came {err}") from err
+    return _stored(path, str(path))
 
 
 def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, bytes]:
     """As :func:`read_drop_file_parts`, of a file's bytes."""
-    import h5py
+    found = _stored(data, where)
+    return found.record, found.number, found.survey
 
+
+def _stored(source: Path | bytes, where: str) -> StoredDrop:
     try:
-        with h5py.File(io.BytesIO(data), "r") as file:
-            version = int(file.attrs["format_version"])
-            if version != FORMAT_VERSION:
-                raise RecordingError(
-                    f"{where}: expected format version {FORMAT_VERSION}, came {version}; "
-                    "a newer version of this program reads it"
-                )
-            record, number = _read(file)
-            survey = bytes.fromhex(str(file.attrs["survey_id"]))
-            digest = str(file.attrs["content_sha256"])
-    except RecordingError:
-        raise
+        with opened(source) as file:
+            return read_drop(file, where)
+    except RecordingError as err:
+        if str(err).startswith(where):
+            raise
+        raise RecordingError(f"{where}: {err}") from err
     except Exception as err:  # what h5py raises on damage is not documented: OSError to SystemError
         raise RecordingError(f"{where}: expected the file of a drop, came damage: {err}") from err
-    if drop_digest(record, number) != digest:
-        raise RecordingError(f"{where}: expected the content that was written, came another")
-    return record, number, survey
 
 
-def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> None:
-    """Write a drop into an HDF5 file or one of its groups; parameters as for `drop_file_bytes`."""
-    _write(group, record, number, survey)
+def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> str:
+    """Write a drop into an HDF5 file or one of its groups; parameters as for `drop_file_bytes`.
+
+    Returns
+    -------
+    str
+        Its digest.
+    """
+    tree = _tree(record, number, survey)
+    found = digest(tree)
+    write_group(group, Group(tree.members, {**tree.attributes, DIGEST: found}))
+    return found
 
 
-def read_drop(group: Any, where: str) -> tuple[DropRecord, int]:
-    """Drop and survey-wide number of what `write_drop` wrote, compared with its digest.
+def read_drop(group: Place, where: str) -> StoredDrop:
+    """What `write_drop` wrote, of this format version or the one before, compared with its digest.
 
     Parameters
     ----------
-    group : an open HDF5 file or one of its groups
+    group : Place
+        A file or one of its groups.
     where : str
         For messages.
 
@@ -135,119 +187,155 @@ def read_drop(group: Any, where: str) -> tuple[DropRecord, int]:
         If it is none, or its content is not what was written.
     """
     try:
-        record, number = _read(group)
-        digest = str(group.attrs["content_sha256"])
-    except RecordingError:
-        raise
-    except Exception as err:  # what h5py raises on damage is not documented: OSError to SystemError
-        raise RecordingError(f"{where}: expected a drop, came damage: {err}") from err
-    if drop_digest(record, number) != digest:
-        raise RecordingError(f"{where}: expected the content that was written, came another")
-    return record, number
-
-
-def _write(file: Any, record: DropRecord, number: int, survey: bytes) -> None:
-    drop = record.drop
-    root = file.attrs
-    root["format_version"] = FORMAT_VERSION
-    root["pfwd_version"] = software_version()
-    root["survey_id"] = survey.hex()
-    root["point"] = record.point
-    root["drop"] = drop.number
-    root["number"] = number
-    root["content_sha256"] = drop_digest(record, number)
-    for name, value in _plain_attributes(record).items():
-        root[name] = value
-    _dataset(file, "time", drop.time, "s")
-    _dataset(file, "load", drop.load, "N")
-    for index, channel in enumerate(drop.channels, start=1):
-        group = file.create_group(f"sensors/{index}")
-        values = _dataset(group, "values", channel.values, _UNITS[channel.quantity])
-        for attributes in (group.attrs, values.attrs):
-            attributes["offset"] = channel.offset
-            attributes["offset_units"] = "m"
-            attributes["quantity"] = channel.quantity
-    if record.counts is not None:
-        _dataset(file, "counts", record.counts, "counts")
-    for index, rebound in enumerate(record.rebounds, start=1):
-        group = file.create_group(f"rebounds/{index}")
-        counts = _dataset(group, "counts", rebound.counts, "counts")
-        for attributes in (group.attrs, counts.attrs):
-            attributes["delay_s"] = rebound.delay
-            attributes["peak_load_N"] = rebound.peak_load
-            attributes["first_sample"] = rebound.first_sample
-    _text(file, "declared", record.declared)
-    _text(file, "metadata", record.metadata)
-    _calibration(file, record.metadata)
-
-
-def _read(file: Any) -> tuple[DropRecord, int]:
-    sensors = file.get("sensors", {})
-    rebounds = file.get("rebounds", {})
-    if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
-        raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, came more")
-    channels = []
-    for index in range(1, len(sensors) + 1):
-        attributes = sensors[str(index)].attrs
-        quantity: Any = str(attributes["quantity"])
-        values = _values(sensors[f"{index}/values"])
-        channels.append(Channel(float(attributes["offset"]), quantity, values))
-    bounces = []
-    for index in range(1, len(rebounds) + 1):
-        attributes = rebounds[str(index)].attrs
-        bounces.append(
-            Rebound(
-                float(attributes["delay_s"]),
-                float(attributes["peak_load_N"]),
-                int(attributes["first_sample"]),
-                _values(rebounds[f"{index}/counts"]),
+        version = read_attribute(group, "format_version", where)
+        if isinstance(version, int) and version > FILE_VERSION:
+            raise RecordingError(
+                f"{where}: expected format version {FILE_VERSION}, came {version}; "
+                "a newer version of this program reads it"
             )
+        if version not in (1, FILE_VERSION):
+            raise RecordingError(f"{where}: expected a format version, came {version!r:.40}")
+        tree = read_group(group, where)
+        written = _checked(tree, int(version), where)
+        record, number = _record(tree, where)
+        survey = bytes.fromhex(str(tree.attributes["survey_id"]))
+    except RecordingError as err:
+        if str(err).startswith(where):
+            raise
+        raise RecordingError(f"{where}: {err}") from err
+    except Exception as err:  # as above
+        raise RecordingError(f"{where}: expected a drop, came damage: {err}") from err
+    if version == 1 and drop_digest(record, number) != written:
+        raise RecordingError(f"{where}: expected the content that was written, came another")
+    return StoredDrop(record, number, survey, int(version), written)
+
+
+def _checked(tree: Group, version: int, where: str) -> str:
+    """The digest that the file gives; that of version 2 is compared before anything is used."""
+    name, other = (OLD_DIGEST, DIGEST) if version == 1 else (DIGEST, OLD_DIGEST)
+    attributes = dict(tree.attributes)
+    written = attributes.pop(name, None)
+    if not isinstance(written, str) or other in attributes:
+        raise RecordingError(f"{where}: expected the digest {name} alone, came none or another")
+    if version > 1 and digest(Group(tree.members, attributes)) != written:
+        raise RecordingError(f"{where}: expected the content that was written, came another")
+    return written
+
+
+def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
+    """All that a file shows of a drop, but for its digest."""
+    drop = record.drop
+    members: dict[str, Group | Dataset] = {
+        "time": Dataset(drop.time, {"units": "s"}),
+        "load": Dataset(drop.load, {"units": "N"}),
+    }
+    sensors = {}
+    for index, channel in enumerate(drop.channels, start=1):
+        about: dict[str, Attribute] = {
+            "offset": float(channel.offset),
+            "offset_units": "m",
+            "quantity": channel.quantity,
+        }
+        values = Dataset(channel.values, {"units": _UNITS[channel.quantity], **about})
+        sensors[str(index)] = Group({"values": values}, about)
+    if sensors:
+        members["sensors"] = Group(sensors)
+    if record.counts is not None:
+        calibration = _calibration(record.metadata)
+        members["counts"] = Dataset(record.counts, {"units": "counts", **calibration})
+    rebounds = {}
+    for index, rebound in enumerate(record.rebounds, start=1):
+        about = {
+            "delay_s": float(rebound.delay),
+            "peak_load_N": float(rebound.peak_load),
+            "first_sample": int(rebound.first_sample),
+        }
+        counts = Dataset(rebound.counts, {"units": "counts", **about})
+        rebounds[str(index)] = Group({"counts": counts}, about)
+    if rebounds:
+        members["rebounds"] = Group(rebounds)
+    for name, said in (("declared", record.declared), ("metadata", record.metadata)):
+        members[name] = Dataset(encode_json(said), {"units": "JSON"})
+    attributes: dict[str, Attribute] = {
+        "format_version": FILE_VERSION,
+        "pfwd_version": software_version(),
+        "survey_id": survey.hex(),
+        "point": record.point,
+        "drop": int(drop.number),
+        "number": int(number),
+        **_plain_attributes(record),
+    }
+    return Group(members, attributes)
+
+
+def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
+    sensors, rebounds = _groups(tree, "sensors"), _groups(tree, "rebounds")
+    if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
+        raise RecordingError(
+            f"{where}: expected at most {MOST_SENSORS} sensors and rebounds, came more"
         )
-    drop = Drop(
-        int(file.attrs["drop"]), _values(file["time"]), _values(file["load"]), tuple(channels)
-    )
+    channels = []
+    for sensor in sensors:
+        quantity: Any = str(sensor.attributes["quantity"])
+        offset = float(sensor.attributes["offset"])
+        channels.append(Channel(offset, quantity, _array(sensor, "values")))
+    bounces = [
+        Rebound(
+            float(rebound.attributes["delay_s"]),
+            float(rebound.attributes["peak_load_N"]),
+            int(rebound.attributes["first_sample"]),
+            _array(rebound, "counts"),
+        )
+        for rebound in rebounds
+    ]
+    number = int(tree.attributes["drop"])
+    drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))
     record = DropRecord(
-        point=str(file.attrs["point"]),
+        point=str(tree.attributes["point"]),
         drop=drop,
-        counts=_values(file["counts"]) if "counts" in file else None,
-        declared=decode_json(file["declared"][()]),
-        metadata=decode_json(file["metadata"][()]),
+        counts=_array(tree, "counts") if "counts" in tree.members else None,
+        declared=_said(tree, "declared"),
+        metadata=_said(tree, "metadata"),
         rebounds=tuple(bounces),
     )
-    return record, int(file.attrs["number"])
+    return record, int(tree.attributes["number"])
 
 
-def _dataset(group: Any, name: str, values: Array, units: str) -> Any:
-    options: dict[str, Any] = {}
-    if values.size:  # HDF5 has no chunks of nothing
-        first = max(1, min(values.shape[0], _CHUNK // max(1, math.prod(values.shape[1:]))))
-        options = {
-            "chunks": (first, *values.shape[1:]),
-            "compression": "gzip",
-            "compression_opts": 1,
-            "shuffle": True,
-            "fletcher32": True,
-        }
-    dataset = group.create_dataset(name, data=values, **options)
-    dataset.attrs["units"] = units
-    return dataset
+def _groups(tree: Group, name: str) -> list[Group]:
+    """The groups ``1``, ``2`` ... of a group, which may be missing."""
+    parent = tree.members.get(name, Group())
+    if not isinstance(parent, Group):
+        raise RecordingError(f"{name}: expected a group, came a dataset")
+    found = []
+    for index in range(1, len(parent.members) + 1):
+        member = parent.members[str(index)]
+        if not isinstance(member, Group):
+            raise RecordingError(f"{name}/{index}: expected a group, came a dataset")
+        found.append(member)
+    return found
 
 
-def _text(file: Any, name: str, data: Mapping[str, Any]) -> None:
-    dataset = file.create_dataset(name, data=encode_json(data))
-    dataset.attrs["units"] = "JSON"
+def _array(tree: Group, name: str) -> Array:
+    member = tree.members[name]
+    if not isinstance(member, Dataset) or isinstance(member.value, str):
+        raise RecordingError(f"{name}: expected an array, came another thing")
+    return member.value
 
 
-def _values(dataset: Any) -> Array:
-    if dataset.size * dataset.dtype.itemsize > LARGEST_FILE:
-        raise RecordingError(f"{dataset.name}: expected a recorded trace, came a larger array")
-    return np.asarray(dataset[()])
+def _said(tree: Group, name: str) -> dict[str, Any]:
+    member = tree.members[name]
+    if not isinstance(member, Dataset) or not isinstance(member.value, str):
+        raise RecordingError(f"{name}: expected a JSON text, came another thing")
+    said = decode_json(member.value)
+    if not isinstance(said, dict):
+        raise RecordingError(f"{name}: expected an object of JSON, came another thing")
+    return said
 
 
-def _plain_attributes(record: DropRecord) -> dict[str, Any]:
+def _plain_attributes(record: DropRecord) -> dict[str, Attribute]:
     """What a reader without this program looks for; the whole is in the JSON texts."""
     known = {**record.metadata, **record.declared}
-    found: dict[str, Any] = {}
+    found: dict[str, Attribute] = {}
     for name in _ATTRIBUTES:
         value = known.get(name)
         number = _as_float(value)
@@ -266,22 +354,26 @@ def _plain_attributes(record: DropRecord) -> dict[str, Any]:
     return found
 
 
-def _calibration(file: Any, metadata: Mapping[str, Any]) -> None:
+def _calibration(metadata: Mapping[str, Any]) -> dict[str, Attribute]:
     """Identity and calibration of each channel as attributes ``channel_1_...`` of the counts."""
     identity = metadata.get("identity")
     channels = identity.get("channels") if isinstance(identity, Mapping) else None
-    if "counts" not in file or not isinstance(channels, list):
-        return
+    found: dict[str, Attribute] = {}
+    if not isinstance(channels, list):
+        return found
     for index, channel in enumerate(channels[:MOST_SENSORS], start=1):
         if not isinstance(channel, Mapping):
             continue
         for key, value in list(channel.items())[:32]:
             name = clean(f"channel_{index}_{key}")
             number = _as_float(value)
+            if len(found) == MOST_CALIBRATIONS and name not in found:
+                return found
             if number is not None:
-                file["counts"].attrs[name] = number
+                found[name] = number
             elif isinstance(value, str):
-                file["counts"].attrs[name] = clean(value, limit=256)
+                found[name] = clean(value, limit=256)
+    return found
 
 
 def _as_float(value: object) -> float | None:

@@ -19,14 +19,24 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import RecordingError
 
-LARGEST_ARRAYS = 512 * 2**20
-"""Bytes of all arrays of a record, unpacked; more is no drop."""
+LARGEST_ARRAYS = 128 * 2**20
+"""Bytes of all arrays of a record, unpacked: twice a drop of 8 channels and 10 s at 50 kHz, which
+has 58 MB with its counts. A few packed bytes can announce any number."""
+
+LARGEST_JSON = 32 * 2**20
+"""Bytes of a JSON text. The longest is what an exported survey says of its drops, some 300 bytes
+of each, so that one of 10,000 drops has 3 MB."""
+
+MOST_JSON_VALUES = 2_500_000
+"""Commas, colons and brackets of a JSON text. Each may stand for a value of up to 100 bytes of
+memory, thirty times what it takes in the text; 10,000 drops of an exported survey have 300,000."""
 
 MOST_ARRAYS = 4096
 DTYPES = ("<f8", "<i4", "|u1")
 
 _LENGTH = struct.Struct("<I")
 _DECODE = json.JSONDecoder().decode
+_SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
 
@@ -59,6 +69,8 @@ def _plain(value: object) -> object:
 
 def decode_json(text: str | bytes) -> Any:
     """What JSON says; every refusal is a RecordingError."""
+    if (problem := json_excess(text)) is not None:
+        raise RecordingError(problem)
     try:
         if isinstance(text, bytes) and text.isascii():
             try:  # a tenth of the time goes to telling UTF-16 and others, which nobody writes
@@ -70,26 +82,52 @@ def decode_json(text: str | bytes) -> Any:
         raise RecordingError(f"expected JSON, came {err}") from err
 
 
+def json_excess(text: str | bytes) -> str | None:
+    """What is too much of a JSON text, before anything is made of it; None: nothing."""
+    if len(text) > LARGEST_JSON:
+        return f"expected JSON of at most {LARGEST_JSON} bytes, came {len(text)}"
+    if isinstance(text, str):
+        values = sum(text.count(sign) for sign in _SIGNS)
+    else:
+        values = sum(text.count(sign.encode()) for sign in _SIGNS)
+    if values > MOST_JSON_VALUES:
+        return f"expected JSON of at most {MOST_JSON_VALUES} values, came {values}"
+    return None
+
+
 def encode_payload(
     data: Mapping[str, Any], arrays: Mapping[str, Array] | None = None, *, pack: bool = True
 ) -> bytes:
     """`data` and `arrays` as the payload of a record."""
+    head, parts = _described_parts(data, arrays or {}, pack=pack)
+    if not (pack and parts):
+        return b"".join([head, *parts])
+    packer = zlib.compressobj(1)
+    return b"".join([head, *map(packer.compress, parts), packer.flush()])
+
+
+def _described_parts(
+    data: Mapping[str, Any], arrays: Mapping[str, Array], *, pack: bool
+) -> tuple[bytes, list[memoryview]]:
+    """What stands before the arrays, and the bytes of those that have any."""
     described = []
     parts = []
-    for name, array in (arrays or {}).items():
+    total = 0
+    for name, array in arrays.items():
         dtype = array.dtype.newbyteorder("<").str
         if dtype not in DTYPES:
             raise RecordingError(f"array {name}: expected one of {DTYPES}, came {dtype}")
         described.append({"name": name, "dtype": dtype, "shape": list(array.shape)})
-        parts.append(np.ascontiguousarray(array, dtype=dtype).tobytes())
-    block = b"".join(parts)
-    if len(block) > LARGEST_ARRAYS:
-        raise RecordingError(
-            f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {len(block)}"
-        )
-    pack = pack and bool(block)
+        total += array.nbytes
+        if array.nbytes:
+            parts.append(np.ascontiguousarray(array, dtype=dtype).data.cast("B"))
+    if total > LARGEST_ARRAYS:
+        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {total}")
+    pack = pack and bool(parts)
     text = encode_json({"data": data, "arrays": described, "packed": pack}).encode("ascii")
-    return _LENGTH.pack(len(text)) + text + (zlib.compress(block, 1) if pack else block)
+    if (problem := json_excess(text)) is not None:  # what is not read again is not written
+        raise RecordingError(problem)
+    return _LENGTH.pack(len(text)) + text, parts
 
 
 def decode_payload(payload: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -130,7 +168,11 @@ def payload_data(payload: bytes) -> dict[str, Any]:
 
 def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
     """SHA-256 of data and arrays, which no compression changes."""
-    return hashlib.sha256(encode_payload(data, arrays, pack=False)).hexdigest()
+    head, parts = _described_parts(data, arrays, pack=False)
+    found = hashlib.sha256(head)
+    for part in parts:
+        found.update(part)
+    return found.hexdigest()
 
 
 def _head(payload: bytes) -> tuple[dict[str, Any], int]:

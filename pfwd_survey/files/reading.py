@@ -67,9 +67,9 @@ def read_points(
     try:
         if os.path.isdir(file):
             return _survey_points(folder_content(file), _said(header, overrides))
-        if _is_hdf5(file) and is_survey_file(file):
+        if is_hdf5(file) and is_survey_file(file):
             return _survey_points(survey_file_content(file), _said(header, overrides))
-        if _is_hdf5(file):
+        if is_hdf5(file):
             record = read_drop_file(file)
             return [_point(file, record.point, [record], _said(header, overrides))]
     except RecordingError as err:
@@ -97,7 +97,7 @@ def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
     try:
         if is_survey(file):
             return folder_content(file)
-        if _is_hdf5(file) and is_survey_file(file):
+        if is_hdf5(file) and is_survey_file(file):
             return survey_file_content(file)
     except RecordingError as err:
         raise SurveyError(str(err)) from err
@@ -120,7 +120,8 @@ def _survey_points(survey: SurveyContent, said: Declarations) -> list[TracePoint
     return points
 
 
-def _is_hdf5(file: str) -> bool:
+def is_hdf5(file: str | os.PathLike[str]) -> bool:
+    """Whether a file begins like HDF5."""
     if not os.path.isfile(file):
         return False  # a pipe may wait for ever
     try:

@@ -3,12 +3,16 @@
 Groups ``drops/000001`` ... are laid out as the files of drops are; ``survey`` is a JSON text with
 points, edits, events and checks, ``results/000001/1`` ... are results, ``captures`` bytes of links.
 The layout is described in docs/files.md. h5py is imported by the functions that need it.
+
+In format version 2 everything that a reader sees is under a digest: ``survey`` names the digests of
+drops, results and captures, and the attribute ``visible_sha256`` of the file is that of ``survey``
+and of the other attributes. In version 1 only contents had digests, attributes had none.
 """
 
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -19,12 +23,32 @@ import numpy as np
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord
 from pfwd_device.recording.drop_file import (
+    DIGEST,
+    FILE_VERSION,
     drop_digest,
     read_drop,
     software_version,
     write_drop,
 )
-from pfwd_device.recording.payload import decode_json, encode_json
+from pfwd_device.recording.hdf5_tree import (
+    Attribute,
+    Dataset,
+    Group,
+    Place,
+    digest,
+    find,
+    member_names,
+    opened,
+    read_attribute,
+    read_attributes,
+    read_dataset,
+    refuse_chunks,
+    refuse_storage,
+    write_attributes,
+    write_dataset,
+)
+from pfwd_device.recording.payload import decode_json, encode_json, json_excess
+from pfwd_device.text import clean
 from pfwd_survey.files.survey_content import (
     DropContent,
     PointContent,
@@ -34,27 +58,30 @@ from pfwd_survey.files.survey_content import (
 )
 
 FORMAT = "pfwd-survey"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""1 had no digests of attributes."""
 
-LARGEST_CAPTURE = 2**31
-"""Bytes; an hour of eight channels at 50 kHz takes as much."""
+MOST_DROPS = 1_000_000
+"""Of a survey; a hundred times a large one. Their names are listed before the first is read."""
 
 DROPS_AT_ONCE = 200
 """Looked at before the file is opened anew: what HDF5 keeps of a file that it reads grows with the
 square of their number, to gigabytes with 10,000."""
+
+MOST_RESULTS = 10_000
+"""Of a drop."""
+
+LARGEST_CAPTURE = 2**31
+"""Bytes; an hour of eight channels at 50 kHz takes as much."""
 
 _CHUNK = 1 << 20
 
 
 def is_survey_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file is HDF5 and says that it is an exported survey."""
-    import h5py
-
-    if not os.path.isfile(path):
-        return False  # a pipe may wait for ever
     try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs.get("format", "")) == FORMAT
+        with opened(path) as file:
+            return read_attribute(file, "format", os.fspath(path)) == FORMAT
     except Exception:  # what h5py raises on damage is not documented
         return False
 
@@ -72,32 +99,24 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent) -> N
     RecordingError
         If a drop of the survey is damaged, or what was written is not what is read back.
     """
+    import h5py
+
     # A drop's own file holds its group ready; should one not hold what the journal does, whatever
     # its digest says, nothing is taken from files.
     for from_files in (True, False):
-        digests = _write_new(path, content, from_files=from_files)
+        try:
+            with h5py.File(path, "w") as file:
+                kept = _write(file, content, from_files=from_files)
+                file.flush()
+        except RecordingError:
+            raise
+        except Exception as err:  # as above; a full disk is one of them
+            raise RecordingError(f"{path}: expected room to write, came {err}") from err
         # HDF5 may report success on a full disk.
-        damaged = _check(os.fspath(path), digests)["damaged"]
+        damaged = _check(os.fspath(path), kept)[0]["damaged"]
         if not damaged:
             return
     raise RecordingError(f"{path}: expected what was written, came {'; '.join(damaged)}")
-
-
-def _write_new(
-    path: str | os.PathLike[str], content: SurveyContent, *, from_files: bool
-) -> dict[int, str]:
-    """Write the file; the digests of its drops by their number."""
-    import h5py
-
-    try:
-        with h5py.File(path, "w") as file:
-            digests = _write(file, content, from_files=from_files)
-            file.flush()
-    except RecordingError:
-        raise
-    except Exception as err:  # as above; a full disk is one of them
-        raise RecordingError(f"{path}: expected room to write, came {err}") from err
-    return digests
 
 
 def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
@@ -110,11 +129,12 @@ def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
     """
     name = os.fspath(path)
     with _opened(name) as file:
-        said = _text(file, "survey", name)
-        survey_id = str(file.attrs.get("survey_id", ""))
+        said = _survey(file, name)
+        survey_id = str(read_attribute(file, "survey_id", name) or "")
+        there = set(_names(file, "drops", name, MOST_DROPS))
     try:
         facts = {int(drop["number"]): drop for drop in said["drops"]}
-        points = tuple(_point(name, point, facts) for point in said["points"])
+        points = tuple(_point(name, point, facts, there) for point in said["points"])
         return SurveyContent(
             path=name,
             survey_id=survey_id,
@@ -129,13 +149,15 @@ def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
         raise RecordingError(f"{name}: expected points and drops, came others: {err!r}") from err
 
 
-def check_survey_file(path: str | os.PathLike[str]) -> dict[str, Any]:
+def check_survey_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
     """Compare everything in an exported survey with its digests.
 
     Returns
     -------
-    dict
+    record : dict
         With the keys of ``pfwd check --json``.
+    notes : list of str
+        What was not compared.
 
     Raises
     ------
@@ -145,30 +167,35 @@ def check_survey_file(path: str | os.PathLike[str]) -> dict[str, Any]:
     return _check(os.fspath(path), {})
 
 
-def _check(name: str, digests: Mapping[int, str]) -> dict[str, Any]:
-    """As `check_survey_file`, with what the drops have to be, as far as that is known."""
+def _check(name: str, kept: Mapping[int, str]) -> tuple[dict[str, Any], list[str]]:
+    """As `check_survey_file`; `kept`: digests of what the drops have to be, where that is known."""
     damaged: list[str] = []
     whole = 0
     with _opened(name) as file:
+        version = read_attribute(file, "format_version", name)
         try:
-            promised = int(file.attrs["drops_acknowledged"])
-            said = _text(file, "survey", name)
+            said = _survey(file, name)
             damaged += [str(text) for text in said.get("damage", ())]
-            numbers = [int(drop["number"]) for drop in said["drops"]]
-        except (RecordingError, KeyError, TypeError, ValueError) as err:
+            drops = {int(drop["number"]): drop for drop in said["drops"]}
+            promised = int(read_attributes(file, name)["drops_acknowledged"])
+        except (RecordingError, KeyError, TypeError, ValueError, AttributeError) as err:
             damaged.append(f"survey: {err}")
-            numbers = _numbers(file)
-            promised = len(numbers)
+            drops = {number: {} for number in _numbers(file, name)}
+            promised = len(drops)
+            said = {}
+    numbers = list(drops)
     for first in range(0, len(numbers), DROPS_AT_ONCE):
         with _opened(name) as file:
             for number in numbers[first : first + DROPS_AT_ONCE]:
-                found = _drop_damage(file, number, name, digests.get(number))
+                found = _drop_damage(file, number, name, drops[number], kept.get(number))
                 whole += not any(found[:1])
                 damaged += filter(None, found)
     with _opened(name) as file:
-        for capture in file.get("captures", ()):
-            if not _capture_is_whole(file["captures"][capture]):
-                damaged.append(f"{name}, captures/{capture}: other bytes than were written")
+        damaged += _check_captures(file, name, said.get("captures") if version != 1 else None)
+        damaged += _strangers(file, name, drops)
+    notes = []
+    if version == 1:
+        notes = [f"{name}: attributes are not covered by the digests of format version 1"]
     return {
         "survey": name,
         "drops_acknowledged": promised,
@@ -176,100 +203,199 @@ def _check(name: str, digests: Mapping[int, str]) -> dict[str, Any]:
         "recovered": 0,
         "damaged": damaged,
         "ok": not damaged and whole == promised,
-    }
+    }, notes
 
 
-def _drop_damage(file: Any, number: int, name: str, digest: str | None) -> list[str | None]:
+def _drop_damage(
+    file: Place, number: int, name: str, facts: Mapping[str, Any], kept: str | None
+) -> list[str | None]:
     """What is wrong with a drop, or None, then what is with its results."""
     found: list[str | None] = [None]
     try:
-        record = _read_drop(file, number, name)
-        if digest is not None and drop_digest(record, number) != digest:
+        record = _read_drop(file, number, name, facts.get("sha256"))
+        if kept is not None and drop_digest(record, number) != kept:
             found[0] = f"{name}, drop {number}: expected what the survey holds, came another drop"
     except RecordingError as err:
         found[0] = str(err)
-    for result in file.get(f"results/{number:06d}", ()):
-        try:
-            _text(file, f"results/{number:06d}/{result}", name)
-        except RecordingError as err:
-            found.append(str(err))
+    try:
+        _read_results(file, number, name, facts.get("results_sha256"))
+    except RecordingError as err:
+        found.append(str(err))
     return found
 
 
-def _numbers(file: Any) -> list[int]:
-    return sorted(int(name) for name in file.get("drops", ()) if name.isdecimal())
+def _check_captures(file: Place, path: str, expected: Any) -> list[str]:
+    """What is wrong with the captures; `expected`: their digests, None in format version 1."""
+    try:
+        names = _names(file, "captures", path)
+        damaged = [
+            f"{path}, captures/{name}: other bytes than were written"
+            for name in names
+            if not _capture_is_whole(file, name, path, None if expected is None else expected[name])
+        ]
+        missing = sorted(set(expected or ()) - set(names))
+        return damaged + [f"{path}, captures/{clean(name)}: missing" for name in missing]
+    except (RecordingError, KeyError, TypeError) as err:
+        return [f"{path}, captures: {err}"]
+
+
+def _strangers(file: Place, path: str, drops: Mapping[int, Any]) -> list[str]:
+    """What is in the file besides that of which the survey knows."""
+    known = {f"{number:06d}" for number in drops}
+    expected = {"survey": None, "drops": known, "results": known, "captures": None}
+    found = []
+    try:
+        for name in member_names(file, path):
+            if name not in expected:
+                found.append(f"{path}, {clean(name)}: expected nothing, came something")
+            elif name != "survey":
+                group = find(file, name, path)
+                if group is None or read_attributes(group, f"{path}, {name}"):
+                    found.append(f"{path}, {name}: expected no attributes, came some")
+                for member in _names(file, name, path, MOST_DROPS):
+                    allowed = expected[name]
+                    if allowed is not None and member not in allowed:
+                        found.append(f"{path}, {name}/{clean(member)}: expected nothing")
+    except RecordingError as err:
+        found.append(str(err))
+    except Exception as err:  # as above
+        found.append(f"{path}: expected groups, came damage: {err}")
+    return found
+
+
+def _numbers(file: Place, path: str) -> list[int]:
+    try:
+        names = _names(file, "drops", path, MOST_DROPS)
+    except RecordingError:
+        return []
+    return sorted(int(name) for name in names if name.isascii() and name.isdecimal())
+
+
+def _names(file: Place, group: str, path: str, most: int = MOST_RESULTS) -> list[str]:
+    """Names in a group that may be missing, in the order of their numbers."""
+    where = f"{path}, {group}"
+    try:
+        parent = find(file, group, path)
+        names = [] if parent is None else member_names(parent, where, most)
+    except RecordingError:
+        raise
+    except Exception as err:  # as above
+        raise RecordingError(f"{where}: expected a group, came damage: {err}") from err
+    return sorted(names, key=lambda name: (len(name), name))
 
 
 @contextlib.contextmanager
-def _opened(path: str) -> Iterator[Any]:
-    import h5py
-
-    try:
-        file = h5py.File(path, "r")
-        version = int(file.attrs["format_version"])
-    except Exception as err:  # as above
-        raise RecordingError(f"{path}: expected an exported survey, came damage: {err}") from err
-    with file:
-        if version != FORMAT_VERSION:
+def _opened(path: str) -> Iterator[Place]:
+    with contextlib.ExitStack() as stack:
+        try:
+            file = stack.enter_context(opened(path))
+            version = read_attribute(file, "format_version", path)
+        except Exception as err:  # as above
+            raise RecordingError(
+                f"{path}: expected an exported survey, came damage: {err}"
+            ) from err
+        if isinstance(version, int) and version > FORMAT_VERSION:
             raise RecordingError(
                 f"{path}: expected format version {FORMAT_VERSION}, came {version}; a newer "
                 "version of this program reads it"
             )
+        if version not in (1, FORMAT_VERSION):
+            raise RecordingError(f"{path}: expected a format version, came {version!r:.40}")
         yield file
 
 
+def _survey(file: Place, path: str) -> dict[str, Any]:
+    """What the file says of the survey; of version 2 after its digest was compared."""
+    try:
+        attributes = read_attributes(file, path)
+        written = attributes.pop(DIGEST, None)
+        said = _text(file, "survey", path)
+        if attributes["format_version"] == 1:
+            # Neither can be told from the other by the number alone, which is an attribute.
+            if written is not None or "format_version" in said:
+                raise RecordingError(f"{path}: expected format version 1, came a file of another")
+            return said
+        survey = Group({"survey": read_dataset(file, "survey", path)}, attributes)
+    except RecordingError as err:
+        raise _placed(err, path) from err
+    except Exception as err:  # as above
+        raise RecordingError(f"{path}: expected a survey, came damage: {err}") from err
+    if written != digest(survey):
+        raise RecordingError(
+            f"{path}: expected the attributes and the survey that were written, came others"
+        )
+    return said
+
+
 def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, str]:
+    """Write everything; digests of what is kept of the drops, by their numbers."""
     survey = bytes.fromhex(content.survey_id) if content.survey_id else b""
     drops = content.drops
-    file.attrs["format"] = FORMAT
-    file.attrs["format_version"] = FORMAT_VERSION
-    file.attrs["pfwd_version"] = software_version()
-    file.attrs["survey_id"] = content.survey_id
-    file.attrs["exported_utc"] = datetime.now(UTC).isoformat(timespec="seconds")
-    file.attrs["drops_acknowledged"] = len(drops)
-    said = {
-        "info": dict(content.info),
-        "points": [_point_facts(point) for point in content.points],
-        "drops": [_drop_facts(drop) for drop in drops],
-        "events": list(content.events),
-        "checks": list(content.checks),
-        "damage": list(content.damage),
-    }
-    _write_text(file, "survey", encode_json(said))
+    told = []
     groups = file.create_group("drops")
-    digests = {}
+    kept = {}
     for drop in drops:
         record = drop.read()
         name = f"{drop.number:06d}"
-        if not (from_files and _copy_drop(groups, name, drop.read_file(), record)):
-            write_drop(groups.create_group(name), record, drop.number, survey)
-        digests[drop.number] = drop_digest(record, drop.number)
-        results = drop.read_results()
-        folder = file.create_group(f"results/{name}") if results else None
-        for index, result in enumerate(results, start=1):
-            _write_text(folder, str(index), encode_json(result))
-    for capture in content.captures:
-        _write_capture(file, capture)
-    return digests
+        copied = _copy_drop(groups, name, drop.read_file(), record) if from_files else None
+        facts = _drop_facts(drop)
+        facts["sha256"] = copied or write_drop(
+            groups.create_group(name), record, drop.number, survey
+        )
+        kept[drop.number] = drop_digest(record, drop.number)
+        facts["results_sha256"] = [
+            _write_text(file, f"results/{drop.number:06d}/{index}", encode_json(result))
+            for index, result in enumerate(drop.read_results(), start=1)
+        ]
+        told.append(facts)
+    said = {
+        "format_version": FORMAT_VERSION,
+        "info": dict(content.info),
+        "points": [_point_facts(point) for point in content.points],
+        "drops": told,
+        "events": list(content.events),
+        "checks": list(content.checks),
+        "damage": list(content.damage),
+        "captures": {capture.name: _write_capture(file, capture) for capture in content.captures},
+    }
+    text = encode_json(said)
+    if (problem := json_excess(text)) is not None:  # what is not read again is not written
+        raise RecordingError(f"{content.path}: {problem}; export it in parts")
+    _write_text(file, "survey", text)
+    attributes: dict[str, Attribute] = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "pfwd_version": software_version(),
+        "survey_id": content.survey_id,
+        "exported_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        "drops_acknowledged": len(drops),
+    }
+    visible = Group({"survey": _text_dataset(text)}, attributes)
+    write_attributes(file, {**attributes, DIGEST: digest(visible)})
+    return kept
 
 
-def _copy_drop(groups: Any, name: str, image: bytes | None, record: DropRecord) -> bool:
-    """Whether a drop could be copied from its file, which takes a tenth of the time."""
-    from h5py import h5f, h5g, h5o
+def _copy_drop(groups: Any, name: str, image: bytes | None, record: DropRecord) -> str | None:
+    """Digest of a drop that could be copied from its file, which takes a tenth of the time."""
+    from h5py import File, h5f, h5g, h5o
 
     if image is None:
-        return False
+        return None
     source = h5f.open_file_image(image)
     try:
+        attributes = File(source).attrs
+        version, written = attributes.get("format_version"), attributes.get(DIGEST)
+        if version != FILE_VERSION or not isinstance(written, str):
+            return None  # of an earlier version: it is written as this one does
         root = h5g.open(source, b"/")
         has_any = root.links.exists(b"rebounds")
         rebounds = h5g.open(root, b"rebounds").get_num_objs() if has_any else 0
         if rebounds != len(record.rebounds):  # they were recorded after it was published
-            return False
+            return None
         h5o.copy(source, b"/", groups.id, name.encode("ascii"))
     finally:
         source.close()
-    return True
+    return written
 
 
 def _point_facts(point: PointContent) -> dict[str, Any]:
@@ -301,7 +427,9 @@ def _drop_facts(drop: DropContent) -> dict[str, Any]:
     }
 
 
-def _point(path: str, said: Mapping[str, Any], facts: Mapping[int, Any]) -> PointContent:
+def _point(
+    path: str, said: Mapping[str, Any], facts: Mapping[int, Any], there: Container[str]
+) -> PointContent:
     return PointContent(
         name=str(said["name"]),
         title=str(said["title"]),
@@ -312,12 +440,15 @@ def _point(path: str, said: Mapping[str, Any], facts: Mapping[int, Any]) -> Poin
         position=said["position"],
         target=said["target"],
         edits=tuple(map(_edit, said["edits"])),
-        drops=tuple(_drop(path, facts[int(number)]) for number in said["drops"]),
+        drops=tuple(_drop(path, facts[int(number)], there) for number in said["drops"]),
     )
 
 
-def _drop(path: str, said: Mapping[str, Any]) -> DropContent:
+def _drop(path: str, said: Mapping[str, Any], there: Container[str]) -> DropContent:
     number = int(said["number"])
+    written, results = said.get("sha256"), said.get("results_sha256")
+    # Without a look into the file for each of them: there may be any number.
+    read = _drop_of if f"{number:06d}" in there else _no_drop
     return DropContent(
         number=number,
         point=str(said["point"]),
@@ -327,9 +458,9 @@ def _drop(path: str, said: Mapping[str, Any]) -> DropContent:
         position=said["position"],
         target=said["target"],
         edits=tuple(map(_edit, said["edits"])),
-        read=partial(_drop_of, path, number),
-        read_results=partial(_results_of, path, number),
-        read_alone=partial(_drop_of, path, number),
+        read=partial(read, path, number, written),
+        read_results=partial(_results_of, path, number, results),
+        read_alone=partial(read, path, number, written),
         read_key=partial(_text_or_none, said["key"]),
     )
 
@@ -344,55 +475,106 @@ def _edit(said: Mapping[str, Any]) -> dict[str, Any]:
     return edit
 
 
-def _drop_of(path: str, number: int) -> DropRecord:
+def _drop_of(path: str, number: int, written: str | None) -> DropRecord:
     with _opened(path) as file:
-        return _read_drop(file, number, path)
+        return _read_drop(file, number, path, written)
 
 
-def _read_drop(file: Any, number: int, path: str) -> DropRecord:
+def _no_drop(path: str, number: int, _written: str | None) -> DropRecord:
+    raise RecordingError(f"{path}, drop {number}: expected its group, came none")
+
+
+def _read_drop(file: Place, number: int, path: str, written: str | None) -> DropRecord:
+    """A drop of the file; `written`: its digest, None in format version 1."""
     where = f"{path}, drop {number}"
     try:
-        group = file[f"drops/{number:06d}"]
+        group = find(file, f"drops/{number:06d}", path)
+    except RecordingError:
+        raise
     except Exception as err:  # as above
-        raise RecordingError(f"{where}: expected its group, came none") from err
-    record, found = read_drop(group, where)
-    if found != number:
-        raise RecordingError(f"{where}: expected its number, came {found}")
-    return record
+        raise RecordingError(f"{where}: expected its group, came damage: {err}") from err
+    if group is None:
+        return _no_drop(path, number, written)
+    found = read_drop(group, where)
+    if found.number != number:
+        raise RecordingError(f"{where}: expected its number, came {found.number}")
+    if (found.digest if found.version > 1 else None) != written:
+        raise RecordingError(f"{where}: expected the content that was written, came another")
+    return found.record
 
 
-def _results_of(path: str, number: int) -> tuple[Result, ...]:
+def _results_of(path: str, number: int, written: Sequence[str] | None) -> tuple[Result, ...]:
     with _opened(path) as file:
-        names = sorted(file.get(f"results/{number:06d}", ()), key=lambda name: (len(name), name))
-        folder = f"results/{number:06d}"
-        texts = [encode_json(_text(file, f"{folder}/{name}", path)) for name in names]
-    return tuple(parse_result(text, f"{path}, drop {number}") for text in texts)
+        return _read_results(file, number, path, written)
 
 
-def _write_text(file: Any, name: str, text: str) -> None:
-    dataset = file.create_dataset(name, data=text)
-    dataset.attrs["units"] = "JSON"
-    dataset.attrs["sha256"] = hashlib.sha256(text.encode("ascii")).hexdigest()
+def _read_results(
+    file: Place, number: int, path: str, written: Sequence[str] | None
+) -> tuple[Result, ...]:
+    """The results of a drop; `written`: their digests, None in format version 1."""
+    folder = f"results/{number:06d}"
+    names = _names(file, folder, path)
+    if written is not None and names != [str(n) for n in range(1, len(written) + 1)]:
+        raise RecordingError(f"{path}, {folder}: expected {len(written)} results, came others")
+    if not names:
+        return ()
+    results = []
+    for index, name in enumerate(names):
+        digest_of = None if written is None else written[index]
+        results.append(_text(file, f"{folder}/{name}", path, digest_of))
+    group = find(file, folder, path)
+    if written is not None and group is not None and read_attributes(group, folder):
+        raise RecordingError(f"{path}, {folder}: expected no attributes, came some")
+    return tuple(parse_result(encode_json(one), f"{path}, drop {number}") for one in results)
 
 
-def _text(file: Any, name: str, path: str) -> Any:
-    """A JSON text whose digest is right."""
+def _text_dataset(text: str) -> Dataset:
+    found = hashlib.sha256(text.encode("ascii")).hexdigest()
+    return Dataset(text, {"units": "JSON", "sha256": found})
+
+
+def _write_text(file: Any, name: str, text: str) -> str:
+    """Write a text; its digest."""
+    dataset = _text_dataset(text)
+    write_dataset(file, name, dataset)
+    return str(dataset.attributes["sha256"])
+
+
+def _text(file: Place, name: str, path: str, written: str | None = None) -> dict[str, Any]:
+    """A JSON text whose digest is right; `written`: what it was, where that is known."""
     where = f"{path}, {name}"
     try:
-        data = file[name][()]
-        digest = str(file[name].attrs["sha256"])
-        found = hashlib.sha256(data).hexdigest()
+        dataset = read_dataset(file, name, path)
+        text = dataset.value
+        if not isinstance(text, str):
+            raise RecordingError(f"{where}: expected a text, came numbers")
+        expected = _text_dataset(text).attributes
+    except RecordingError as err:
+        raise _placed(err, where) from err
     except Exception as err:  # as above
         raise RecordingError(f"{where}: expected a text, came damage: {err}") from err
-    if found != digest:
+    found = expected["sha256"]
+    if dataset.attributes.get("sha256") != found or written not in (None, found):
         raise RecordingError(f"{where}: expected the text that was written, came another")
-    said = decode_json(data)
+    if written is not None and dataset.attributes != expected:
+        raise RecordingError(f"{where}: expected the attributes that were written, came others")
+    try:
+        said = decode_json(text)
+    except RecordingError as err:
+        raise _placed(err, where) from err
     if not isinstance(said, dict):
         raise RecordingError(f"{where}: expected an object of JSON, came another thing")
     return said
 
 
-def _write_capture(file: Any, capture: Path) -> None:
+def _placed(err: RecordingError, where: str) -> RecordingError:
+    """The error with its place, where it does not say that itself."""
+    text = str(err)
+    return err if text.startswith(where.partition(", ")[0]) else RecordingError(f"{where}: {text}")
+
+
+def _write_capture(file: Any, capture: Path) -> str:
+    """Write the bytes of a link; their digest."""
     size = capture.stat().st_size
     if size > LARGEST_CAPTURE:
         raise RecordingError(f"{capture}: expected a capture of at most 2 GiB, came {size} bytes")
@@ -403,22 +585,36 @@ def _write_capture(file: Any, capture: Path) -> None:
         chunks=(min(size, _CHUNK),) if size else None,
         compression="gzip" if size else None,
     )
-    digest = hashlib.sha256()
+    found = hashlib.sha256()
     at = 0
     with capture.open("rb") as stream:
         while (chunk := stream.read(_CHUNK)) and at + len(chunk) <= size:
             dataset[at : at + len(chunk)] = np.frombuffer(chunk, np.uint8)
-            digest.update(chunk)
+            found.update(chunk)
             at += len(chunk)
-    dataset.attrs["units"] = "bytes"
-    dataset.attrs["sha256"] = digest.hexdigest()
+    write_attributes(dataset, {"units": "bytes", "sha256": found.hexdigest()})
+    return found.hexdigest()
 
 
-def _capture_is_whole(dataset: Any) -> bool:
-    digest = hashlib.sha256()
+def _capture_is_whole(file: Place, name: str, path: str, written: str | None) -> bool:
+    """Whether the bytes are as they were; `written`: their digest, None in format version 1."""
+    where = f"{path}, captures/{clean(name)}"
+    found = hashlib.sha256()
     try:
+        place = find(file, f"captures/{name}", path)
+        if place is None:
+            return False
+        dataset = place.item
+        refuse_storage(dataset.id, where)
+        refuse_chunks(dataset.id, where)
+        if dataset.ndim != 1 or dataset.dtype != np.uint8 or dataset.maxshape != dataset.shape:
+            return False
         for at in range(0, dataset.shape[0], _CHUNK):
-            digest.update(np.asarray(dataset[at : at + _CHUNK]).tobytes())
-        return bool(digest.hexdigest() == str(dataset.attrs["sha256"]))
+            found.update(np.asarray(dataset[at : at + _CHUNK]).tobytes())
+        expected = {"units": "bytes", "sha256": found.hexdigest()}
+        attributes = read_attributes(place, where)
     except Exception:  # as above
         return False
+    if written is None:
+        return attributes.get("sha256") == expected["sha256"]
+    return attributes == expected and written == expected["sha256"]

@@ -4,9 +4,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from pfwd_device.errors import RecordingError
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
+from pfwd_device.recording.drop_file import stored_drop
 from pfwd_device.recording.layout import Layout, refuse_links
-from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.reading import is_hdf5, refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import check_survey_file, is_survey_file
 
@@ -45,19 +47,37 @@ def recover_survey(
 def check_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Look at every byte of a survey, in its folder or exported; the record of ``pfwd check`` and
-    what is unfinished but no damage.
+    """Look at every byte of a survey, in its folder or exported, or of the file of a drop; the
+    record of ``pfwd check`` and what is unfinished but no damage.
 
     Raises
     ------
     SurveyError, RecordingError
         If it is no survey.
     """
-    if os.path.isfile(folder) and is_survey_file(folder):
-        return check_survey_file(folder), []
+    if is_hdf5(folder):
+        return check_survey_file(folder) if is_survey_file(folder) else _check_drop_file(folder)
     refuse_no_survey(folder)
     report = check(folder, spare=spare_folder(spare))
     return _record(folder, report), list(report.notes)
+
+
+def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
+    damaged, notes = [], []
+    try:
+        if stored_drop(Path(path)).version == 1:
+            notes = [f"{path}: attributes are not covered by the digest of format version 1"]
+    except RecordingError as err:
+        damaged = [str(err)]
+    whole = {
+        "survey": os.fspath(path),
+        "drops_acknowledged": 1,
+        "drops_published": 1 - len(damaged),
+        "recovered": 0,
+        "damaged": damaged,
+        "ok": not damaged,
+    }
+    return whole, notes
 
 
 def _record(folder: str | os.PathLike[str], report: CheckReport | RecoveryReport) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord)
     assert check(tmp_path).ok
     path = tmp_path / "drops" / "drop-000001.h5"
     with h5py.File(path) as file:
-        assert file.attrs["format_version"] == 1
+        assert file.attrs["format_version"] == 2
         assert file.attrs["point"] == "P 1"
         assert file.attrs["plate_radius_m"] == 0.15
         assert file.attrs["key"] == "7/1/1"

@@ -44,7 +44,7 @@ def test_drops_are_copied_from_their_files(
     write_survey_file(tmp_path / "s.h5", content)
     assert written == []
     assert digests(survey_file_content(tmp_path / "s.h5")) == digests(content)
-    assert check_survey_file(tmp_path / "s.h5")["ok"]
+    assert check_survey_file(tmp_path / "s.h5")[0]["ok"]
 
 
 def test_what_is_copied_is_what_is_written(survey: Path, tmp_path: Path) -> None:

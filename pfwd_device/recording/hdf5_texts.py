@@ -1,0 +1,159 @@
+"""Texts of variable length in an HDF5 file, read without HDF5.
+
+Where such a text stands, the file holds its length and its place in a heap. HDF5 takes memory for
+whatever length is written there, and runs through a heap for ever whose sizes are wrong: one bit is
+enough for either. So both are read here, each length compared before it is used. Only the layout
+that this program writes, the oldest one, is known: object headers of version 1 ("HDF5 File Format
+Specification", sections III.E and IV.A.1.a).
+"""
+
+import io
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from pfwd_device.errors import RecordingError
+
+LARGEST_HEADER = 4 * 2**20
+"""Bytes that describe an object, its attributes with them; those of 4096 attributes take 1 MB."""
+
+MOST_HEAPS = 16
+"""Heaps that are remembered; those of a drop are two or three."""
+
+_OBJECT = struct.Struct("<BBHIII")
+_MESSAGE = struct.Struct("<HHB3x")
+_PLACE = struct.Struct("<QQ")
+_HEAP = struct.Struct("<4sB3xQ")
+_HEAP_OBJECT = struct.Struct("<HHIQ")
+_TEXT = struct.Struct("<IQI")
+_CONTINUATION, _ATTRIBUTE = 0x10, 0x0C
+
+
+class StoredTexts:
+    """The texts of an open file.
+
+    Parameters
+    ----------
+    stream : of the file, from its first byte
+    largest : int
+        Bytes of a heap, and so of a text.
+    """
+
+    def __init__(self, stream: BinaryIO, largest: int) -> None:
+        self._stream = stream
+        self._largest = largest
+        self._heaps: dict[int, dict[int, bytes]] = {}
+
+    def of_attributes(self, address: int) -> dict[bytes, bytes]:
+        """What the attributes of the object at `address` hold, by name: numbers, or places of
+        texts."""
+        found: dict[bytes, bytes] = {}
+        for kind, flags, data in self._messages(address):
+            if kind != _ATTRIBUTE:
+                continue
+            name, value = _attribute(data)
+            if flags & ~0x04 or name in found:  # 0x04: not to be shared
+                raise RecordingError("expected plain attributes, each once, came others")
+            found[name] = value
+        return found
+
+    def at(self, offset: int) -> bytes:
+        """The text of a dataset whose values stand at `offset`."""
+        return self.text(self._read(offset, _TEXT.size))
+
+    def text(self, place: bytes) -> bytes:
+        """The text whose length and place are these 16 bytes.
+
+        Raises
+        ------
+        RecordingError
+            If it is not there, or has another length.
+        """
+        if len(place) < _TEXT.size:
+            raise RecordingError("expected the place of a text, came less")
+        length, address, index = _TEXT.unpack_from(place)
+        if length == 0:
+            if address or index:
+                raise RecordingError("expected no place of an empty text, came one")
+            return b""
+        heap = self._heaps.get(address)
+        if heap is None:
+            while len(self._heaps) >= MOST_HEAPS:
+                del self._heaps[next(iter(self._heaps))]
+            heap = self._heaps[address] = self._heap(address)
+        text = heap.get(index)
+        if text is None or len(text) != length:
+            raise RecordingError(f"expected a text of {length} bytes, came another or none")
+        if b"\0" in text:
+            raise RecordingError("expected a text without NUL, came one with it")
+        return text
+
+    def _messages(self, address: int) -> Iterator[tuple[int, int, bytes]]:
+        version, _, count, _, size, _ = _OBJECT.unpack(self._read(address, _OBJECT.size))
+        if version != 1:
+            raise RecordingError(f"expected the header of an object, came version {version}")
+        blocks = [(address + _OBJECT.size, size)]
+        left = LARGEST_HEADER
+        for offset, length in blocks:  # grows while it is gone through
+            left -= length
+            if left < 0 or len(blocks) > LARGEST_HEADER // _MESSAGE.size:
+                raise RecordingError("expected the header of an object, came a longer one")
+            data = self._read(offset, length)
+            position = 0
+            while count and position + _MESSAGE.size <= length:
+                kind, size, flags = _MESSAGE.unpack_from(data, position)
+                position += _MESSAGE.size
+                body = data[position : position + size]
+                if len(body) != size:
+                    raise RecordingError("expected the header of an object, came a part of one")
+                position += size
+                count -= 1
+                if kind == _CONTINUATION:
+                    blocks.append(_PLACE.unpack_from(body.ljust(_PLACE.size, b"\0")))
+                yield kind, flags, body
+        if count:
+            raise RecordingError("expected the header of an object, came a part of one")
+
+    def _heap(self, address: int) -> dict[int, bytes]:
+        magic, version, size = _HEAP.unpack(self._read(address, _HEAP.size))
+        if magic != b"GCOL" or version != 1 or size > self._largest:
+            raise RecordingError("expected a heap of texts, came another thing or too long a one")
+        data = self._read(address, size)
+        found: dict[int, bytes] = {}
+        position = _HEAP.size
+        while position + _HEAP_OBJECT.size <= size:
+            index, _, _, length = _HEAP_OBJECT.unpack_from(data, position)
+            if index == 0:  # what is free, up to the end
+                if length != size - position:
+                    raise RecordingError("expected a heap that ends, came one of another length")
+                return found
+            position += _HEAP_OBJECT.size
+            if index in found or length > size - position:
+                raise RecordingError("expected texts in a heap, came others")
+            found[index] = data[position : position + length]
+            position += length + -length % 8
+        return found
+
+    def _read(self, offset: int, length: int) -> bytes:
+        if length > max(self._largest, LARGEST_HEADER):
+            raise RecordingError(f"expected parts that are short, came {length} bytes")
+        if self._stream.seek(0, io.SEEK_END) - offset < length:
+            raise RecordingError("expected the whole file, came a part")
+        self._stream.seek(offset)
+        data = self._stream.read(length)
+        if len(data) != length:
+            raise RecordingError("expected the whole file, came a part")
+        return data
+
+
+def _attribute(data: bytes) -> tuple[bytes, bytes]:
+    """Name and value of a message that describes an attribute."""
+    if len(data) < 9 or data[0] not in (1, 3) or data[1]:
+        raise RecordingError("expected an attribute as this program writes it, came another")
+    lengths = struct.unpack_from("<HHH", data, 2)
+    if data[0] == 1:  # padded to multiples of eight
+        padded, start = [length + -length % 8 for length in lengths], 8
+    else:
+        padded, start = list(lengths), 9
+    name = data[start : start + lengths[0]].rstrip(b"\0")
+    return name, data[start + sum(padded) :]

@@ -1,0 +1,359 @@
+"""Files of drops: whatever of them a reader could see changed is refused, with one line."""
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from pfwd_device import Channel, Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import DropRecord, hdf5_tree
+from pfwd_device.recording.drop_file import (
+    DIGEST,
+    MOST_CALIBRATIONS,
+    drop_digest,
+    drop_file_bytes,
+    drop_from_file_bytes,
+    read_drop_file,
+    stored_drop,
+)
+from pfwd_device.recording.payload import LARGEST_ARRAYS
+from tests.hdf5_visible import visible
+from tests.pfwd_device.recording.make_recording_v1 import values
+
+VERSION_1 = Path(__file__).resolve().parents[2] / "data" / "recording-v1" / "drops"
+SURVEY = bytes(range(16))
+
+EVERYDAY_STEP = 797
+"""Every so many bits of a file are turned in the everyday run; a prime, so that all eight of a byte
+come up."""
+
+
+def described() -> DropRecord:
+    """A drop with a rebound, and with what is repeated as attributes."""
+    plain = values(2)
+    channels = [
+        {"name": "load", "role": "load", "offset": 0.0, "serial_number": "L 7"},
+        {"name": "g1", "role": "geophone", "offset": 0.3, "counts_per_unit": 1.5e6},
+    ]
+    metadata = {**plain.metadata, "identity": {"serial_number": "7", "channels": channels}}
+    return DropRecord(
+        plain.point, plain.drop, plain.counts, plain.declared, metadata, plain.rebounds
+    )
+
+
+@pytest.fixture(scope="module")
+def whole() -> bytes:
+    return drop_file_bytes(described(), 2, SURVEY)
+
+
+def refused_or_the_same(data: bytes, before: list[Any]) -> bool:
+    """Whether the file is refused with one line; when it is not, a reader sees what he saw."""
+    try:
+        drop_from_file_bytes(data, "drop.h5")
+    except RecordingError as err:
+        said = str(err)
+    else:
+        assert visible(data) == before
+        return False
+    assert said.startswith("drop.h5")
+    assert "\n" not in said
+    return True
+
+
+def with_bit(data: bytes, bit: int) -> bytes:
+    turned = bytearray(data)
+    turned[bit // 8] ^= 1 << bit % 8
+    return bytes(turned)
+
+
+def test_single_bits_that_a_reader_sees_are_noticed(whole: bytes) -> None:
+    before = visible(whole)
+    found = [
+        refused_or_the_same(with_bit(whole, bit), before)
+        for bit in range(0, 8 * len(whole), EVERYDAY_STEP)
+    ]
+    assert sum(found) > 10
+
+
+def attribute_bytes(data: bytes) -> Iterator[int]:
+    """Where names and values of attributes stand."""
+    with h5py.File(io.BytesIO(data), "r") as file:
+        parts = {b"channel_1_offset", b"geophone", b"T. \xc3\x9cnal", b"K\xc3\xb6ln 1"}
+
+        def note(_: str, item: Any) -> None:
+            for name in item.attrs:
+                parts.add(name.encode())
+                value = item.attrs[name]
+                parts.add(value.encode() if isinstance(value, str) else value.tobytes())
+
+        note("", file)
+        file.visititems(note)
+    for part in parts:
+        start = data.find(part)
+        # Zeros and short texts stand everywhere.
+        while start >= 0 and part.strip(b"\0") and len(part) > 2:
+            yield from range(start, start + len(part))
+            start = data.find(part, start + 1)
+
+
+def test_no_bit_of_an_attribute_changes_unnoticed(whole: bytes) -> None:
+    before = visible(whole)
+    places = sorted(set(attribute_bytes(whole)))
+    assert len(places) > 300
+    # One bit of each byte, another one from byte to byte; the slow test turns all.
+    assert sum(refused_or_the_same(with_bit(whole, 8 * p + p % 8), before) for p in places) > 300
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_no_bit_of_the_file_changes_unnoticed(whole: bytes) -> None:
+    before = visible(whole)
+    for bit in range(8 * len(whole)):
+        refused_or_the_same(with_bit(whole, bit), before)
+
+
+def changed(data: bytes, change: Callable[[Any], None]) -> bytes:
+    """The file after `change` with h5py."""
+    stream = io.BytesIO(data)
+    with h5py.File(stream, "r+") as file:
+        change(file)
+    return stream.getvalue()
+
+
+def objects(data: bytes) -> list[str]:
+    with h5py.File(io.BytesIO(data), "r") as file:
+        names = ["/"]
+        file.visit(names.append)
+    return names
+
+
+def test_every_attribute_that_is_changed_removed_or_added_is_refused(whole: bytes) -> None:
+    def other(value: Any) -> Any:
+        return value + "x" if isinstance(value, str) else -value - 1
+
+    tried = 0
+    for path in objects(whole):
+        with h5py.File(io.BytesIO(whole), "r") as file:
+            names = list(file[path].attrs)
+
+        def add(file: Any, path: str = path) -> None:
+            file[path].attrs["more"] = 1.0
+
+        changes: list[Callable[[Any], None]] = [add]
+        for name in names:
+
+            def change(file: Any, path: str = path, name: str = name) -> None:
+                file[path].attrs[name] = other(file[path].attrs[name])
+
+            def remove(file: Any, path: str = path, name: str = name) -> None:
+                del file[path].attrs[name]
+
+            def rename(file: Any, path: str = path, name: str = name) -> None:
+                h5py.h5a.rename(file[path].id, name.encode(), name[:-1].encode() + b"_")
+
+            def retype(file: Any, path: str = path, name: str = name) -> None:
+                value = file[path].attrs[name]
+                file[path].attrs[name] = value.encode() if isinstance(value, str) else str(value)
+
+            changes += [change, remove, rename, retype]
+        for make in changes:
+            tried += 1
+            with pytest.raises(RecordingError, match=r"^drop\.h5.*expected .*, came ") as caught:
+                drop_from_file_bytes(changed(whole, make), "drop.h5")
+            assert "\n" not in str(caught.value)
+    assert tried > 150
+
+
+def test_a_new_file_cannot_be_taken_for_an_old_one(whole: bytes) -> None:
+    def old(file: Any) -> None:
+        file.attrs["format_version"] = 1
+
+    def older(file: Any) -> None:
+        file.attrs["format_version"] = 1
+        del file.attrs[DIGEST]
+
+    def oldest(file: Any) -> None:
+        older(file)
+        file.attrs["content_sha256"] = file.attrs["survey_id"]
+
+    for change in (old, older, oldest):
+        with pytest.raises(RecordingError, match=r"digest content_sha256|content that was written"):
+            drop_from_file_bytes(changed(whole, change), "drop.h5")
+
+
+def test_a_newer_file_is_said_to_be_newer(whole: bytes) -> None:
+    def newer(file: Any) -> None:
+        file.attrs["format_version"] = 3
+        file.attrs["something"] = np.arange(3)
+
+    with pytest.raises(RecordingError, match="version 2, came 3; a newer version of this program"):
+        drop_from_file_bytes(changed(whole, newer), "drop.h5")
+    for other in (0, -1, "2", 2.5):
+
+        def odd(file: Any, other: Any = other) -> None:
+            file.attrs["format_version"] = other
+
+        with pytest.raises(RecordingError, match="expected a format version, came"):
+            drop_from_file_bytes(changed(whole, odd), "drop.h5")
+
+
+def test_files_of_version_1_open_and_are_known_as_such(tmp_path: Path, whole: bytes) -> None:
+    for number in (1, 2):
+        found = stored_drop(VERSION_1 / f"drop-{number:06d}.h5")
+        assert (found.version, found.number) == (1, number)
+        assert drop_digest(found.record, number) == drop_digest(values(number), number)
+    new = tmp_path / "new.h5"
+    new.write_bytes(whole)
+    assert stored_drop(new).version == 2
+    data = (VERSION_1 / "drop-000001.h5").read_bytes()
+
+    def change(file: Any) -> None:
+        file["load"][3] += 1.0
+
+    with pytest.raises(RecordingError, match="content that was written, came another"):
+        drop_from_file_bytes(changed(data, change), "drop.h5")
+
+
+def replaced(name: str, make: Callable[[Any], None]) -> Callable[[Any], None]:
+    def change(file: Any) -> None:
+        if name in file:
+            del file[name]
+        make(file)
+
+    return change
+
+
+def virtual(file: Any) -> None:
+    layout = h5py.VirtualLayout(shape=(24,), dtype="f8")
+    layout[:] = h5py.VirtualSource("elsewhere.h5", "load", shape=(24,))
+    file.create_virtual_dataset("load", layout)
+
+
+def committed(file: Any) -> None:
+    file["kind"] = np.dtype("f8")
+    file.create_dataset("load", data=np.zeros(24), dtype=file["kind"])
+
+
+def hard_link(file: Any) -> None:
+    file["load"] = file["time"]
+
+
+def circle(file: Any) -> None:
+    file["sensors/2"] = file["sensors"]
+
+
+def references(file: Any) -> None:
+    file.create_dataset("load", data=[file["time"].ref] * 24, dtype=h5py.ref_dtype)
+
+
+def lzf(file: Any) -> None:
+    file.create_dataset("load", data=np.zeros(24), compression="lzf")
+
+
+ELSEWHERE = {
+    "external link": replaced(
+        "load", lambda f: f.__setitem__("load", h5py.ExternalLink("a.h5", "load"))
+    ),
+    "soft link": replaced("load", lambda f: f.__setitem__("load", h5py.SoftLink("/time"))),
+    "hard link": replaced("load", hard_link),
+    "circle of groups": replaced("sensors/2", circle),
+    "view of another file": replaced("load", virtual),
+    "storage elsewhere": replaced(
+        "load",
+        lambda f: f.create_dataset("load", (24,), "f8", external=[("elsewhere.bin", 0, 192)]),
+    ),
+    "shared type": replaced("load", committed),
+    "references": replaced("load", references),
+    "other filter": replaced("load", lzf),
+    "growing array": replaced(
+        "load", lambda f: f.create_dataset("load", data=np.zeros(24), maxshape=(None,))
+    ),
+    "other number": replaced("load", lambda f: f.create_dataset("load", data=np.zeros(24, "f4"))),
+    "several texts": replaced("declared", lambda f: f.__setitem__("declared", ["{}", "{}"])),
+    "fixed text": replaced("declared", lambda f: f.__setitem__("declared", np.bytes_(b"{}"))),
+    "dataset for a group": replaced("sensors", lambda f: f.__setitem__("sensors", np.zeros(3))),
+    "group for a dataset": replaced("load", lambda f: f.create_group("load")),
+    "empty attribute": lambda f: f.attrs.__setitem__("point", h5py.Empty("f8")),
+    "array as attribute": lambda f: f.attrs.__setitem__("point", np.arange(3.0)),
+}
+
+
+@pytest.mark.parametrize("kind", ELSEWHERE)
+@pytest.mark.parametrize("version", [1, 2])
+def test_what_leads_elsewhere_is_refused_before_it_is_read(
+    kind: str, version: int, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # names of other files are taken from here
+    data = whole if version == 2 else (VERSION_1 / "drop-000002.h5").read_bytes()
+    path = tmp_path / "drop.h5"
+    path.write_bytes(changed(data, ELSEWHERE[kind]))
+    for name in ("a.h5", "elsewhere.h5"):
+        with h5py.File(tmp_path / name, "w") as file:
+            file["load"] = np.zeros(24)
+    (tmp_path / "elsewhere.bin").write_bytes(bytes(192))
+    with pytest.raises(RecordingError, match=r"drop\.h5.*expected .*, came ") as caught:
+        read_drop_file(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_or_nothing_is_a_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="expected a file, came a folder, device or pipe"):
+        read_drop_file(tmp_path)
+    with pytest.raises(RecordingError, match="expected a readable drop file"):
+        read_drop_file(tmp_path / "none.h5")
+
+
+def test_the_digest_is_made_as_it_is_documented(whole: bytes) -> None:
+    """Computed once more by the words of the documentation, with h5py alone."""
+    import hashlib
+
+    def part(data: bytes) -> bytes:
+        return len(data).to_bytes(8, "little") + data
+
+    def attribute(name: str, value: Any) -> bytes:
+        if isinstance(value, str):
+            kind, data = b"text", value.encode()
+        else:
+            kind, data = value.dtype.str.encode(), value.tobytes()
+        return part(b"attribute") + part(name.encode()) + part(kind) + part(data)
+
+    with h5py.File(io.BytesIO(whole), "r") as file:
+        found = {"": file}
+        file.visititems(lambda name, item: found.__setitem__(f"/{name}", item))
+        text = b""
+        for path in sorted(found, key=str.encode):
+            item = found[path]
+            kind = b"dataset" if isinstance(item, h5py.Dataset) else b"group"
+            text += part(kind) + part(path.encode())
+            for name in sorted(set(item.attrs) - {DIGEST}):
+                text += attribute(name, item.attrs[name])
+            if kind == b"dataset":
+                value = item[()]
+                shape = ",".join(map(str, item.shape)).encode()
+                dtype = b"text" if isinstance(value, bytes) else item.dtype.str.encode()
+                data = value if isinstance(value, bytes) else value.tobytes()
+                text += part(b"value") + part(dtype) + part(shape) + part(data)
+        assert hashlib.sha256(text).hexdigest() == file.attrs[DIGEST]
+
+
+def test_the_largest_drop_that_is_real_fits() -> None:
+    # 8 channels and the load, 10 s at 50 kHz: times and loads, values, counts.
+    samples = 10 * 50_000
+    assert 2 * samples * (2 * 8 + 8 * 8 + 9 * 4) <= LARGEST_ARRAYS
+
+
+def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
+    facts = {f"fact {n}": float(n) for n in range(40)}
+    metadata = {"identity": {"channels": [facts] * 100}}
+    drop = Drop(1, np.arange(4.0), np.zeros(4), (Channel(0.0, "velocity", np.zeros(4)),))
+    record = DropRecord("P", drop, np.zeros((4, 1), np.int32), {}, metadata)
+    data = drop_file_bytes(record, 1, SURVEY)
+    with h5py.File(io.BytesIO(data), "r") as file:
+        assert len(file["counts"].attrs) == MOST_CALIBRATIONS + 1
+    assert drop_from_file_bytes(data, "drop.h5")[0].metadata == metadata
+    assert MOST_CALIBRATIONS < hdf5_tree.MOST_ATTRIBUTES
