@@ -42,5 +42,8 @@ def refusal(where: str, expected: str, came: str, hint: str = "") -> str:
 
 def quote(value: object) -> str:
     """A foreign value as it may stand in a message: escaped, on one line, of bounded length."""
-    text = ascii(value)
+    try:
+        text = ascii(value)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        text = "a number of thousands of digits"
     return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."

@@ -5,7 +5,6 @@ import datetime
 import math
 import os
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -13,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 from pfwd_device.text import clean
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.toml import toml_line
+from pfwd_survey.toml_reading import LARGEST_TOML, parse_toml
 
 FORMAT_KEY = "pfwd-traces"
 FORMAT_VERSION = 1
@@ -26,6 +26,9 @@ LONGEST_REMARK = 300
 
 LARGEST_PLATE_RADIUS = 1.0
 """m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
+
+_KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
+"""A key at the beginning of a line."""
 
 FreeText = str | int | float
 
@@ -265,8 +268,8 @@ def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
     """
     expected = "one TOML key = value"
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        table = parse_toml(text)
+    except ValueError as err:  # also numbers without end
         hint = 'text goes in quotation marks, as in site = "km 12"; a decimal sign is a point'
         raise TraceError(refusal(where, expected, quote(text.strip()), hint)) from err
     if not table:
@@ -296,7 +299,7 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
     file = os.fspath(path)
     try:
         with open(file, encoding="utf-8-sig") as stream:
-            text = stream.read()
+            text = stream.read(LARGEST_TOML + 1)
     except OSError as err:
         raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
     except UnicodeDecodeError as err:
@@ -323,15 +326,17 @@ def parse_header(text: str, file: str) -> Declarations:
         If it is not TOML.
     """
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        table = parse_toml(text)
+    except ValueError as err:  # also numbers without end
         raise TraceError(refusal(file, "TOML", str(err))) from err
-    return {key: Declaration(value, _place(file, text, key)) for key, value in table.items()}
-
-
-def _place(file: str, text: str, key: str) -> str:
-    found = re.search(rf"^[ \t]*[\"']?{re.escape(key)}[\"']?[ \t]*[.=]", text, re.MULTILINE)
-    return f"{file}, line {text.count(chr(10), 0, found.start()) + 1}" if found else file
+    lines: dict[str, int] = {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        if (found := _KEY.match(line)) is not None:
+            lines.setdefault(found[1] or found[2] or found[3], number)
+    return {
+        key: Declaration(value, f"{file}, line {lines[key]}" if key in lines else file)
+        for key, value in table.items()
+    }
 
 
 def check_version(declarations: Mapping[str, Declaration]) -> None:

@@ -1,6 +1,5 @@
 """What a survey holds, wherever it is kept: in its folder, or whole in one exported file."""
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,6 +8,7 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
+from pfwd_device.recording.payload import decode_json
 
 LARGEST_RESULT = 10_000_000
 """Bytes of a result; one takes some 3 kB."""
@@ -144,14 +144,15 @@ def _drop(drop: SurveyDrop) -> DropContent:
         target=drop.target,
         edits=drop.edits,
         read=drop.read,
-        read_results=lambda: tuple(_result(path) for path in drop.results),
+        read_results=lambda: tuple(read_result(path) for path in drop.results),
         read_alone=drop.read_alone,
         read_key=lambda: drop.key,
         read_file=drop.read_file,
     )
 
 
-def _result(path: Path) -> Result:
+def read_result(path: Path) -> Result:
+    """A stored result in its file; raises as `parse_result`."""
     try:
         if path.stat().st_size > LARGEST_RESULT:
             raise RecordingError(f"{path}: expected a result, came a file of over 10 MB")
@@ -169,10 +170,10 @@ def parse_result(data: bytes | str, where: str) -> Result:
         If it is none.
     """
     try:
-        result = json.loads(data)
-    except (ValueError, RecursionError) as err:
+        result = decode_json(data)
+    except RecordingError as err:
         hint = "try pfwd recover"
-        raise RecordingError(f"{where}: expected a result as JSON, came {err}; {hint}") from err
+        raise RecordingError(f"{where}: of a result {err}; {hint}") from err
     if not isinstance(result, dict):
         raise RecordingError(f"{where}: expected a result, came {type(result).__name__}")
     return result

@@ -32,9 +32,17 @@ from pfwd_survey.files.header import (
     setup_from,
     setup_warnings,
 )
+from pfwd_survey.toml_reading import LARGEST_TOML
 
 LARGEST_FILE = 500_000_000
 """Bytes; a point of ten drops takes under 10 MB, so a larger file is something else."""
+
+MOST_NUMBERS = 20_000_000
+"""Of a file: three drops of 10 s at 50 kHz with 8 channels, and a hundred times a usual point. They
+take 160 MB, and as much again as drops."""
+
+MOST_DROPS = 10_000
+"""Of a file; a point has some ten, and a file is one point."""
 
 FEWEST_SAMPLES = 16
 """A pulse, its flanks and a stretch before and after it cannot be told from fewer."""
@@ -46,7 +54,9 @@ LARGEST_DROP_NUMBER = 1_000_000
 """Anything above is no drop number but another column's value."""
 
 LONGEST_LINE = 65_536
-"""Characters of a header line; without a line end in so many the file is no text."""
+"""Characters of a line; without a line end in so many the file is no text."""
+
+_BLOCK = 4096
 
 _FORMAT_LINE = re.compile(rf"#\s*{FORMAT_KEY}\s*=")
 
@@ -206,8 +216,14 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
     """Read up to and with the column names; `foreign`: the ``pfwd-traces`` line may be missing."""
     declarations: Declarations = {}
     native = False
+    length = 0
     for line, text in _numbered(stream, file):
         where = _at(file, line)
+        length += len(text)
+        if length > LARGEST_TOML:
+            raise TraceError(
+                refusal(where, f"a header of at most {LARGEST_TOML} characters", "more")
+            )
         if line == 1:
             native = _FORMAT_LINE.match(text) is not None
             if not native and not foreign:
@@ -248,6 +264,7 @@ def _declare(declarations: Declarations, text: str, where: str) -> None:
 def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
     """The numbers below the column names, (rows, columns), all finite."""
     width = len(top.columns.names)
+    refuse_long(file, width)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no rows at all: refused further on
@@ -259,13 +276,41 @@ def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
         raise TraceError(_find_bad_line(file, top) or refusal(file, "numbers", str(err))) from err
     if table.size and table.shape[1] != width:
         raise TraceError(_find_bad_line(file, top) or refusal(file, f"{width} columns", "others"))
-    bad = np.argwhere(~np.isfinite(table))
-    if bad.size:
-        row, column = bad[0]
+    finite = np.isfinite(table)
+    if not finite.all():
+        row, column = np.unravel_index(np.argmin(finite), table.shape)
         name = top.columns.names[column]
         where = _row_place(file, top, int(row))
         raise TraceError(refusal(where, f"a finite number in {name}", f"{table[row, column]}"))
     return table.reshape(-1, width)
+
+
+def refuse_long(file: str, width: int) -> None:
+    """Refuse a text whose lines have no end, or hold too many numbers, before it is read.
+
+    Parameters
+    ----------
+    file : str
+    width : int
+        How many numbers are taken of a line.
+
+    Raises
+    ------
+    TraceError
+    """
+    ends = 0
+    with open(file, "rb") as stream:
+        while block := stream.read(LONGEST_LINE):
+            lines = max(block.count(b"\n"), block.count(b"\r"))
+            if not lines and len(block) == LONGEST_LINE:
+                came = f"none in {LONGEST_LINE} bytes"
+                raise TraceError(refusal(_at(file, ends + 1), "the end of a line", came))
+            ends += lines
+            if ends * width > MOST_NUMBERS:
+                expected = f"at most {MOST_NUMBERS} numbers"
+                came = f"over {ends} lines of {width}"
+                hint = "give the drops in several files"
+                raise TraceError(refusal(file, expected, came, hint))
 
 
 def _data_lines(file: str, top: _Top) -> Iterator[tuple[int, str]]:
@@ -283,8 +328,23 @@ def _row_place(file: str, top: _Top, row: int) -> str:
 
 def _find_bad_line(file: str, top: _Top) -> str | None:
     """What is wrong with the first row that is not as many numbers as there are columns."""
+    lines = _data_lines(file, top)
+    while block := list(itertools.islice(lines, _BLOCK)):
+        # numpy is thirty times as fast as a look at each number, of which there may be millions.
+        try:
+            table = np.loadtxt([text for _, text in block], delimiter=",", comments=None, ndmin=2)
+            if table.shape[1] == len(top.columns.names):
+                continue
+        except ValueError:
+            pass
+        if (found := _bad_line_of(block, file, top)) is not None:
+            return found
+    return None
+
+
+def _bad_line_of(lines: list[tuple[int, str]], file: str, top: _Top) -> str | None:
     names = top.columns.names
-    for line, text in _data_lines(file, top):
+    for line, text in lines:
         if "\0" in text or not text.isascii():
             return _not_text(_at(file, line), "bytes that are no digits")
         cells = text.rstrip("\n").split(",")
@@ -313,6 +373,8 @@ def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]
     numbers = table[:, columns.drop] if columns.drop is not None else np.ones(table.shape[0])
     _check_drop_numbers(numbers, file, top)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1, [numbers.size]])
+    if starts.size > MOST_DROPS + 1:
+        raise TraceError(refusal(file, f"at most {MOST_DROPS} drops", str(starts.size - 1)))
     drops = []
     for start, end in itertools.pairwise(starts.tolist()):
         number = int(numbers[start])

@@ -3,12 +3,12 @@
 import difflib
 import math
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.procedures.profile import CHECKS, Number, Procedure, Quantity, Target
+from pfwd_survey.toml_reading import parse_toml
 
 FORMAT_KEY = "pfwd-procedure"
 FORMAT_VERSION = 1
@@ -115,8 +115,8 @@ def parse_procedure(
 def _table_of(text: str, where: str) -> dict[str, Any]:
     """The text as TOML, without the key that says that it is a procedure."""
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as err:  # also numbers and nesting without end
+        table = parse_toml(text)
+    except ValueError as err:  # also numbers without end
         raise OptionError(refusal(where, "TOML", str(err))) from err
     version = table.pop(FORMAT_KEY, None)
     if type(version) is not int or version != FORMAT_VERSION:

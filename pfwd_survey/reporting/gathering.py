@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from inversion import SurrogateLibrary
+from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.files.header import Declaration, Setup, setup_from, setup_warnings
 from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.survey_content import read_result
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -324,11 +326,11 @@ def _stored(drop: SurveyDrop) -> dict[str, Any] | None:
     """The last result that was kept with a drop."""
     for path in reversed(drop.results):
         try:
-            result = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            result = read_result(path)
+        except RecordingError:
             continue  # an older one, or a new fit, does as well
-        if isinstance(result, dict) and is_sound(result):
-            return result
+        if is_sound(result):
+            return dict(result)
     return None
 
 

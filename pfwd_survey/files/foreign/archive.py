@@ -1,20 +1,23 @@
 """A zip archive that cannot do harm: bounded sizes, names with either slash, nothing extracted."""
 
+import io
 import zipfile
 from pathlib import Path
 
 from pfwd_survey.errors import TraceError, quote, refusal
 
-LARGEST_MEMBER = 300_000_000
+LARGEST_MEMBER = 64_000_000
 """Bytes, unpacked; a point takes some 100 kB and the largest database seen a few MB."""
 
-LARGEST_TOTAL = 500_000_000
-"""Bytes, unpacked, of all that is read of an archive; as for a trace file."""
+LARGEST_TOTAL = 128_000_000
+"""Bytes, unpacked, of all that is read of an archive: over a thousand points of some 100 kB. They
+take twice as much as numbers and once more as drops."""
 
-LARGEST_DIRECTORY = 8_000_000
-"""Bytes of the list of members: some 80 000 of them, a hundred times what a long day makes."""
+LARGEST_DIRECTORY = 4_000_000
+"""Bytes of the list of members: some 40 000 of them, forty times what a long day makes."""
 
 _END, _END_SIZE, _LONGEST_END = b"PK\x05\x06", 22, 22 + 65_535
+_LARGE_END, _LARGE_END_SIZE = b"PK\x06\x07", 20
 _CHUNK = 1 << 20
 
 
@@ -74,7 +77,9 @@ class Archive:
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise TraceError(refusal(where, "a member packed by deflate", "another method"))
         limit = min(LARGEST_MEMBER, self._left)
-        parts, size = [], 0
+        if member.file_size > limit:
+            raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
+        found, size = io.BytesIO(), 0
         try:
             with self._zip.open(member) as stream:
                 # In pieces: what is announced need not be what comes.
@@ -82,7 +87,7 @@ class Archive:
                     size += len(chunk)
                     if size > limit:
                         raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
-                    parts.append(chunk)
+                    found.write(chunk)
         except TraceError:
             raise
         except Exception as err:  # as above
@@ -90,7 +95,7 @@ class Archive:
                 refusal(where, "a whole member", f"damage: {quote(str(err))}")
             ) from err
         self._left -= size
-        return b"".join(parts)
+        return found.getvalue()
 
 
 def _check_directory(file: str) -> None:
@@ -103,6 +108,9 @@ def _check_directory(file: str) -> None:
     if at < 0 or at + _END_SIZE > len(tail):
         hint = "it was cut off: copy it again" if size else ""
         raise TraceError(refusal(file, "a zip archive", "a file without the end of one", hint))
+    if tail[max(0, at - _LARGE_END_SIZE) : at].startswith(_LARGE_END):
+        # Its list of members is elsewhere, and as long as it likes.
+        raise TraceError(refusal(file, "an archive of less than 4 GB", "a zip64 archive"))
     length = int.from_bytes(tail[at + 12 : at + 16], "little")
     if length > LARGEST_DIRECTORY:
         raise TraceError(refusal(file, "a usual number of members", f"{length} bytes of names"))

@@ -3,7 +3,6 @@
 import codecs
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +11,7 @@ from pfwd_device.drop import Quantity
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.units import DISPLACEMENT, FORCE, TIME, VELOCITY
 from pfwd_survey.files.header import Declaration, Declarations
-
-LARGEST_MAP = 1_000_000
-"""Bytes; one takes a few hundred."""
+from pfwd_survey.toml_reading import LARGEST_TOML, parse_toml
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
 """What separates columns; None: any run of blanks."""
@@ -86,13 +83,13 @@ def read_map(path: str | os.PathLike[str]) -> ColumnMap:
     file = os.fspath(path)
     try:
         with open(file, "rb") as stream:
-            data = stream.read(LARGEST_MAP + 1)
-        if len(data) > LARGEST_MAP:
+            data = stream.read(LARGEST_TOML + 1)
+        if len(data) > LARGEST_TOML:
             raise TraceError(refusal(file, "a column map", "a file of over 1 MB"))
-        table = tomllib.loads(data.decode("utf-8-sig"))
+        table = parse_toml(data.decode("utf-8-sig"))
     except OSError as err:
         raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
-    except (ValueError, RecursionError) as err:
+    except ValueError as err:
         if isinstance(err, TraceError):
             raise
         raise TraceError(refusal(file, "TOML", quote(str(err)))) from err

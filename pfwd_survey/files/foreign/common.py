@@ -282,14 +282,16 @@ def distinct(names: Sequence[str]) -> list[str]:
     found = []
     for name in names:
         name = name.strip()[:LONGEST_TEXT] or "point"
-        count = seen[name] = seen.get(name, 0) + 1
+        wanted = name
+        count = seen[wanted] = seen.get(wanted, 0) + 1
         while count > 1:
             tail = f" ({count})"
-            other = name[: LONGEST_TEXT - len(tail)] + tail
+            other = wanted[: LONGEST_TEXT - len(tail)] + tail
             if other not in seen:
                 seen[other] = 1
                 name = other
                 break
-            count += 1
+            # Kept, so that no number is tried twice, however many names came before.
+            count = seen[wanted] = count + 1
         found.append(name)
     return found

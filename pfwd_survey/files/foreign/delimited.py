@@ -2,7 +2,8 @@
 
 import csv
 import itertools
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterator, Sequence
 from typing import TextIO
 
 import numpy as np
@@ -11,7 +12,13 @@ from pfwd_device import Drop
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd_survey.files.foreign.common import Request, Values, even_time, make_drop, point_of
-from pfwd_survey.files.traces import LARGEST_DROP_NUMBER, LONGEST_LINE, TracePoint
+from pfwd_survey.files.traces import (
+    LARGEST_DROP_NUMBER,
+    LONGEST_LINE,
+    MOST_DROPS,
+    TracePoint,
+    refuse_long,
+)
 
 MOST_COLUMNS = 1024
 Line = tuple[int, list[str]]
@@ -45,7 +52,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     return [point_of(file, {}, drops, said)]
 
 
-def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, list[int]]:
+def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Sequence[int]]:
     """What the map names, in the order time, load, sensors, drop; and the line of each row."""
     lines = _cells(stream, file, columns)
     names: list[str] = []
@@ -62,8 +69,8 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, lis
     if columns.drop is not None:
         wanted.append(Column(columns.drop, 1.0))
     places = [_place(one, names, file) for one in wanted]
-    table: list[list[float]] = []
-    at: list[int] = []
+    refuse_long(file, len(places))
+    table, at = array("d"), array("q")  # lists of Python's numbers take six times as much
     for number, cells in lines:
         if not any(cell.strip() for cell in cells):
             continue
@@ -71,12 +78,12 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, lis
         if len(cells) <= max(places):
             expected = f"at least {max(places) + 1} columns"
             raise TraceError(refusal(where, expected, f"{len(cells)}: {quote(' '.join(cells))}"))
-        table.append([_number(cells[place], columns, where) for place in places])
+        table.extend([_number(cells[place], columns, where) for place in places])
         at.append(number)
     if not table:
         raise TraceError(refusal(file, "rows of numbers", "the end of the file"))
     factors = np.array([one.factor for one in wanted])
-    return np.array(table, np.float64) * factors, at
+    return np.frombuffer(table).reshape(-1, len(places)) * factors, at
 
 
 def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
@@ -122,7 +129,7 @@ def _number(cell: str, columns: ColumnMap, where: str) -> float:
         raise TraceError(refusal(where, "a number", quote(cell.strip()), hint)) from None
 
 
-def _drops(table: Values, lines: list[int], file: str, columns: ColumnMap) -> list[Drop]:
+def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -> list[Drop]:
     numbers = table[:, -1] if columns.drop is not None else np.ones(len(table))
     odd = ~((numbers == np.floor(numbers)) & (numbers >= 1) & (numbers <= LARGEST_DROP_NUMBER))
     if odd.any():
@@ -130,6 +137,8 @@ def _drops(table: Values, lines: list[int], file: str, columns: ColumnMap) -> li
         where = f"{file}, line {lines[row]}"
         raise TraceError(refusal(where, "a whole drop number from 1", f"{numbers[row]:g}"))
     starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
+    if len(starts) > MOST_DROPS + 1:
+        raise TraceError(refusal(file, f"at most {MOST_DROPS} drops", str(len(starts) - 1)))
     found: dict[int, Drop] = {}
     for start, end in itertools.pairwise(starts):
         number = int(numbers[start])

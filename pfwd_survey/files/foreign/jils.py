@@ -9,6 +9,7 @@ among what is understood of it: they have to be declared.
 """
 
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +19,7 @@ from pfwd_device import Drop
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
+    Values,
     distinct,
     even_time,
     finite,
@@ -29,7 +31,7 @@ from pfwd_survey.files.foreign.common import (
 )
 from pfwd_survey.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME, celsius
 from pfwd_survey.files.header import LONGEST_REMARK
-from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.files.traces import MOST_DROPS, MOST_NUMBERS, TracePoint
 
 OFFSETS = "sensor_offsets_m"
 """Key of ``--header``: distances of the sensors, m, in the order of the columns; nan leaves one
@@ -56,8 +58,15 @@ class _Block:
     """lbf."""
     line: int
     """Line of the first row, from 1."""
-    rows: list[list[float]] = field(default_factory=list)
-    """ms, kip, mil."""
+    width: int
+    """Numbers of a row."""
+    numbers: "array[float]" = field(default_factory=lambda: array("d"))
+    """Row after row: ms, kip, mil."""
+
+    @property
+    def table(self) -> Values:
+        """(rows, columns)."""
+        return np.frombuffer(self.numbers).reshape(-1, self.width)
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -130,6 +139,7 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
     headings: dict[str, str] = {}
     blocks: list[_Block] = []
     station, number, wanted, columns = ("", "", ""), 0, None, 0
+    total = 0
     while (text := lines.next()) is not None:
         if match := _STATION.match(text):
             station = (match[1], match[2], match[3])
@@ -141,9 +151,13 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
             if not columns:
                 expected = "a line Time Force Disp1 ... before the first Impact"
                 raise TraceError(refusal(lines.here, expected, "none"))
-            block = _Block(station, number, wanted, lines.number + 1)
-            _rows(lines, block, int(match[2]), columns + 2)
+            block = _Block(station, number, wanted, lines.number + 1, columns + 2)
+            _rows(lines, block, int(match[2]))
             blocks.append(block)
+            total += len(block.numbers)
+            if total > MOST_NUMBERS or len(blocks) > MOST_DROPS:
+                expected = f"at most {MOST_DROPS} drops and {MOST_NUMBERS} numbers"
+                raise TraceError(refusal(lines.here, expected, "more"))
         elif (match := _HEADING.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])
         elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
@@ -152,7 +166,7 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
     return headings, blocks
 
 
-def _rows(lines: _Lines, block: _Block, samples: int, width: int) -> None:
+def _rows(lines: _Lines, block: _Block, samples: int) -> None:
     if not 0 < samples <= MOST_SAMPLES:
         raise TraceError(refusal(lines.here, "a number of samples", str(samples)))
     for row in range(samples):
@@ -163,16 +177,16 @@ def _rows(lines: _Lines, block: _Block, samples: int, width: int) -> None:
             raise TraceError(refusal(lines.here, f"{samples} rows", came, hint))
         cells = text.split()
         numbers = [finite(cell) for cell in cells]
-        if len(cells) != width or None in numbers:
-            raise TraceError(refusal(lines.here, f"{width} numbers", quote(text.strip())))
-        block.rows.append([number for number in numbers if number is not None])
+        if len(cells) != block.width or None in numbers:
+            raise TraceError(refusal(lines.here, f"{block.width} numbers", quote(text.strip())))
+        block.numbers.extend([number for number in numbers if number is not None])
 
 
 def _offsets(
     file: str, declared: object, block: _Block, headings: dict[str, str]
 ) -> tuple[list[float], list[str]]:
     """Distance of each sensor, m, NaN for those that are left out; and what to say of it."""
-    count = len(block.rows[0]) - 2
+    count = block.width - 2
     if declared is None:
         said = short_text(headings.get("Sensors"))
         remark = (
@@ -204,7 +218,7 @@ def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
 
 def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Drop:
     where = f"{file}, line {block.line}, drop {number}"
-    table = np.array(block.rows, np.float64)
+    table = block.table
     if table.shape[1] != len(offsets) + 2:
         expected = f"{len(offsets)} sensors as in the first drop"
         raise TraceError(refusal(where, expected, str(table.shape[1] - 2)))

@@ -5,7 +5,7 @@ A ``.dynz`` has the raw channels of every drop as well. Layout as seen in public
 has published none.
 """
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from dataclasses import dataclass
 
 from pfwd_device import Drop
@@ -149,11 +149,21 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
         raise TraceError(refusal(project.file, f"traces in {TRACES}", came, hint))
     source = _Source(project.file, facts, request, "stored", (*remarks, STORED_REMARK))
     traces: dict[str, Stored] = {}
+    order = {name: place for place, name in enumerate(project.stored)}
     for name in project.stored:
         traces[name] = parse_stored(project.archive.read(name), f"{project.file}, {name}")
     found, left = [], dict(traces)
+    named: dict[int, deque[str]] = defaultdict(deque)
+    for name in traces:
+        for number in _numbers_of(name, traces[name]):
+            named[number].append(name)
     for point in facts.points:
-        match = next((name for name in left if _belongs(name, left[name], point)), None)
+        # The first one in the archive that nobody has taken.
+        waiting = [named[number] for number in point.numbers if number in named]
+        for names in waiting:
+            while names and names[0] not in left:
+                names.popleft()
+        match = min((names[0] for names in waiting if names), key=order.__getitem__, default=None)
         if match is not None:
             found.append(_stored_point(source, point, left.pop(match), match))
     strangers = [name.rpartition("/")[2] for name in left]
@@ -165,13 +175,13 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
     return found
 
 
-def _belongs(member: str, stored: Stored, point: PointFacts) -> bool:
-    """Whether traces are of a point: by the name of the member, else by the identity within."""
+def _numbers_of(member: str, stored: Stored) -> set[int]:
+    """What identifies the point of traces: the name of the member, and the identity within."""
     try:
         of_name = int(member.rpartition("/")[2].partition(".")[0], 16) & MASK
     except ValueError:
         of_name = stored.identity & MASK
-    return bool({of_name, stored.identity & MASK} & point.numbers)
+    return {of_name, stored.identity & MASK}
 
 
 def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: str) -> TracePoint:

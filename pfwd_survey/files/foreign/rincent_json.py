@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from pfwd_device.recording.payload import json_excess
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     finite,
@@ -23,9 +24,6 @@ from pfwd_survey.files.foreign.rincent_facts import (
 )
 from pfwd_survey.files.header import LONGEST_REMARK
 
-LARGEST_JSON = 100_000_000
-"""Bytes; the largest one seen has under 1 MB."""
-
 Table = Mapping[str, Any]
 
 
@@ -43,8 +41,8 @@ def read_json(data: bytes, where: str) -> Facts:
     TraceError
         If it is no such database, or says neither sampling rate nor pre-trigger.
     """
-    if len(data) > LARGEST_JSON:
-        raise TraceError(refusal(where, f"at most {LARGEST_JSON // 10**6} MB of JSON", "more"))
+    if (problem := json_excess(data)) is not None:  # the largest one seen has under 1 MB
+        raise TraceError(f"{where}: {problem}")
     try:
         # utf-8-sig: .NET writes a byte order mark.
         database = json.loads(data.decode("utf-8-sig"))

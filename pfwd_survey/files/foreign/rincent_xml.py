@@ -6,6 +6,8 @@ these files has one, and entities can read other files or fill the memory.
 
 import base64
 import binascii
+import itertools
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.parsers import expat
@@ -36,10 +38,16 @@ ROOT = "MDDataSet"
 DEEPEST = 32
 """Elements within each other; the format has four."""
 
-MOST_ROWS = 1_000_000
+MOST_CELLS = 500_000
+"""Rows, columns and attributes of the whole set; a drop has some twenty."""
+
+LONGEST_NAME = 256
+"""Characters of a name in the set; those of the format have up to twenty."""
 
 QUANTITIES: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
 """Of ``IdTypeCapteur``; an acceleration is no quantity that a trace file has."""
+
+_ATTRIBUTE = re.compile(rb"=\s*[\"']")
 
 Row = Mapping[str, str]
 Tables = Mapping[str, list[dict[str, str]]]
@@ -69,6 +77,9 @@ def read_tables(data: bytes, where: str) -> Tables:
     TraceError
         If it is no XML, has a document type, or another root.
     """
+    cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MOST_CELLS + 1))
+    if cells > MOST_CELLS:
+        raise TraceError(refusal(where, f"at most {MOST_CELLS} attributes", "more"))
     reader = _TableReader(where)
     try:
         reader.parser.Parse(data, True)
@@ -91,7 +102,7 @@ class _TableReader:
         self._where = where
         self._path: list[str] = []
         self._text: list[str] = []
-        self._rows = 0
+        self._cells = 0
         self.parser = expat.ParserCreate(namespace_separator="}")
         self.parser.buffer_text = True
         self.parser.StartDoctypeDeclHandler = self._refuse_type
@@ -105,14 +116,16 @@ class _TableReader:
 
     def _start(self, name: str, _attributes: object) -> None:
         name = name.rpartition("}")[2]
+        if len(name) > LONGEST_NAME:
+            raise TraceError(refusal(self._where, f"names of at most {LONGEST_NAME}", quote(name)))
+        self._cells += 1
+        if self._cells > MOST_CELLS:
+            raise TraceError(refusal(self._where, f"at most {MOST_CELLS} rows and columns", "more"))
         if not self._path and name != ROOT:
             raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
         if len(self._path) >= DEEPEST:
             raise TraceError(refusal(self._where, "tables of rows", "elements without end"))
         if len(self._path) == 1:
-            self._rows += 1
-            if self._rows > MOST_ROWS:
-                raise TraceError(refusal(self._where, f"at most {MOST_ROWS} rows", "more"))
             self.tables.setdefault(name, []).append({})
         self._path.append(name)
         self._text.clear()

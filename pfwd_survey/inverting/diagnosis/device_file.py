@@ -4,7 +4,6 @@ import datetime
 import importlib.metadata
 import math
 import os
-import tomllib
 from collections.abc import Sequence
 
 from inversion.diagnosis import FoundEffect
@@ -12,6 +11,7 @@ from inversion.effects import BY_NAME
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.toml import toml_line
 from pfwd_survey.inverting.diagnosis.diagnose import DeviceValues, Diagnosed
+from pfwd_survey.toml_reading import LARGEST_TOML, parse_toml
 
 _SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
 """Of a key, by the unit of its value."""
@@ -80,11 +80,11 @@ def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
     """
     where = f"--device {os.fspath(path)}"
     try:
-        with open(path, "rb") as stream:
-            table = tomllib.load(stream)
+        with open(path, encoding="utf-8") as stream:
+            table = parse_toml(stream.read(LARGEST_TOML + 1))
     except OSError as err:
         raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
-    except (ValueError, RecursionError) as err:
+    except ValueError as err:
         raise OptionError(refusal(where, "TOML", str(err))) from err
     values: DeviceValues = {}
     for name, entries in table.items():
