@@ -1,0 +1,454 @@
+"""Small files that would take all memory, or for ever, of a program that trusts them."""
+
+import json
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+GIB = 2**30
+DATA = Path(__file__).parent / "data"
+
+
+@dataclass(frozen=True)
+class Attack:
+    """A file and what is done with it."""
+
+    name: str
+    make: Callable[[Path], Path]
+    """Writes the file into a folder."""
+    commands: tuple[str, ...] = ("import",)
+    """Of ``pfwd``."""
+    slow: bool = False
+    """Takes seconds to make, or to refuse."""
+    several: bool = False
+    """Has a line for each drop."""
+    arguments: tuple[str, ...] = ()
+    """Beside the file; ``{folder}`` is where it is."""
+
+
+HEADER = b"# pfwd-traces = 1\n# plate_radius_m = 0.15\n"
+NAMES = b"time_s,load_N,velocity_m_s@0.0\n"
+
+
+def drop_file(folder: Path, change: Callable[[Any], None] | None = None) -> Path:
+    path = folder / "drop.h5"
+    # Of format version 1: its digest is compared last, so that most of it is read before.
+    path.write_bytes((DATA / "recording-v1" / "drops" / "drop-000002.h5").read_bytes())
+    if change is not None:
+        with h5py.File(path, "r+") as file:
+            change(file)
+    return path
+
+
+def _again(name: str, **options: Any) -> Callable[[Any], None]:
+    def change(file: Any) -> None:
+        del file[name]
+        file.create_dataset(name, **options)
+
+    return change
+
+
+def a_gigabyte_of_time(folder: Path) -> Path:
+    return drop_file(folder, _again("time", shape=(GIB // 8,), dtype="f8", chunks=(65_536,)))
+
+
+def a_gigabyte_in_a_chunk(folder: Path) -> Path:
+    """A chunk that says 192 bytes and unpacks to a gigabyte."""
+
+    def change(file: Any) -> None:
+        del file["time"]
+        dataset = file.create_dataset("time", (24,), "f8", chunks=(24,), compression="gzip")
+        packer = zlib.compressobj(9)
+        block = bytes(2**20)
+        data = b"".join(packer.compress(block) for _ in range(1024)) + packer.flush()
+        dataset.id.write_direct_chunk((0,), data)
+
+    return drop_file(folder, change)
+
+
+def a_text_of_two_gigabytes(folder: Path) -> Path:
+    """A text whose length is said to be 2 GiB, in a heap that is; the file has a hole."""
+    path = drop_file(folder, lambda file: _text(file, "x" * 5000))
+    data = bytearray(path.read_bytes())
+    start = data.index(b"x" * 5000)
+    at = data.rindex(b"GCOL", 0, start)
+    length = 2 * GIB + 5000
+    struct.pack_into("<Q", data, at + 8, length + 4096)
+    struct.pack_into("<Q", data, start - 8, length)
+    place = data.index(struct.pack("<IQ", 5000, at))
+    struct.pack_into("<I", data, place, length)
+    struct.pack_into("<Q", data, 40, len(data) + length)  # the end, in the superblock
+    with path.open("wb") as stream:
+        stream.write(data)
+        stream.truncate(len(data) + length)
+    return path
+
+
+def _text(file: Any, text: str) -> None:
+    del file["declared"]
+    file["declared"] = text
+
+
+def a_length_of_gigabytes(folder: Path) -> Path:
+    """One bit: the length of a text, the name of the point or another one as long."""
+    path = drop_file(folder)
+    data = bytearray(path.read_bytes())
+    name = "Köln 1".encode()
+    heap = data.rindex(b"GCOL", 0, data.index(name))
+    place = data.index(struct.pack("<IQ", len(name), heap))
+    data[place + 3] |= 0x80
+    path.write_bytes(data)
+    return path
+
+
+def a_pipe_as_storage(folder: Path) -> Path:
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)  # type: ignore[attr-defined, unused-ignore]
+    external = [(str(pipe), 0, 192)]
+    return drop_file(folder, _again("time", shape=(24,), dtype="f8", external=external))
+
+
+def a_view_of_itself(folder: Path) -> Path:
+    def change(file: Any) -> None:
+        del file["time"]
+        layout = h5py.VirtualLayout((GIB,), "f8")
+        layout[:] = h5py.VirtualSource(".", "time", (GIB,))
+        file.create_virtual_dataset("time", layout)
+
+    return drop_file(folder, change)
+
+
+def groups_without_end(folder: Path) -> Path:
+    def change(file: Any) -> None:
+        parent = file.create_group("more")
+        for number in range(20_000):
+            parent[str(number)] = h5py.SoftLink("/time")
+
+    return drop_file(folder, change)
+
+
+def attributes_without_end(folder: Path) -> Path:
+    def change(file: Any) -> None:
+        for number in range(5000):
+            file["time"].attrs.create(str(number), 1.0)
+
+    return drop_file(folder, change)
+
+
+def exported(folder: Path, text: str, drops: int = 0) -> Path:
+    """An exported survey of version 1 that says `text`."""
+    import hashlib
+
+    path = folder / "survey.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = "pfwd-survey"
+        file.attrs["format_version"] = 1
+        file.attrs["survey_id"] = "0" * 32
+        file.attrs["drops_acknowledged"] = drops
+        file["survey"] = text
+        file["survey"].attrs["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+        file.create_group("drops")
+    return path
+
+
+def _survey(drops: int) -> str:
+    facts = {"discarded": False, "notes": [], "position": None, "target": None, "edits": []}
+    numbers = list(range(1, drops + 1))
+    point = {"name": "P", "title": "P", "order": 1, "declared": {}, "drops": numbers, **facts}
+    said = [{"number": n, "point": "P", "drop": n, "key": None, **facts} for n in numbers]
+    rest: dict[str, Any] = {"info": {}, "events": [], "checks": [], "damage": []}
+    return json.dumps({"points": [point], "drops": said, **rest})
+
+
+def a_million_drops(folder: Path) -> Path:
+    return exported(folder, _survey(1_000_000), 1_000_000)
+
+
+def drops_that_are_not_there(folder: Path) -> Path:
+    return exported(folder, _survey(50_000), 50_000)
+
+
+def empty_lists(folder: Path) -> Path:
+    return exported(folder, '{"drops":[' + "[]," * 10_000_000 + "[]]}")
+
+
+def deep_lists(folder: Path) -> Path:
+    return exported(folder, '{"drops":' + "[" * 100_000)
+
+
+def dotted_key(folder: Path) -> Path:
+    path = folder / "dotted.csv"
+    path.write_bytes(HEADER + b"# " + b"a." * 32_000 + b"a = 1\n" + NAMES)
+    return path
+
+
+def dotted_key_behind_a_text(folder: Path) -> Path:
+    path = folder / "dotted.csv"
+    path.write_bytes(HEADER + b"# x = {'=' = 1, \"a\".b" + b" . c" * 15_000 + b" = 1}\n" + NAMES)
+    return path
+
+
+def header_without_end(folder: Path) -> Path:
+    path = folder / "header.csv"
+    line = b"# x%d = [" + b"1," * 30_000 + b"]\n"
+    path.write_bytes(HEADER + b"".join(line % n for n in range(40)) + NAMES)
+    return path
+
+
+def long_integer(folder: Path) -> Path:
+    path = folder / "integer.csv"
+    path.write_bytes(HEADER + b"# extra = 0x" + b"f" * 60_000 + b"\n" + NAMES)
+    return path
+
+
+def line_without_end(folder: Path) -> Path:
+    path = folder / "line.csv"
+    path.write_bytes(HEADER + NAMES + b"1," * 40_000_000)
+    return path
+
+
+def numbers_without_end(folder: Path) -> Path:
+    path = folder / "numbers.csv"
+    path.write_bytes(HEADER + NAMES + b"0,0,0\n" * 20_000_000)
+    return path
+
+
+def bad_last_line(folder: Path) -> Path:
+    path = folder / "bad.csv"
+    path.write_bytes(HEADER + NAMES + b"0,0,0\n" * 6_600_000 + b"0,0,x\n")
+    return path
+
+
+def drops_without_end(folder: Path) -> Path:
+    path = folder / "drops.csv"
+    rows = "".join(f"{n},0,0,0\n" * 16 for n in range(1, 20_001))
+    path.write_bytes(HEADER + b"drop," + NAMES + rows.encode())
+    return path
+
+
+def long_header_file(folder: Path) -> Path:
+    (folder / "header.toml").write_text(
+        "plate_radius_m = 0.15\n" + "".join(f"key{n} = {n}\n" for n in range(140_000))
+    )
+    path = folder / "plain.csv"
+    path.write_bytes(NAMES)
+    return path
+
+
+def many_keys_in_a_header_file(folder: Path) -> Path:
+    (folder / "header.toml").write_text(
+        "plate_radius_m = 0.15\n" + "".join(f"k{n} = 1\n" for n in range(80_000))
+    )
+    path = folder / "plain.csv"
+    path.write_bytes(NAMES)
+    return path
+
+
+def mapped(folder: Path, data: bytes, more: str = "") -> Path:
+    (folder / "map.toml").write_text(
+        'plate_radius_m = 0.15\n[time]\ncolumn = "t"\nunit = "s"\n[load]\ncolumn = "f"\n'
+        'unit = "N"\n[[sensor]]\ncolumn = "v"\nunit = "m/s"\nquantity = "velocity"\n'
+        "offset_m = 0.0\n" + more
+    )
+    path = folder / "log.txt"
+    path.write_bytes(b"t,f,v\n" + data)
+    return path
+
+
+def mapped_numbers(folder: Path) -> Path:
+    return mapped(folder, b"0,0,0\n" * 20_000_000)
+
+
+def mapped_line(folder: Path) -> Path:
+    return mapped(folder, b"1," * 40_000_000)
+
+
+def dotted_map(folder: Path) -> Path:
+    return mapped(folder, b"", "[" + "a." * 400_000 + "a]\n")
+
+
+def archive(folder: Path, members: dict[str, bytes], name: str = "p.dynz") -> Path:
+    path = folder / name
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for member, data in members.items():
+            file.writestr(member, data)
+    return path
+
+
+def json_of_lists(folder: Path) -> Path:
+    return archive(folder, {"database.json": b"[" + b"[]," * 30_000_000 + b"[]]"})
+
+
+def json_of_zeros(folder: Path) -> Path:
+    return archive(folder, {"database.json": bytes(290_000_000)})
+
+
+def deep_json(folder: Path) -> Path:
+    return archive(folder, {"database.json": b"[" * 1_000_000})
+
+
+def xml_of(folder: Path, body: bytes) -> Path:
+    return archive(folder, {"database.xml": b"<MDDataSet>" + body + b"</MDDataSet>"})
+
+
+def xml_cells(folder: Path) -> Path:
+    return xml_of(folder, b"<R><a>1</a><b>1</b></R>" * 2_700_000)
+
+
+def xml_attributes(folder: Path) -> Path:
+    names = b"".join(b' a%d=">"' % n for n in range(4_000_000))
+    return xml_of(folder, b"<R" + names + b"/>")
+
+
+def xml_laughs(folder: Path) -> Path:
+    entities = '<!ENTITY a "ha">' + "".join(
+        f'<!ENTITY {chr(98 + n)} "{f"&{chr(97 + n)};" * 10}">' for n in range(10)
+    )
+    text = f"<!DOCTYPE x [{entities}]><MDDataSet><R><c>&k;</c></R></MDDataSet>"
+    return archive(folder, {"database.xml": text.encode()})
+
+
+def xml_names(folder: Path) -> Path:
+    name = b"n" * 100_000
+    deep = (b"<" + name + b">") * 20 + b"1" + (b"</" + name + b">") * 20
+    return xml_of(folder, b"<R>" + deep * 10 + b"</R>")
+
+
+def stored_bomb(folder: Path) -> Path:
+    members = {f"rawdata/{n:x}": bytes(60_000_000) for n in range(8)}
+    return archive(folder, {"database.json": b'{"ParamsAcqu": {}}', **members})
+
+
+def large_directory(folder: Path) -> Path:
+    """A plain end of archive that says little, before it the place of one that says 300 MB."""
+    path = archive(folder, {"database.json": b"{}"})
+    data = path.read_bytes()
+    end = data.rindex(b"PK\x05\x06")
+    entry = data[data.index(b"PK\x01\x02") : end]
+    entries = entry * 1_500_000
+    record = struct.pack(
+        "<4sQHHIIQQQQ", b"PK\x06\x06", 44, 45, 45, 0, 0, 1_500_000, 1_500_000, len(entries), end
+    )
+    record = data[: end - len(entry)] + entries + record
+    record = bytearray(record)
+    start = end - len(entry)
+    place = start + len(entries)
+    struct.pack_into("<Q", record, place + 48, start)
+    locator = struct.pack("<4sIQI", b"PK\x06\x07", 0, place, 1)
+    path.write_bytes(bytes(record) + locator + data[end:])
+    return path
+
+
+def same_names(folder: Path) -> Path:
+    """Points whose names were given numbers already."""
+    points = [{"Number": f"a ({n})"} for n in range(2, 20_000)] + [{"Number": "a"}] * 20_000
+    database = {
+        "ParamsAcqu": {"FreqAcqu": 1e4, "PreTrig": 0.01},
+        "PVs": [{"Points": points}],
+    }
+    return archive(folder, {"database.json": json.dumps(database).encode()})
+
+
+def setup_of_dots(folder: Path) -> Path:
+    path = folder / "setup.toml"
+    path.write_text("a." * 45_000 + "a = 1\n")
+    return path
+
+
+def long_result(folder: Path) -> Path:
+    """A received survey with a result of 9 MB of empty lists."""
+    import shutil
+
+    survey = folder / "survey"
+    shutil.copytree(DATA / "recording-v1", survey)
+    result = survey / "results" / "drop-000001-1.json"
+    result.write_bytes(b'{"a":[' + b"[]," * 3_000_000 + b"[]]}")
+    return survey
+
+
+def zeros_in_a_record(folder: Path) -> Path:
+    """A journal whose drop unpacks to more than it is long by a thousand."""
+    import shutil
+
+    from pfwd_device.recording.framing import Kind, encode_frame, scan_bytes
+
+    survey = folder / "survey"
+    shutil.copytree(DATA / "recording-v1", survey)
+    journal = survey / "journal" / "0001.pfwdj"
+    frames, _ = scan_bytes(journal.read_bytes())
+    parts = []
+    for frame in frames:
+        payload = frame.payload
+        if frame.kind == Kind.DROP:
+            (length,) = struct.unpack_from("<I", payload)
+            head = json.loads(payload[4 : 4 + length])
+            samples = 60_000_000
+            head["arrays"] = [
+                {"name": "time", "dtype": "<f8", "shape": [samples]},
+                {"name": "sensor 1", "dtype": "|u1", "shape": [8]},
+            ]
+            text = json.dumps(head).encode()
+            packer = zlib.compressobj(9)
+            block = bytes(2**20)
+            data = b"".join(packer.compress(block) for _ in range(8 * samples // 2**20 + 1))
+            payload = struct.pack("<I", len(text)) + text + data + packer.flush()
+        parts.append(encode_frame(frame.kind, frame.identity, frame.sequence, payload))
+    journal.write_bytes(b"".join(parts))
+    (survey / "acknowledged.txt").unlink()
+    for path in (survey / "drops").iterdir():
+        path.unlink()
+    return survey
+
+
+READING = ("check", "import", "invert")
+
+ATTACKS = (
+    Attack("a gigabyte of time", a_gigabyte_of_time, READING),
+    Attack("a gigabyte in a chunk", a_gigabyte_in_a_chunk, READING, slow=True),
+    Attack("a text of two gigabytes", a_text_of_two_gigabytes, READING),
+    Attack("a length of gigabytes", a_length_of_gigabytes, READING),
+    Attack("a pipe as storage", a_pipe_as_storage, READING),
+    Attack("a view of itself", a_view_of_itself, READING),
+    Attack("groups without end", groups_without_end, READING, slow=True),
+    Attack("attributes without end", attributes_without_end, READING, slow=True),
+    Attack("a million drops", a_million_drops, READING, slow=True),
+    Attack("drops that are not there", drops_that_are_not_there, READING, slow=True, several=True),
+    Attack("empty lists", empty_lists, READING, slow=True),
+    Attack("deep lists", deep_lists, READING),
+    Attack("a dotted key", dotted_key, ("import", "invert")),
+    Attack("a dotted key behind a text", dotted_key_behind_a_text),
+    Attack("a header without end", header_without_end),
+    Attack("a long integer", long_integer),
+    Attack("a line without end", line_without_end, slow=True),
+    Attack("numbers without end", numbers_without_end, slow=True),
+    Attack("a bad last line", bad_last_line, slow=True),
+    Attack("drops without end", drops_without_end, slow=True),
+    Attack("a long header file", long_header_file, arguments=("--header", "{folder}/header.toml")),
+    Attack(
+        "many keys in a header file",
+        many_keys_in_a_header_file,
+        slow=True,
+        arguments=("--header", "{folder}/header.toml"),
+    ),
+    Attack("mapped numbers", mapped_numbers, slow=True, arguments=("--map", "{folder}/map.toml")),
+    Attack("a mapped line", mapped_line, slow=True, arguments=("--map", "{folder}/map.toml")),
+    Attack("a dotted map", dotted_map, arguments=("--map", "{folder}/map.toml")),
+    Attack("JSON of lists", json_of_lists, slow=True),
+    Attack("JSON of zeros", json_of_zeros, slow=True),
+    Attack("deep JSON", deep_json),
+    Attack("XML of cells", xml_cells, slow=True),
+    Attack("XML of attributes", xml_attributes, slow=True),
+    Attack("XML that laughs", xml_laughs),
+    Attack("XML of long names", xml_names, slow=True),
+    Attack("traces of zeros", stored_bomb, slow=True),
+    Attack("a directory without end", large_directory, slow=True),
+    Attack("names that came before", same_names, slow=True),
+    Attack("zeros in a record", zeros_in_a_record, ("invert",), slow=True),
+)

@@ -1,0 +1,54 @@
+"""Hostile files on the real commands: refused in one line, in little time and little memory."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.hostile_files import ATTACKS, Attack
+from tests.measured_run import measured_run
+
+MOST_MEMORY = 500_000_000
+"""Bytes of the whole program; with numpy and HDF5 it has 80 MB before it reads anything."""
+
+MOST_TIME = 60.0
+"""s; the aim is 10 s on a machine that has nothing else to do, so a slow one may take six times."""
+
+PROGRAM = "import sys; from tui.cli import main; sys.exit(main())"
+
+CASES = [
+    pytest.param(attack, command, id=f"{attack.name}-{command}", marks=marks)
+    for attack in ATTACKS
+    for command in attack.commands
+    for marks in [[pytest.mark.slow] if attack.slow or command != "import" else []]
+]
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize(("attack", "command"), CASES)
+def test_it_is_refused_before_it_takes_anything(
+    attack: Attack, command: str, tmp_path: Path
+) -> None:
+    path = attack.make(tmp_path)
+    more = [text.format(folder=tmp_path) for text in attack.arguments]
+    into = ["-o", str(tmp_path / "into")] if command == "import" else []
+    run = measured_run([sys.executable, "-c", PROGRAM, command, str(path), *more, *into], MOST_TIME)
+    assert run.code == 1, run.said
+    assert run.memory < MOST_MEMORY
+    assert "Traceback" not in run.said
+    lines = run.said.splitlines()
+    assert lines
+    if command == "check":
+        assert lines[-1] == "NOT whole" or "attributes are not covered" in lines[-1]
+    else:
+        assert all(line.startswith("pfwd: ") and "expected" in line for line in lines)
+        assert len(lines) == 1 or attack.several
+
+
+@pytest.mark.posix
+def test_the_measurement_sees_memory_time_and_the_end() -> None:
+    run = measured_run([sys.executable, "-c", "x = b'1' * 300_000_000; raise SystemExit(3)"], 60.0)
+    assert run.code == 3
+    assert run.memory > 300_000_000
+    run = measured_run([sys.executable, "-c", "import time; time.sleep(60)"], 0.5)
+    assert (run.code, run.said) == (None, "no end")
