@@ -13,7 +13,7 @@ PARTS = {
     "pictures": "draw the pictures of the documentation anew, from a replay (some minutes)",
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",
     "scale": "every command on 2,500 and on 10,000 drops (ten minutes; --short)",
-    "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short)",
+    "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short; --below)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
     "archive": "an archive inverted anew, its cost and its safety (six minutes; --short)",
     "devices": "ten grounds under ten unlike devices (some minutes; --short)",

@@ -338,8 +338,16 @@ def _equal(one: Any, other: Any, gone: Any) -> bool:
 
 
 def run(arguments: list[str]) -> int:
-    """The whole campaign; ``--short`` for one that takes a minute or two."""
+    """The whole campaign; ``--short`` for one that takes a minute or two.
+
+    With ``--below`` the one below all code, see :mod:`benchmarks.below`.
+    """
+    if "--below" in arguments:
+        from benchmarks.below.campaign import run as run_below
+
+        return run_below([text for text in arguments if text != "--below"])
     parser = argparse.ArgumentParser(prog="pfwd bench faults")
+    parser.add_argument("--below", action="store_true", help="another campaign, below all code")
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")

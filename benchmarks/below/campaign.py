@@ -1,0 +1,199 @@
+"""The campaign: trials side by side, judged, counted and told."""
+
+import argparse
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.below import quick
+from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
+from benchmarks.below.planted import PLANTED
+from benchmarks.below.shim import Fault, compile_shim, why_not
+from benchmarks.below.sweep import Counts, faults
+from benchmarks.output import Reporter
+
+MOST_TOLD = 10
+"""Faults of the program that are told in full; all are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One run to be judged."""
+
+    part: str
+    number: int
+    seed: int
+    fault: Fault
+    plan: str
+
+
+@dataclass(slots=True)
+class Told:
+    """What came of a trial."""
+
+    trial: Trial
+    verdict: Verdict
+    fired: int
+    """Calls that failed; of a replacement one."""
+    acknowledged: int
+    output: str
+    seconds: float
+
+
+@dataclass
+class Tally:
+    """What a part of the campaign found."""
+
+    trials: int = 0
+    fired: int = 0
+    """Trials whose fault came."""
+    calls: int = 0
+    """Calls that failed."""
+    acknowledged: int = 0
+    lost: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
+    red: list[Told] = field(default_factory=list)
+
+    def add(self, told: Told) -> None:
+        """Count a trial; one whose fault never came is judged like the others."""
+        self.trials += 1
+        self.fired += told.fired > 0
+        self.calls += told.fired
+        self.acknowledged += told.acknowledged
+        self.lost += len(told.verdict.lost)
+        self.faults.update(told.verdict.faults)
+        if not told.verdict.good:
+            self.red.append(told)
+
+
+_library = Path()
+_planted = ""
+
+
+def _begin(library: Path, planted: str) -> None:
+    global _library, _planted
+    _library, _planted = library, planted
+
+
+def _told(trial: Trial, outcome: Outcome, fired: int, began: float) -> Told:
+    acknowledged = sum(said.what == ACKNOWLEDGED for said in outcome.said)
+    seconds = time.monotonic() - began
+    return Told(trial, judge(outcome), fired, acknowledged, outcome.output, seconds)
+
+
+_driver: quick.Driver | None = None
+
+
+def _run_quick(trial: Trial) -> Told:
+    global _driver
+    began = time.monotonic()
+    _driver = _driver or quick.Driver(_library, _planted)
+    with _scratch() as folder:
+        outcome, counted = quick.trial(_driver, folder, trial.fault, trial.plan, trial.seed)
+    return _told(trial, outcome, counted.fired, began)
+
+
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    memory = Path("/dev/shm")
+    where = memory if os.access(memory, os.W_OK) else None
+    with tempfile.TemporaryDirectory(prefix="pfwd-below-", dir=where) as folder:
+        yield Path(folder).resolve()
+
+
+def quick_counts(library: Path, plan: str) -> Counts:
+    """Calls of a run without a fault."""
+    with quick.driver(library) as process, _scratch() as folder:
+        outcome, counted = quick.trial(process, folder, Fault(), plan, 0)
+    if not judge(outcome).good or not outcome.said:
+        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+    return counted.counts
+
+
+def quick_trials(library: Path, number: int, seed: int) -> list[Trial]:
+    """Trials of every plan, each with the calls that it makes."""
+    rng = np.random.default_rng(seed)
+    trials = []
+    share = -(-number // len(quick.PLANS))
+    for plan in quick.PLANS:
+        found = faults(quick_counts(library, plan), share, rng)
+        trials += [Trial("quick", n, seed, fault, plan) for n, fault in enumerate(found)]
+    return trials
+
+
+PARTS: dict[str, tuple[Callable[[Path, int, int], list[Trial]], Callable[[Trial], Told], int, int]]
+PARTS = {"quick": (quick_trials, _run_quick, 3000, 400)}
+"""By name: what makes the trials, what runs one, how many of them, how many with ``--short``."""
+
+
+def run(arguments: list[str]) -> int:
+    """The campaign below all code; 0 when nothing was lost and nothing wrong was said."""
+    parser = argparse.ArgumentParser(prog="pfwd bench faults --below")
+    parser.add_argument("--short", action="store_true", help="a minute")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--part", choices=PARTS, action="append", help="only this one")
+    parser.add_argument("--trials", type=int, help="so many in every part")
+    parser.add_argument("--plant", choices=PLANTED, help="a bug, to see that it is noticed")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args(arguments)
+    report = Reporter(arguments)
+    reason = why_not()
+    if reason is not None:
+        report.record(skipped=reason)
+        return 0
+    good = True
+    with tempfile.TemporaryDirectory(prefix="pfwd-below-") as folder:
+        library = compile_shim(Path(folder))
+        for name in args.part or PARTS:
+            make, run_one, number, short = PARTS[name]
+            count = args.trials or (short if args.short else number)
+            began = time.monotonic()
+            tally = Tally()
+            trials = make(library, count, args.seed)
+            for told in _side_by_side(run_one, trials, library, args):
+                tally.add(told)
+            _report(report, name, tally, time.monotonic() - began)
+            good &= not tally.red and tally.fired > 0
+    return 0 if good else 1
+
+
+def _side_by_side(
+    run_one: Callable[[Trial], Told], trials: list[Trial], library: Path, args: argparse.Namespace
+) -> Iterator[Told]:
+    with ProcessPoolExecutor(
+        args.jobs,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_begin,
+        initargs=(library, args.plant or ""),
+    ) as pool:
+        yield from pool.map(run_one, trials, chunksize=4)
+
+
+def _report(report: Reporter, part: str, tally: Tally, seconds: float) -> None:
+    report.record(
+        part=part,
+        trials=tally.trials,
+        fired=tally.fired,
+        calls_failed=tally.calls,
+        acknowledged=tally.acknowledged,
+        records_lost=tally.lost,
+        red=len(tally.red),
+        **{word.replace(" ", "_"): count for word, count in sorted(tally.faults.items())},
+        seconds=seconds,
+    )
+    for told in tally.red[:MOST_TOLD]:
+        trial = told.trial
+        print(f"  {part} {trial.number}, {trial.plan}: {trial.fault}", file=sys.stderr)
+        for text in told.verdict.details:
+            print(f"    {text}", file=sys.stderr)
