@@ -1,6 +1,7 @@
 """The campaign: trials side by side, judged, counted and told."""
 
 import argparse
+import atexit
 import multiprocessing
 import os
 import sys
@@ -15,14 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.below import quick
+from benchmarks.below import command, quick, replacements
 from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
 from benchmarks.below.planted import PLANTED
 from benchmarks.below.shim import Fault, compile_shim, why_not
 from benchmarks.below.sweep import Counts, faults
+from benchmarks.faults import hasty_instrument
 from benchmarks.output import Reporter
+from simulators.instrument import SimulatedInstrument
 
-MOST_TOLD = 10
+MOST_TOLD = 15
 """Faults of the program that are told in full; all are counted."""
 
 
@@ -103,6 +106,34 @@ def _run_quick(trial: Trial) -> Told:
     return _told(trial, outcome, counted.fired, began)
 
 
+_instruments: list[SimulatedInstrument] = []
+
+
+def _urls() -> tuple[str, str]:
+    """Of an instrument that drops its hammer ten times a second while this process lives."""
+    while len(_instruments) < 2:
+        context = hasty_instrument(os.getpid() + len(_instruments))
+        _instruments.append(context.__enter__())
+        atexit.register(context.__exit__, None, None, None)
+    return _instruments[0].url, _instruments[1].url
+
+
+def _run_command(trial: Trial) -> Told:
+    began = time.monotonic()
+    with _scratch() as folder:
+        outcome, counted = command.trial(_library, _urls()[0], folder, trial.fault, trial.plan)
+    return _told(trial, outcome, counted.fired, began)
+
+
+def _run_replacement(trial: Trial) -> Told:
+    began = time.monotonic()
+    killed = trial.number % 5 == 4
+    with _scratch() as folder:
+        seed = trial.seed * 100_000 + trial.number
+        outcome, done = replacements.trial(_urls(), folder, trial.plan, seed, killed=killed)
+    return _told(trial, outcome, done, began)
+
+
 @contextmanager
 def _scratch() -> Iterator[Path]:
     memory = Path("/dev/shm")
@@ -127,12 +158,49 @@ def quick_trials(library: Path, number: int, seed: int) -> list[Trial]:
     share = -(-number // len(quick.PLANS))
     for plan in quick.PLANS:
         found = faults(quick_counts(library, plan), share, rng)
-        trials += [Trial("quick", n, seed, fault, plan) for n, fault in enumerate(found)]
+        begun = len(trials)
+        trials += [Trial("quick", begun + n, seed, fault, plan) for n, fault in enumerate(found)]
     return trials
 
 
+COMMAND_PLANS = ("end", "kill", "end with capture")
+
+
+def _command_plan(number: int, fault: Fault) -> str:
+    if fault.kinds == ("captures",):
+        return COMMAND_PLANS[-1]
+    return COMMAND_PLANS[number % len(COMMAND_PLANS)]
+
+
+def command_trials(library: Path, number: int, seed: int) -> list[Trial]:
+    """Trials of the command, each with the calls that it makes."""
+    rng = np.random.default_rng([seed, 1])
+    with hasty_instrument(seed) as instrument, _scratch() as folder:
+        plan = COMMAND_PLANS[-1]
+        outcome, counted = command.trial(library, instrument.url, folder, Fault(), plan)
+    if not judge(outcome).good or not outcome.said:
+        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+    return [
+        Trial("command", n, seed, fault, _command_plan(n, fault))
+        for n, fault in enumerate(faults(counted.counts, number, rng))
+    ]
+
+
+def replacement_trials(_library: Path, number: int, seed: int) -> list[Trial]:
+    """Each replacement in turn, as often as there are trials."""
+    cannot = replacements.impossible()
+    for name, reason in cannot.items():
+        print(f"  {name}: SKIPPED: {reason}", file=sys.stderr)
+    names = [name for name in replacements.REPLACEMENTS if name not in cannot]
+    return [Trial("replace", n, seed, Fault(), names[n % len(names)]) for n in range(number)]
+
+
 PARTS: dict[str, tuple[Callable[[Path, int, int], list[Trial]], Callable[[Trial], Told], int, int]]
-PARTS = {"quick": (quick_trials, _run_quick, 3000, 400)}
+PARTS = {
+    "quick": (quick_trials, _run_quick, 3000, 300),
+    "command": (command_trials, _run_command, 400, 12),
+    "replace": (replacement_trials, _run_replacement, 222, 12),
+}
 """By name: what makes the trials, what runs one, how many of them, how many with ``--short``."""
 
 
@@ -144,6 +212,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--part", choices=PARTS, action="append", help="only this one")
     parser.add_argument("--trials", type=int, help="so many in every part")
+    parser.add_argument("--trial", type=int, help="only this one of a part, with all it said")
     parser.add_argument("--plant", choices=PLANTED, help="a bug, to see that it is noticed")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(arguments)
@@ -161,8 +230,12 @@ def run(arguments: list[str]) -> int:
             began = time.monotonic()
             tally = Tally()
             trials = make(library, count, args.seed)
+            if args.trial is not None:
+                trials = [trial for trial in trials if trial.number == args.trial]
             for told in _side_by_side(run_one, trials, library, args):
                 tally.add(told)
+                if args.trial is not None:
+                    print(told.output, file=sys.stderr)
             _report(report, name, tally, time.monotonic() - began)
             good &= not tally.red and tally.fired > 0
     return 0 if good else 1
@@ -194,6 +267,7 @@ def _report(report: Reporter, part: str, tally: Tally, seconds: float) -> None:
     )
     for told in tally.red[:MOST_TOLD]:
         trial = told.trial
-        print(f"  {part} {trial.number}, {trial.plan}: {trial.fault}", file=sys.stderr)
+        what = trial.plan if part == "replace" else f"{trial.plan}: {trial.fault}"
+        print(f"  {part} {trial.number}, {what}", file=sys.stderr)
         for text in told.verdict.details:
             print(f"    {text}", file=sys.stderr)

@@ -29,7 +29,7 @@ from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, ch
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 
-LONGEST = 30.0
+LONGEST = float(os.environ.get("PFWD_BELOW_LONGEST", "30"))
 """s that a request may take; it takes a tenth of one."""
 
 RESERVE = 65_536

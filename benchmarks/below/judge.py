@@ -61,6 +61,8 @@ class Outcome:
     """Why the survey could not be recovered or read; it may have been taken away."""
     gone: bool = False
     """The survey was taken away from where it was, so that a refusal is right."""
+    harmless: bool = False
+    """Nothing was done that endangers a record, so that a warning is wrong."""
     later_statuses: tuple[int, ...] = ()
     """Exit statuses of the programs that recovered and checked, -1: it hung."""
 
@@ -71,7 +73,7 @@ class Verdict:
 
     faults: tuple[str, ...]
     """Words: `lost`, `called whole`, `twice`, `unreadable`, `not whole`, `traceback`,
-    `escaped`, `hang`, `status`."""
+    `escaped`, `hang`, `status`, `warned without need`."""
     details: tuple[str, ...]
     lost: tuple[str, ...] = ()
     """Acknowledged records that are nowhere, warned of or not."""
@@ -102,6 +104,9 @@ def judge(outcome: Outcome) -> Verdict:
         faults["unreadable"] = outcome.refusal
     if outcome.whole is False and not lost and not outcome.gone:
         faults["not whole"] = "not whole after recovery, although nothing is missing"
+    warned = [said.name for said in outcome.said if said.what == WARNED]
+    if outcome.harmless and warned:
+        faults["warned without need"] = warned[0]
     for word, marks in UNFORESEEN.items():
         if any(mark in outcome.output for mark in marks):
             faults[word] = _last_of_traceback(outcome.output)
