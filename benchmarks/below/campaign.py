@@ -4,6 +4,7 @@ import argparse
 import atexit
 import multiprocessing
 import os
+import re
 import sys
 import tempfile
 import time
@@ -25,8 +26,8 @@ from benchmarks.faults import hasty_instrument
 from benchmarks.output import Reporter
 from simulators.instrument import SimulatedInstrument
 
-MOST_TOLD = 15
-"""Faults of the program that are told in full; all are counted."""
+MOST_TOLD = 30
+"""Unlike faults of the program that are told in full; all are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,7 @@ def _run_quick(trial: Trial) -> Told:
     began = time.monotonic()
     _driver = _driver or quick.Driver(_library, _planted)
     with _scratch() as folder:
-        outcome, counted = quick.trial(_driver, folder, trial.fault, trial.plan, trial.seed)
+        outcome, counted = quick.trial(_driver, folder, trial.fault, trial.plan, trial.number)
     return _told(trial, outcome, counted.fired, began)
 
 
@@ -265,9 +266,23 @@ def _report(report: Reporter, part: str, tally: Tally, seconds: float) -> None:
         **{word.replace(" ", "_"): count for word, count in sorted(tally.faults.items())},
         seconds=seconds,
     )
-    for told in tally.red[:MOST_TOLD]:
-        trial = told.trial
+    for alike in _groups(tally.red)[:MOST_TOLD]:
+        trial = alike[0].trial
         what = trial.plan if part == "replace" else f"{trial.plan}: {trial.fault}"
-        print(f"  {part} {trial.number}, {what}", file=sys.stderr)
-        for text in told.verdict.details:
+        more = f" (and {len(alike) - 1} alike)" if len(alike) > 1 else ""
+        print(f"  --part {part} --trial {trial.number}, {what}{more}", file=sys.stderr)
+        for text in alike[0].verdict.details:
             print(f"    {text}", file=sys.stderr)
+
+
+def _groups(red: list[Told]) -> list[list[Told]]:
+    """Trials that failed alike, the most frequent first: names and numbers make no difference."""
+    groups: dict[tuple[str, ...], list[Told]] = {}
+    for told in red:
+        plan = told.trial.plan if told.trial.part == "replace" else ""
+        plain = (
+            re.sub(r"\S*/pfwd-below\S+|\d+|: (note|rebound|drop).*", "", text)
+            for text in told.verdict.details
+        )
+        groups.setdefault((plan, *plain), []).append(told)
+    return sorted(groups.values(), key=len, reverse=True)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.below.finding import found_names
+from benchmarks.below.finding import add_second_places, found_names
 from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
 from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
@@ -186,12 +186,4 @@ def look(outcome: Outcome, survey: Path, folder: Path) -> None:
         outcome.found = found_names(survey, with_content=False)
     except RecordingError as err:
         outcome.refusal, outcome.whole = str(err), None
-    for place in second_places(folder):
-        with contextlib.suppress(RecordingError):
-            more = found_names(place, with_content=False)
-            outcome.found += [name for name in more if name not in outcome.found]
-
-
-def second_places(folder: Path) -> list[Path]:
-    """Folders of drops that were saved elsewhere."""
-    return sorted({path.parent for path in (folder / "data").rglob("journal") if path.is_dir()})
+    add_second_places(outcome.found, folder / "data", with_content=False)

@@ -18,6 +18,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,15 @@ import numpy as np
 from benchmarks.below.planted import PLANTED
 from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, check, recover
+from pfwd_device.recording import (
+    DropRecord,
+    Rebound,
+    SpareFolder,
+    Storage,
+    SurveyWriter,
+    check,
+    recover,
+)
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 
@@ -80,6 +89,7 @@ class Workload:
     def __init__(self, request: dict[str, Any], teller: Teller) -> None:
         self._request = request
         self._teller = teller
+        self._writer: SurveyWriter | None = None
         self._seed = int(request["seed"])
 
     def run(self) -> None:
@@ -87,8 +97,12 @@ class Workload:
         first, drops = int(self._request["first"]), int(self._request["drops"])
         storage = Storage()
         writer = SurveyWriter.open(
-            self._request["survey"], publisher=InlinePublisher(storage), reserve_bytes=RESERVE
+            self._request["survey"],
+            publisher=InlinePublisher(storage),
+            reserve_bytes=RESERVE,
+            spare=spare_folder(self._request),
         )
+        self._writer = writer
         capture = self._try("capture", lambda: writer.open_capture("link", {"url": "none"}))
         for number in range(first, first + drops):
             record = nth_record(number, self._seed)
@@ -102,6 +116,12 @@ class Workload:
         if self._request.get("killed"):
             os._exit(0)
         writer.close()
+        self._tell_reports()
+
+    def _tell_reports(self) -> None:
+        """What happened to the files comes before the next acknowledgement."""
+        for report in self._writer.take_reports() if self._writer is not None else ():
+            self._teller.say("said", report.text)
 
     def _say_more(self, writer: SurveyWriter, saved: int, number: int) -> None:
         rebound = Rebound(0.4, 900.0 + number, number, np.full((4, 3), number, np.int32))
@@ -115,7 +135,9 @@ class Workload:
     def _try(self, name: str, save: Callable[[], Any]) -> Any:
         try:
             done = save()
+            self._tell_reports()
         except RecordingError as err:
+            self._tell_reports()
             self._teller.say("refused", f"{name}: {err}")
             return None
         except OSError as err:
@@ -128,22 +150,32 @@ class Workload:
         return True if done is None else done
 
 
+def spare_folder(request: dict[str, Any]) -> SpareFolder | None:
+    """The second place for what the survey's folder does not take, where a request names one."""
+    return SpareFolder(Path(request["spare"])) if request.get("spare") else None
+
+
 def _do(request: dict[str, Any], teller: Teller) -> int:
     try:
         if request["do"] == "record":
             Workload(request, teller).run()
         elif request["do"] == "recover":
-            report = recover(request["survey"], publisher=InlinePublisher(Storage()))
+            report = recover(
+                request["survey"],
+                publisher=InlinePublisher(Storage()),
+                spare=spare_folder(request),
+            )
             teller.say("whole" if report.ok else "not whole", "; ".join(report.damaged))
         else:
-            found = check(request["survey"])
+            found = check(request["survey"], spare=spare_folder(request))
             teller.say("whole" if found.ok else "not whole", "; ".join(found.damaged))
     except RecordingError as err:
         teller.say("refused", str(err))
         return 1
     except Exception:
-        # Without the usual head, which would read as a traceback of the command.
-        teller.say("escaped", "\n".join(traceback.format_exc().splitlines()[1:]))
+        # Without the usual heads, which would read as a traceback of the command.
+        lines = traceback.format_exc().splitlines()
+        teller.say("escaped", "\n".join(line for line in lines if "Traceback" not in line))
         return 1
     return 0
 

@@ -1,9 +1,11 @@
 """The names of what is in a survey, as those name it who acknowledge."""
 
+import contextlib
 import json
 from pathlib import Path
 
 from benchmarks.below.driver import drop_name
+from pfwd_device.errors import RecordingError
 from pfwd_device.recording import read_survey
 
 
@@ -39,6 +41,15 @@ def found_names(folder: Path, *, with_content: bool) -> list[str]:
     names += [f"event {event['details']['n']}" for event in survey.events if _ours(event)]
     names += [f"check {check['details']['n']}" for check in survey.checks if _ours(check)]
     return names
+
+
+def add_second_places(names: list[str], folder: Path, *, with_content: bool) -> None:
+    """Add what is only in surveys, or parts of surveys, anywhere below a folder."""
+    places = sorted({path.parent for path in folder.rglob("journal") if path.is_dir()})
+    for place in places:
+        with contextlib.suppress(RecordingError):  # what cannot be read is not found
+            more = found_names(place, with_content=with_content)
+            names += [name for name in more if name not in names]
 
 
 def _ours(record: dict[str, object]) -> bool:

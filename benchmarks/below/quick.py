@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.below.finding import found_names
+from benchmarks.below.finding import add_second_places, found_names
 from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
 from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Storage, check, recover
+from pfwd_device.recording import SpareFolder, Storage, check, recover
 from pfwd_device.recording.publishing import InlinePublisher
 
 DROPS = 4
@@ -75,7 +75,9 @@ def trial(
     survey, out = folder / "survey", folder / "out"
     state, log = folder / "state", folder / "fired"
     armed = fault.text((survey,), state, log)
+    spare = folder / "spare" if seed % 2 else None
     request = {"do": "record", "survey": str(survey), "out": str(out), "seed": seed}
+    request |= {"spare": "" if spare is None else str(spare)}
     first = {**request, "first": 1, "drops": DROPS, "killed": plan in ("kill", "faulted recovery")}
     outcome = Outcome(killed=bool(first["killed"]))
     if plan == "faulted recovery":
@@ -89,7 +91,7 @@ def trial(
         again = process.ask({**more, "fault": ""})
         outcome.later_statuses = (-1 if again is None else again,)
     _listen(outcome, out)
-    _look(outcome, survey)
+    _look(outcome, survey, SpareFolder(spare) if spare is not None else None)
     counted = read_state(state)
     shutil.rmtree(folder)
     folder.mkdir()
@@ -107,15 +109,17 @@ def _listen(outcome: Outcome, out: Path) -> None:
         outcome.output += f"{said['what']}: {said['name']}\n"
 
 
-def _look(outcome: Outcome, survey: Path) -> None:
+def _look(outcome: Outcome, survey: Path, spare: SpareFolder | None) -> None:
     try:
-        report = recover(survey, publisher=InlinePublisher(Storage()))
+        report = recover(survey, publisher=InlinePublisher(Storage()), spare=spare)
         outcome.output += "".join(
             f"recovery: {text}\n" for text in (*report.actions, *report.damaged)
         )
         outcome.found = found_names(survey, with_content=True)
-        found = check(survey)
+        found = check(survey, spare=spare)
         outcome.whole = found.ok
         outcome.output += "".join(f"check: {text}\n" for text in found.damaged)
     except RecordingError as err:
         outcome.refusal = str(err)
+    if spare is not None:
+        add_second_places(outcome.found, spare.root, with_content=True)

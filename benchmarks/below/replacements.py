@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.below.command import DROPS, LONGEST, Command, look, own_places
-from benchmarks.below.finding import found_names
+from benchmarks.below.finding import add_second_places
 from benchmarks.below.judge import REPLACED, Outcome, Said
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Storage, recover
@@ -456,5 +456,4 @@ def _status(status: int | None) -> int:
 def _look_elsewhere(outcome: Outcome, place: Path) -> None:
     with contextlib.suppress(RecordingError):
         recover(place, publisher=InlinePublisher(Storage()))
-        names = found_names(place, with_content=False)
-        outcome.found += [name for name in names if name not in outcome.found]
+    add_second_places(outcome.found, place, with_content=False)
