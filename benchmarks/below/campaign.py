@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.below import command, quick, replacements
 from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
-from benchmarks.below.planted import PLANTED
+from benchmarks.below.planted import PLANTED, VARIABLE
 from benchmarks.below.shim import Fault, compile_shim, why_not
 from benchmarks.below.sweep import Counts, faults
 from benchmarks.faults import hasty_instrument
@@ -87,6 +87,7 @@ _planted = ""
 def _begin(library: Path, planted: str) -> None:
     global _library, _planted
     _library, _planted = library, planted
+    os.environ[VARIABLE] = planted
 
 
 def _told(trial: Trial, outcome: Outcome, fired: int, began: float) -> Told:

@@ -15,6 +15,7 @@ from typing import Any
 
 from benchmarks.below.finding import add_second_places, found_names
 from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
+from benchmarks.below.planted import VARIABLE
 from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
 
@@ -27,7 +28,8 @@ LONGEST = 60.0
 LAST_WORDS = 45.0
 """s that it may take to end when it was told to; one that waits for a publisher waits 30."""
 
-_PFWD = [sys.executable, "-P", "-c", "import sys; from tui.cli import main; sys.exit(main())"]
+_PFWD = "import sys; from tui.cli import main; sys.exit(main())"
+_PLANTED = f"from benchmarks.below.planted import plant; plant(); {_PFWD}"
 
 
 class Command:
@@ -51,8 +53,9 @@ class Command:
         self.dealt_with: set[str] = set()
         """Drops that were acknowledged, or named as not saved."""
         self._news = threading.Condition()
+        code = _PLANTED if env.get(VARIABLE) else _PFWD
         self._process = subprocess.Popen(
-            [*before, *_PFWD, *arguments],
+            [*before, sys.executable, "-c", code, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.below.planted import PLANTED
+from benchmarks.below.planted import plant
 from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
@@ -202,12 +202,11 @@ def _in_fork(request: dict[str, Any]) -> int | None:
 
 
 def main() -> int:
-    """Answer until the input ends; an argument names a bug to plant first."""
+    """Answer until the input ends."""
     # What a fork would have to import, it would import through faults.
     import pfwd_device.recording.publisher  # noqa: F401
 
-    if len(sys.argv) > 1:
-        PLANTED[sys.argv[1]]()
+    plant()
     for line in sys.stdin:
         print(json.dumps({"status": _in_fork(json.loads(line))}), flush=True)
     return 0

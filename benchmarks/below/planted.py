@@ -1,9 +1,11 @@
 """Bugs put into the recording, to see that the campaign notices them."""
 
 import contextlib
+import os
 from collections.abc import Callable, Mapping
 
-from pfwd_device.recording import journal
+from pfwd_device.recording.journal import JournalWriter, Record
+from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Storage
 
 
@@ -18,15 +20,21 @@ def _ignore_sync_errors() -> None:
     Storage.sync = sync  # type: ignore[method-assign]
 
 
-def _skip_journal_sync() -> None:
-    """A record is acknowledged although the sync of the journal failed."""
-    real = journal.JournalWriter._sync
-
-    def sync(self: journal.JournalWriter) -> None:
+class _Lenient(Storage):
+    def sync(self, descriptor: int) -> None:
         with contextlib.suppress(OSError):
-            real(self)
+            super().sync(descriptor)
 
-    journal.JournalWriter._sync = sync  # type: ignore[method-assign]
+
+def _ignore_journal_sync() -> None:
+    """A record is acknowledged although the sync of the journal failed; the ledger is in order."""
+    real = JournalWriter.append
+
+    def append(self: JournalWriter, record: Record) -> Entry:
+        self._storage = _Lenient()
+        return real(self, record)
+
+    JournalWriter.append = append  # type: ignore[method-assign]
 
 
 def _trust_short_writes() -> None:
@@ -38,8 +46,27 @@ def _trust_short_writes() -> None:
     Storage.write_at = write_at  # type: ignore[method-assign]
 
 
+def _trust_paths() -> None:
+    """Nobody looks whether the files that are written are those that others find."""
+    from pfwd_device.recording.lock import SurveyLock
+    from pfwd_device.recording.record_log import RecordFiles
+
+    RecordFiles.problem = lambda self: None  # type: ignore[method-assign]
+    SurveyLock.problem = lambda self: None  # type: ignore[method-assign]
+
+
 PLANTED: Mapping[str, Callable[[], None]] = {
     "ignore-sync-errors": _ignore_sync_errors,
-    "ignore-journal-sync": _skip_journal_sync,
+    "ignore-journal-sync": _ignore_journal_sync,
     "trust-short-writes": _trust_short_writes,
+    "trust-paths": _trust_paths,
 }
+
+VARIABLE = "PFWD_BELOW_PLANT"
+"""Of the environment: the bug to plant in the programs that are started."""
+
+
+def plant() -> None:
+    """Plant what the environment names."""
+    if name := os.environ.get(VARIABLE):
+        PLANTED[name]()

@@ -11,6 +11,7 @@ from typing import Any
 
 from benchmarks.below.finding import add_second_places, found_names
 from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
+from benchmarks.below.planted import VARIABLE
 from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SpareFolder, Storage, check, recover
@@ -31,13 +32,12 @@ class Driver:
     """A process on the library that answers requests; see :mod:`benchmarks.below.driver`."""
 
     def __init__(self, library: Path, planted: str = "") -> None:
-        command = [sys.executable, "-m", "benchmarks.below.driver"]
         self._process = subprocess.Popen(
-            [*command, planted] if planted else command,
+            [sys.executable, "-m", "benchmarks.below.driver"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env=environment(library, ""),
+            env={**environment(library, ""), VARIABLE: planted},
         )
 
     def ask(self, request: dict[str, Any]) -> int | None:

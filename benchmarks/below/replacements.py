@@ -278,9 +278,8 @@ def _unmount(scene: Scene) -> None:
 
 
 def _mount_over(scene: Scene) -> None:
-    """Another disk appears where the survey is."""
+    """Another disk appears where the survey is, and stays."""
     _mount(scene.survey)
-    scene.undo.append(lambda: _unmount_all(scene.survey))
 
 
 def _mount(path: Path) -> None:
@@ -425,6 +424,9 @@ def trial(
     outcome.later_statuses += statuses
     for place in scene.elsewhere:
         _look_elsewhere(outcome, place)
+    if os.path.ismount(survey):
+        _unmount_all(survey)
+        _look_elsewhere(outcome, survey)  # what is below it
     _unmount_all(survey.parent)
     shutil.rmtree(folder)
     folder.mkdir()
