@@ -127,6 +127,27 @@ def _run_command(trial: Trial) -> Told:
     return _told(trial, outcome, counted.fired, began)
 
 
+_killed: command.Killed | None = None
+_killed_folder: tempfile.TemporaryDirectory[str] | None = None
+
+
+def _killed_once() -> command.Killed:
+    """The survey that every recovery of this process begins with."""
+    global _killed, _killed_folder
+    if _killed is None:
+        _killed_folder = tempfile.TemporaryDirectory(prefix="pfwd-below-")
+        _killed = command.killed_session(_urls()[0], Path(_killed_folder.name))
+    return _killed
+
+
+def _run_recovery(trial: Trial) -> Told:
+    began = time.monotonic()
+    killed = _killed_once()
+    with _scratch() as folder:
+        outcome, counted = command.recovery_trial(_library, folder, killed, trial.fault)
+    return _told(trial, outcome, counted.fired, began)
+
+
 def _run_replacement(trial: Trial) -> Told:
     began = time.monotonic()
     killed = trial.number % 5 == 4
@@ -188,6 +209,18 @@ def command_trials(library: Path, number: int, seed: int) -> list[Trial]:
     ]
 
 
+def recovery_trials(library: Path, number: int, seed: int) -> list[Trial]:
+    """Trials of `pfwd recover`, each with the calls that it makes."""
+    rng = np.random.default_rng([seed, 2])
+    with hasty_instrument(seed) as instrument, _scratch() as before, _scratch() as folder:
+        killed = command.killed_session(instrument.url, before)
+        outcome, counted = command.recovery_trial(library, folder, killed, Fault())
+    if not judge(outcome).good or not outcome.said:
+        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+    found = faults(counted.counts, number, rng)
+    return [Trial("recover", n, seed, fault, "recovered") for n, fault in enumerate(found)]
+
+
 def replacement_trials(_library: Path, number: int, seed: int) -> list[Trial]:
     """Each replacement in turn, as often as there are trials."""
     cannot = replacements.impossible()
@@ -201,6 +234,7 @@ PARTS: dict[str, tuple[Callable[[Path, int, int], list[Trial]], Callable[[Trial]
 PARTS = {
     "quick": (quick_trials, _run_quick, 3000, 300),
     "command": (command_trials, _run_command, 400, 12),
+    "recover": (recovery_trials, _run_recovery, 150, 10),
     "replace": (replacement_trials, _run_replacement, 222, 12),
 }
 """By name: what makes the trials, what runs one, how many of them, how many with ``--short``."""

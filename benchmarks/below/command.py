@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +163,43 @@ def trial(
         outcome.output += "it said nothing more, and did not end\n"
     outcome.said = command.said
     outcome.output += command.text
+    look(outcome, survey, folder)
+    counted = read_state(state)
+    shutil.rmtree(folder)
+    folder.mkdir()
+    return outcome, counted
+
+
+@dataclass(frozen=True, slots=True)
+class Killed:
+    """A survey whose program was killed."""
+
+    survey: Path
+    said: tuple[Said, ...]
+
+
+def killed_session(url: str, folder: Path) -> Killed:
+    """A survey to be recovered: acknowledged drops, some without a file, a torn end maybe."""
+    survey = folder / "killed"
+    log = ["log", url, "-o", str(survey), "--no-invert", "--json", "--capture"]
+    command = Command(log, own_places(folder))
+    command.wait_for(DROPS, LONGEST)
+    command.kill()
+    command.wait()
+    return Killed(survey, tuple(command.said))
+
+
+def recovery_trial(
+    library: Path, folder: Path, killed: Killed, fault: Fault
+) -> tuple[Outcome, Counted]:
+    """One `pfwd recover` with one fault, and what is found when it was done again without."""
+    survey, state = folder / "survey", folder / "state"
+    shutil.copytree(killed.survey, survey)
+    armed = fault.text((survey,), state, folder / "fired")
+    env = {**own_places(folder), **_below(library, armed)}
+    command = Command(["recover", str(survey), "--json"], env)
+    outcome = Outcome(status=command.wait(LONGEST), said=list(killed.said))
+    outcome.output = command.text
     look(outcome, survey, folder)
     counted = read_state(state)
     shutil.rmtree(folder)
