@@ -81,7 +81,8 @@ class Command:
         if line.startswith("{"):
             with contextlib.suppress(ValueError):  # the line that a kill cut in two
                 drop = json.loads(line)
-        if isinstance(drop, dict) and drop.get("saved") is True:
+        # A second line of a drop says that it has no file of its own, and acknowledges nothing.
+        if isinstance(drop, dict) and drop.get("saved") is True and "published" not in drop:
             name = f"drop {drop['point']}/{drop['drop']}"
             self.tell(Said(ACKNOWLEDGED, name))
             self.dealt_with.add(name)
@@ -139,7 +140,8 @@ class Command:
 
 def own_places(folder: Path) -> dict[str, str]:
     """The environment with the platform's data folder, and so unsafe drops, below a folder."""
-    return {**os.environ, "XDG_DATA_HOME": str(folder / "data")}
+    here = {key: value for key, value in os.environ.items() if key != "PFWD_SPARE"}
+    return {**here, "XDG_DATA_HOME": str(folder / "data")}
 
 
 def trial(

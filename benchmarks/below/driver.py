@@ -38,7 +38,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 
-LONGEST = float(os.environ.get("PFWD_BELOW_LONGEST", "30"))
+LONGEST = float(os.environ.get("PFWD_BELOW_LONGEST", "90"))
 """s that a request may take; it takes a tenth of one."""
 
 RESERVE = 65_536
