@@ -177,7 +177,7 @@ def quick_counts(library: Path, plan: str) -> Counts:
 def quick_trials(library: Path, number: int, seed: int) -> list[Trial]:
     """Trials of every plan, each with the calls that it makes."""
     rng = np.random.default_rng(seed)
-    trials = []
+    trials: list[Trial] = []
     share = -(-number // len(quick.PLANS))
     for plan in quick.PLANS:
         found = faults(quick_counts(library, plan), share, rng)

@@ -28,6 +28,7 @@ from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
+    PublishingFailed,
     Rebound,
     SpareFolder,
     Storage,
@@ -121,7 +122,8 @@ class Workload:
     def _tell_reports(self) -> None:
         """What happened to the files comes before the next acknowledgement."""
         for report in self._writer.take_reports() if self._writer is not None else ():
-            self._teller.say("said", report.text)
+            text = report.reason if isinstance(report, PublishingFailed) else report.text
+            self._teller.say("said", text)
 
     def _say_more(self, writer: SurveyWriter, saved: int, number: int) -> None:
         rebound = Rebound(0.4, 900.0 + number, number, np.full((4, 3), number, np.int32))
