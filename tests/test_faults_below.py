@@ -212,7 +212,10 @@ class TestLibrary:
         self, library: Path, files: Path
     ) -> None:
         fault = Fault(("fdatasync",), ("journal",), 3, mode="forget")
-        assert run_below(library, files, fault, WRITE)[3:5] == ["EIO", "20"]
+        said = run_below(library, files, fault, WRITE.replace("bytes(10)", "b'0123456789'"))
+        assert said[3:5] == ["EIO", "30"]
+        content = (files / "journal" / "0001.pfwdj").read_bytes()
+        assert content == b"0123456789" * 2 + bytes(10) + b"0123456789"
 
     def test_done_and_yet_refused(self, library: Path, files: Path) -> None:
         (files / "a").touch()
@@ -277,7 +280,7 @@ def test_files_elsewhere_are_left_alone(library: Path, tmp_path: Path) -> None:
 PLANTED = [
     ("ignore-sync-errors", Fault(("fdatasync",), ("journal",), 8, 2, mode="forget")),
     ("ignore-journal-sync", Fault(("fdatasync",), ("journal",), 8, 2, mode="forget")),
-    ("trust-short-writes", Fault(("write",), ("journal",), 24, mode="short", amount=48)),
+    ("acknowledge-refused", Fault(("write",), ("journal",), 20, FOR_EVER, "ENOSPC")),
 ]
 
 

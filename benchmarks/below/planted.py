@@ -4,6 +4,8 @@ import contextlib
 import os
 from collections.abc import Callable, Mapping
 
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_device.recording.journal import JournalWriter, Record
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Storage
@@ -37,13 +39,17 @@ def _ignore_journal_sync() -> None:
     JournalWriter.append = append  # type: ignore[method-assign]
 
 
-def _trust_short_writes() -> None:
-    """What a write says of how much it wrote is not looked at."""
+def _acknowledge_what_was_refused() -> None:
+    """The answer of the disk is not waited for."""
+    real = SurveyWriter.save_drop
 
-    def write_at(self: Storage, descriptor: int, data: bytes, offset: int) -> None:
-        self.pwrite(descriptor, memoryview(data), offset)
+    def save_drop(self: SurveyWriter, record: DropRecord) -> int:
+        try:
+            return real(self, record)
+        except RecordingError:
+            return 1
 
-    Storage.write_at = write_at  # type: ignore[method-assign]
+    SurveyWriter.save_drop = save_drop  # type: ignore[method-assign]
 
 
 def _trust_paths() -> None:
@@ -58,7 +64,7 @@ def _trust_paths() -> None:
 PLANTED: Mapping[str, Callable[[], None]] = {
     "ignore-sync-errors": _ignore_sync_errors,
     "ignore-journal-sync": _ignore_journal_sync,
-    "trust-short-writes": _trust_short_writes,
+    "acknowledge-refused": _acknowledge_what_was_refused,
     "trust-paths": _trust_paths,
 }
 

@@ -262,7 +262,11 @@ static int refuse(void)
     return -1;
 }
 
-/* ---- what a disk forgets when a sync fails: all that was appended since the last good one ---- */
+/* ---- what a disk forgets when a sync fails: all that was appended since the last good one ----
+ *
+ * The system drops the pages that it could not write and calls the next sync a success; the bytes are
+ * zeros when the file is read again.
+ */
 
 #define MOST_FILES 512
 static struct known_file {
@@ -300,8 +304,12 @@ static void follow(enum event event, int fd)
         struct known_file *file = known_file(&found);
         int is_new = count != known_count;
         if (file && event == FAILED) {
-            if (file->synced < found.st_size)
-                syscall(SYS_ftruncate, fd, (long)file->synced);
+            /* The length is known to the file system, the pages are not. */
+            static const char zeros[4096];
+            for (off_t at = file->synced; at < found.st_size; at += (off_t)sizeof zeros) {
+                size_t left = (size_t)(found.st_size - at);
+                syscall(SYS_pwrite64, fd, zeros, left < sizeof zeros ? left : sizeof zeros, at);
+            }
         } else if (file && (event == SYNCED || is_new || found.st_size < file->synced)) {
             file->synced = found.st_size;
         }

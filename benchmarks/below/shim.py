@@ -25,7 +25,7 @@ MODES = ("error", "torn", "short", "done", "slow", "forget")
 """``error``: nothing is done. ``torn``: the first `amount` bytes are written, then the error.
 ``short``: `amount` bytes are written, and so it says. ``done``: all is done, and then the error,
 as over a network that lost the answer. ``slow``: all is done `amount` ms later. ``forget``: a sync
-that fails, and what was appended since the last one is gone, as it is when the system drops the
+that fails, and what was appended since the last one is zeros, as it is when the system drops the
 pages that it could not write."""
 
 FOR_EVER = 2**62
