@@ -74,8 +74,10 @@ def trial(
     """One survey with one fault, and what is found of it; the folder is empty before and after."""
     survey, out = folder / "survey", folder / "out"
     state, log = folder / "state", folder / "fired"
-    armed = fault.text((survey,), state, log)
-    spare = folder / "spare" if seed % 2 else None
+    # Without a spare folder, with one, and with one that is on the same bad disk.
+    spare = folder / "spare" if seed % 3 else None
+    roots = (survey, spare) if spare is not None and seed % 3 == 2 else (survey,)
+    armed = fault.text(roots, state, log)
     request = {"do": "record", "survey": str(survey), "out": str(out), "seed": seed}
     request |= {"spare": "" if spare is None else str(spare)}
     first = {**request, "first": 1, "drops": DROPS, "killed": plan in ("kill", "faulted recovery")}

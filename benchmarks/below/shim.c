@@ -3,7 +3,7 @@
  *
  * The fault is described by the environment variable PFWD_BELOW, or by a call of pfwd_below_arm, as
  * "roots=/a:/b|state=FILE|log=FILE|calls=MASK|kinds=MASK|at=N|times=N|error=N|mode=N|amount=N".
- * The state is a small file that all processes of a run share: so the n-th call is counted over a
+ * The first root is a survey, the others are folders of surveys. The state is a small file that all processes of a run share: so the n-th call is counted over a
  * program and its children, and whoever watches reads there whether the fault fired.
  */
 #define _GNU_SOURCE
@@ -160,8 +160,14 @@ static int kind_at(const char *path)
 {
     for (int n = 0; n < config.root_count; n++) {
         size_t length = strlen(config.roots[n]);
-        if (!strncmp(path, config.roots[n], length) && (!path[length] || path[length] == '/'))
-            return kind_of(path[length] ? path + length + 1 : "");
+        if (strncmp(path, config.roots[n], length) || (path[length] && path[length] != '/'))
+            continue;
+        const char *name = path[length] ? path + length + 1 : "";
+        if (n > 0) { /* a folder of surveys, not a survey */
+            name = strchr(name, '/');
+            name = name ? name + 1 : "";
+        }
+        return kind_of(name);
     }
     return -1;
 }

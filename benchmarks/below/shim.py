@@ -54,7 +54,7 @@ class Fault:
     amount: int = 0
 
     def text(self, roots: tuple[Path, ...], state: Path, log: Path) -> str:
-        """What the library is told; `roots`: the folders whose files are meant."""
+        """What the library is told; `roots`: a survey, and folders of others to fail with it."""
         return (
             f"roots={':'.join(map(str, roots))}|state={state}|log={log}"
             f"|calls={_mask(self.calls, CALLS)}|kinds={_mask(self.kinds, KINDS)}"
