@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.below import command, quick, replacements
+from benchmarks.below import command, limits, quick, replacements
 from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
 from benchmarks.below.planted import PLANTED, VARIABLE
 from benchmarks.below.shim import Fault, compile_shim, why_not
@@ -247,6 +247,7 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--part", choices=PARTS, action="append", help="only this one")
+    parser.add_argument("--limits", action="store_true", help="what cannot be promised instead")
     parser.add_argument("--trials", type=int, help="so many in every part")
     parser.add_argument("--trial", type=int, help="only this one of a part, with all it said")
     parser.add_argument("--plant", choices=PLANTED, help="a bug, to see that it is noticed")
@@ -260,7 +261,7 @@ def run(arguments: list[str]) -> int:
     good = True
     with tempfile.TemporaryDirectory(prefix="pfwd-below-") as folder:
         library = compile_shim(Path(folder))
-        for name in args.part or PARTS:
+        for name in args.part or (() if args.limits else PARTS):
             make, run_one, number, short = PARTS[name]
             count = args.trials or (short if args.short else number)
             began = time.monotonic()
@@ -274,7 +275,27 @@ def run(arguments: list[str]) -> int:
                     print(told.output, file=sys.stderr)
             _report(report, name, tally, time.monotonic() - began)
             good &= not tally.red and tally.fired > 0
+        if args.limits:
+            _limits(report, args.trials or 5, args.seed)
     return 0 if good else 1
+
+
+def _limits(report: Reporter, number: int, seed: int) -> None:
+    """What the promise cannot cover; told, and no fault of the program."""
+    for name in limits.LIMITS:
+        found = []
+        for n in range(number):
+            with _scratch() as folder:
+                found.append(limits.trial(_urls()[0], folder, name, seed * 1000 + n)[0])
+        report.record(
+            limit=name,
+            trials=number,
+            acknowledged=sum(met.acknowledged for met in found),
+            lost=sum(met.lost for met in found),
+            trials_with_loss=sum(met.lost > 0 for met in found),
+            said_not_safe=sum(met.said for met in found),
+            noticed_by_check=sum(met.noticed for met in found),
+        )
 
 
 def _side_by_side(
