@@ -30,6 +30,10 @@ MOST_TOLD = 30
 """Unlike faults of the program that are told in full; all are counted."""
 
 
+NEWS = 60.0
+"""s between two lines that say how far it is."""
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
     """One run to be judged."""
@@ -265,12 +269,17 @@ def run(arguments: list[str]) -> int:
             make, run_one, number, short = PARTS[name]
             count = args.trials or (short if args.short else number)
             began = time.monotonic()
+            news = began + NEWS
             tally = Tally()
             trials = make(library, count, args.seed)
             if args.trial is not None:
                 trials = [trial for trial in trials if trial.number == args.trial]
             for told in _side_by_side(run_one, trials, library, args):
                 tally.add(told)
+                if time.monotonic() > news:
+                    news = time.monotonic() + NEWS
+                    so_far = f"{tally.trials} of {len(trials)}, {len(tally.red)} red"
+                    print(f"  {name}: {so_far}", file=sys.stderr, flush=True)
                 if args.trial is not None:
                     print(told.output, file=sys.stderr)
             _report(report, name, tally, time.monotonic() - began)
