@@ -231,7 +231,11 @@ def replacement_trials(_library: Path, number: int, seed: int) -> list[Trial]:
     for name, reason in cannot.items():
         print(f"  {name}: SKIPPED: {reason}", file=sys.stderr)
     names = [name for name in replacements.REPLACEMENTS if name not in cannot]
-    return [Trial("replace", n, seed, Fault(), names[n % len(names)]) for n in range(number)]
+    # In another order for every seed, so that short runs come to meet them all.
+    order = np.random.default_rng([seed, 3]).permutation(len(names))
+    return [
+        Trial("replace", n, seed, Fault(), names[int(order[n % len(names)])]) for n in range(number)
+    ]
 
 
 PARTS: dict[str, tuple[Callable[[Path, int, int], list[Trial]], Callable[[Trial], Told], int, int]]
@@ -266,7 +270,7 @@ def run(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="pfwd-below-") as folder:
         library = compile_shim(Path(folder))
         for name in args.part or (() if args.limits else PARTS):
-            make, run_one, number, short = PARTS[name]
+            make, run_trial, number, short = PARTS[name]
             count = args.trials or (short if args.short else number)
             began = time.monotonic()
             news = began + NEWS
@@ -274,7 +278,7 @@ def run(arguments: list[str]) -> int:
             trials = make(library, count, args.seed)
             if args.trial is not None:
                 trials = [trial for trial in trials if trial.number == args.trial]
-            for told in _side_by_side(run_one, trials, library, args):
+            for told in _side_by_side(run_trial, trials, library, args):
                 tally.add(told)
                 if time.monotonic() > news:
                     news = time.monotonic() + NEWS
@@ -308,7 +312,7 @@ def _limits(report: Reporter, number: int, seed: int) -> None:
 
 
 def _side_by_side(
-    run_one: Callable[[Trial], Told], trials: list[Trial], library: Path, args: argparse.Namespace
+    run_trial: Callable[[Trial], Told], trials: list[Trial], library: Path, args: argparse.Namespace
 ) -> Iterator[Told]:
     with ProcessPoolExecutor(
         args.jobs,
@@ -316,7 +320,7 @@ def _side_by_side(
         initializer=_begin,
         initargs=(library, args.plant or ""),
     ) as pool:
-        yield from pool.map(run_one, trials, chunksize=4)
+        yield from pool.map(run_trial, trials, chunksize=4)
 
 
 def _report(report: Reporter, part: str, tally: Tally, seconds: float) -> None:

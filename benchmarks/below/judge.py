@@ -137,10 +137,10 @@ def _warned_in_time(outcome: Outcome, name: str) -> bool:
 
 
 def _warned(said: list[Said], left: int, killed: bool) -> bool:
-    for one in said:
-        if one.what == WARNED:
+    for word in said:
+        if word.what == WARNED:
             return True
-        if one.what == ACKNOWLEDGED and one.name.startswith("drop "):
+        if word.what == ACKNOWLEDGED and word.name.startswith("drop "):
             if left == 0:
                 return False
             left -= 1
