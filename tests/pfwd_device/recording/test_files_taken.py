@@ -1,6 +1,7 @@
 """Files of a survey that others delete, replace, move or cut while it is being written."""
 
 import contextlib
+import errno
 import os
 import shutil
 import subprocess
@@ -357,3 +358,50 @@ def test_a_journal_that_is_cut_while_a_record_is_written(tmp_path: Path) -> None
         assert cuts == []
         assert digests(survey) == expected
     assert check(survey).ok
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
+def test_a_file_that_cannot_be_looked_at_is_refused_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """What the system says of a failing disk ends no measurement: it is an error of recording."""
+    survey = tmp_path / "survey"
+    exists = Path.exists
+
+    def failing(path: Path) -> bool:
+        if path.parent.name in ("results", "captures") or path.name == "acknowledged.txt":
+            raise OSError(number, os.strerror(number))
+        return exists(path)
+
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "exists", failing)
+            with pytest.raises(RecordingError, match=os.strerror(number)):
+                writer.save_result(1, {"modulus_pa": 45e6})
+            with pytest.raises(RecordingError, match=os.strerror(number)):
+                writer.open_capture("link", {})
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "exists", failing)
+        for action in (SurveyWriter.open, recover):
+            with pytest.raises(RecordingError, match=os.strerror(number)):
+                action(survey)
+    assert check(survey).ok
+
+
+def test_a_lock_that_cannot_be_released_is_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from filelock import FileLock
+
+    release = FileLock.release
+
+    def failing(self: FileLock, force: bool = False) -> None:
+        release(self, force)
+        raise OSError(errno.EIO, "input/output error")
+
+    writer = open_writer(tmp_path / "survey")
+    save(writer, 1)
+    monkeypatch.setattr(FileLock, "release", failing)
+    writer.close()
+    assert recover(tmp_path / "survey").ok
