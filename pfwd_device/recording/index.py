@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.framing import Frame, Kind
-from pfwd_device.recording.journal import Located, Stretch, scan_journal
+from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import Entry, LedgerText, about_drop, read_about, read_ledger
 from pfwd_device.recording.payload import payload_data
@@ -108,6 +108,9 @@ class Index:
     points: dict[str, dict[str, Any]] = field(default_factory=dict)
     drops: dict[int, DropEntry] = field(default_factory=dict)
     keys: dict[str, int] = field(default_factory=dict)
+    """Survey-wide number of a drop by what identifies it on the instrument."""
+    keys_known: bool = True
+    """Whether `keys` holds those of all drops; see :func:`complete_keys`."""
     rebounds: dict[int, list[Entry]] = field(default_factory=dict)
     files: dict[str, FileEntry] = field(default_factory=dict)
     edits: list[dict[str, Any]] = field(default_factory=list)
@@ -309,12 +312,32 @@ def read_index(layout: Layout) -> Index:
     return build_index(layout) if found is None else found
 
 
+def complete_keys(layout: Layout, index: Index) -> None:
+    """Take in what :func:`read_index` left out: the keys of the drops.
+
+    Raises
+    ------
+    RecordingError
+        If the record of a drop cannot be read any more.
+    """
+    if index.keys_known:
+        return
+    for drop in index.drops.values():
+        if drop.key is None:
+            frame = read_record(layout, drop.entry.segment, drop.entry.offset)
+            key = payload_data(frame.payload).get("key")
+            if isinstance(key, str):
+                drop.key = key
+                index.keys[key] = drop.number
+    index.keys_known = True
+
+
 def _agreed_index(layout: Layout) -> Index | None:
     """What ledger and journal say when they agree; None or RecordingError when they do not."""
     ledger = read_ledger(layout.ledger)
     if ledger.survey is None or ledger.damaged:
         return None
-    index = Index(ledger=ledger, survey=ledger.survey)
+    index = Index(ledger=ledger, survey=ledger.survey, keys_known=False)
     lines = iter(ledger.entries)
     for sequence, item in enumerate(scan_journal(layout), start=1):
         if isinstance(item, Stretch):

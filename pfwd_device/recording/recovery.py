@@ -19,7 +19,7 @@ from pfwd_device.recording.drop_payload import (
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import keep_copy, now
 from pfwd_device.recording.framing import Kind
-from pfwd_device.recording.index import Index, about_of, build_index, damage_key
+from pfwd_device.recording.index import Index, about_of, damage_key, read_index
 from pfwd_device.recording.journal import open_segment, read_record
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
@@ -187,7 +187,7 @@ def _begin(
     spare: SpareFolder | None,
     continued: tuple[int, int] | None,
 ) -> tuple[RecordLog, Index]:
-    index = build_index(layout)
+    index = read_index(layout)
     if index.survey is None:
         index.survey = (
             _survey_of_files(layout, helper)

@@ -7,7 +7,7 @@ from typing import Any
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.files import now
 from pfwd_device.recording.framing import Frame, Kind
-from pfwd_device.recording.index import Index, about_of, build_index
+from pfwd_device.recording.index import Index, about_of, build_index, complete_keys
 from pfwd_device.recording.journal import Record, read_record
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, read_about
@@ -69,6 +69,7 @@ def bring_home(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[
     """
     actions = []
     for part, entries in waiting(spare, index):
+        complete_keys(log.layout, index)
         numbers: dict[int, int] = {}
         brought = returned(part)
         drops = 0

@@ -17,7 +17,7 @@ from pfwd_device.recording.drop_payload import drop_parts, rebound_payload
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
-from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of
+from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
@@ -101,6 +101,7 @@ class SurveyWriter:
         reserve_bytes: int = RESERVE_BYTES,
         spare: SpareFolder | None = None,
         fall_back: bool = True,
+        edits_only: bool = False,
     ) -> Self:
         """Begin a survey in `folder`, or continue the one that is there.
 
@@ -122,6 +123,8 @@ class SurveyWriter:
             What it holds of the survey is brought home.
         fall_back : bool
             Records that the folder does not take go to the spare folder; else they are refused.
+        edits_only : bool
+            No drops are to be saved: what identifies them on the instrument is not read beforehand.
 
         Raises
         ------
@@ -149,6 +152,8 @@ class SurveyWriter:
             report = repair(log, index, helper, publish=publish)
             report = replace(report, actions=(*actions, *report.actions))
             writer = cls(layout, storage, lock, log, index, report)
+            if not edits_only:  # drops may come: then nothing is to be looked up first
+                complete_keys(layout, index)
             writer._start(helper, publish)
         except BaseException as err:
             if log is not None:
@@ -234,6 +239,7 @@ class SurveyWriter:
     def find_key(self, key: str) -> int | None:
         """Survey-wide number of the drop with this ``metadata["key"]``, when it is recorded."""
         with self._lock:
+            complete_keys(self._layout, self._index)
             return self._index.keys.get(key)
 
     def add_point(self, name: str, declared: Mapping[str, Any] | None = None) -> str:
@@ -264,8 +270,8 @@ class SurveyWriter:
         if key is not None and not isinstance(key, str):
             raise RecordingError(f"key of a drop: expected text, came {type(key).__name__}")
         with self._lock:
-            if key is not None and key in self._index.keys:
-                return self._index.keys[key]
+            if key is not None and (known := self.find_key(key)) is not None:
+                return known
             self._check_number(record)
             if record.point not in self._index.points:
                 self.add_point(record.point, record.declared)

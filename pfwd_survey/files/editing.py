@@ -66,7 +66,9 @@ def edit_survey(
     _refuse_contradictions(survey, chosen, edits)
     if not edits:
         return survey
-    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
+    with SurveyWriter.open(
+        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
+    ) as writer:
         for edit in edits:
             name = None if number is not None else chosen.name
             writer.edit(edit.what, edit.value, point=name, number=number)

@@ -137,7 +137,9 @@ def add_result(folder: str | os.PathLike[str], record: int, result: Mapping[str,
         If another program writes it.
     """
     refuse_no_survey(folder)
-    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
+    with SurveyWriter.open(
+        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
+    ) as writer:
         writer.save_result(record, result)
 
 
