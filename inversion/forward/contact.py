@@ -217,7 +217,7 @@ class _Moments:
         n = problem.terms
         outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
         xi, weights = rule.nodes(root, float(np.max(outside, initial=0.0)))
-        bessel = _spherical_bessel(2 * n, xi)
+        bessel = spherical_bessel(2 * n, xi)
         even, odd = bessel[0::2], bessel[1::2]
         upper = np.triu_indices(n)
         base = weights * xi
@@ -242,15 +242,15 @@ class _Moments:
         if not self.problem.driving_point:
             return self._published(ww)
         n = self.problem.terms
-        system = _symmetric(ww @ self.pressure, n) + (1.0 - nu) * _static_products(n, 0, 0)
+        system = _symmetric(ww @ self.pressure, n) + (1.0 - nu) * static_products(n, 0, 0)
         coupling_static = -0.5 * (1.0 - 2.0 * nu)
         shear, wu = None, None
         if parts.wu is not None and parts.uu is not None:
             wu = parts.wu - coupling_static / self.xi
             coupling = (wu @ self.coupling).reshape(-1, n, n)
-            coupling = coupling + coupling_static * _static_products(n, 0, 1)
+            coupling = coupling + coupling_static * static_products(n, 0, 1)
             radial = _symmetric((parts.uu - normal) @ self.radial, n)
-            radial = radial + (1.0 - nu) * _static_products(n, 1, 1)
+            radial = radial + (1.0 - nu) * static_products(n, 1, 1)
             # d = -C^-1 B^T c, so the plate sees A - B C^-1 B^T.
             shear = -np.linalg.solve(radial, np.swapaxes(coupling, 1, 2))
             system = system + coupling @ shear
@@ -273,7 +273,7 @@ class _Moments:
         result = np.repeat((1.0 / force)[:, None], len(self.problem.offsets), axis=1)
         if not outside:
             return result
-        static = np.array([[_static_tail(2 * k, r) for k in range(n)] for r in outside])
+        static = np.array([[static_tail(2 * k, r) for k in range(n)] for r in outside])
         response = (ww @ self.ring_even).reshape(-1, len(outside), n)
         response = response + (1.0 - self.problem.poisson_ratio) * static
         moved = (response @ pressure)[:, :, 0]
@@ -287,7 +287,7 @@ class _Moments:
 
     def _published(self, ww: ComplexArray) -> ComplexArray:
         """Deflection at each offset under the pressure of the static rigid plate (Eq. 3)."""
-        static = np.array([_static_tail(0, r) for r in self.problem.offsets])
+        static = np.array([static_tail(0, r) for r in self.problem.offsets])
         moved = ww @ self.ring_even + (1.0 - self.problem.poisson_ratio) * static
         result: ComplexArray = moved / (2.0 * np.pi)
         return result
@@ -313,13 +313,13 @@ def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
     return result
 
 
-def _spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
+def spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
     """Spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,): (count, n)."""
     return np.stack([spherical_jn(order, xi) for order in range(count)])
 
 
 @cache
-def _static_products(n: int, first: int, second: int) -> FloatArray:
+def static_products(n: int, first: int, second: int) -> FloatArray:
     r"""Closed form of :math:`\int_0^\infty j_k j_l d\xi`, k = 2m + first, l = 2n + second."""
     table = np.zeros((n, n))
     for i in range(n):
@@ -333,7 +333,7 @@ def _static_products(n: int, first: int, second: int) -> FloatArray:
 
 
 @cache
-def _static_tail(order: int, offset: float) -> float:
+def static_tail(order: int, offset: float) -> float:
     r"""Closed form of :math:`\int_0^\infty j_n(\xi) J_0(\xi r) d\xi` for even n.
 
     Weber-Schafheitlin integral: for n = 0 it is pi/2 on the plate and arcsin(1/r) outside.
