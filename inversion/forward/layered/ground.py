@@ -1,0 +1,184 @@
+"""Layered ground: what it is made of, many of them at once, and what may be varied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from inversion.errors import ModelError
+from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.forward.layered.kernel import Media
+
+Field = Literal["modulus", "viscosity", "density", "poisson_ratio", "thickness"]
+
+FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "poisson_ratio", "thickness")
+
+
+@dataclass(frozen=True)
+class Medium:
+    """One horizontal Kelvin-Voigt medium: E* = E + eta s at constant Poisson's ratio."""
+
+    modulus: float
+    """Young's modulus E, Pa, > 0."""
+    viscosity: float
+    """eta, Pa s, >= 0."""
+    density: float
+    """rho, kg/m3, > 0."""
+    poisson_ratio: float
+    """nu, 0 <= value < 0.5."""
+    thickness: float = math.inf
+    """m, > 0; infinite only for the lowest medium of a ground without rock."""
+
+    def __post_init__(self) -> None:
+        _require(0.0 < self.modulus < math.inf, "modulus", "a value > 0 Pa", self.modulus)
+        _require(0.0 <= self.viscosity < math.inf, "viscosity", ">= 0 Pa s", self.viscosity)
+        _require(0.0 < self.density < math.inf, "density", "> 0 kg/m3", self.density)
+        _require(
+            0.0 <= self.poisson_ratio < 0.5,
+            "Poisson's ratio",
+            "0 <= value < 0.5 (0.5 is incompressible and has no P wave; try 0.49)",
+            self.poisson_ratio,
+        )
+        _require(self.thickness > 0.0, "thickness", "a value > 0 m", self.thickness)
+
+
+@dataclass(frozen=True)
+class LayeredGround:
+    """Media from the surface down, the lowest on rock or without end.
+
+    Parameters
+    ----------
+    media : tuple of Medium, at least one
+    rock : bool
+        True: a rigid base under the last medium, whose thickness is then finite.  False: the last
+        medium is a half-space, its thickness infinite.
+    """
+
+    media: tuple[Medium, ...]
+    rock: bool = False
+
+    def __post_init__(self) -> None:
+        _require(len(self.media) > 0, "media", "at least one medium", len(self.media))
+        above = [medium.thickness for medium in self.media[:-1]]
+        _require(
+            all(math.isfinite(h) for h in above), "thickness above the last medium", "finite", above
+        )
+        last = self.media[-1].thickness
+        _require(
+            math.isfinite(last) == self.rock,
+            "thickness of the last medium",
+            "finite on rock, infinite without",
+            last,
+        )
+
+    @property
+    def rock_depth(self) -> float:
+        """Depth of the rigid base below the surface, m; infinite where there is none."""
+        return sum(medium.thickness for medium in self.media)
+
+
+class Parameter(NamedTuple):
+    """One quantity of one medium, to be varied.
+
+    ``medium`` counts from 0 at the surface.  A thickness moves everything below with it; that of
+    the last medium on rock is the way to vary the depth of the rock.
+    """
+
+    field: Field
+    medium: int
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredGrounds:
+    """Parameters of m grounds of N media each, arrays (m, N).
+
+    Parameters
+    ----------
+    modulus : Pa, viscosity : Pa s, density : kg/m3, poisson_ratio : -
+    thickness : m; the last column is not read where ``rock`` is False
+    rock : bool, a rigid base under the last medium
+    """
+
+    modulus: FloatArray
+    viscosity: FloatArray
+    density: FloatArray
+    poisson_ratio: FloatArray
+    thickness: FloatArray
+    rock: bool = False
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(getattr(self, name)) for name in FIELDS}
+        shape = np.shape(self.modulus)
+        _require(len(shapes) == 1 and len(shape) == 2, "fields", "one shape (m, N)", shapes)
+        last = None if self.rock else -1
+        _require(bool(np.all(self.modulus > 0.0)), "modulus", "values > 0 Pa", self.modulus)
+        _require(bool(np.all(self.density > 0.0)), "density", "values > 0 kg/m3", self.density)
+        _require(bool(np.all(self.viscosity >= 0.0)), "viscosity", ">= 0 Pa s", self.viscosity)
+        _require(
+            bool(np.all((self.poisson_ratio >= 0.0) & (self.poisson_ratio < 0.5))),
+            "Poisson's ratio",
+            "0 <= values < 0.5",
+            self.poisson_ratio,
+        )
+        h = self.thickness[:, :last]
+        _require(bool(np.all((h > 0.0) & np.isfinite(h))), "thickness", "finite values > 0 m", h)
+
+    @classmethod
+    def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:
+        """The grounds as arrays; all have the same number of media, and rock or none of them."""
+        kinds = {(len(ground.media), ground.rock) for ground in grounds}
+        _require(
+            len(kinds) == 1,
+            "grounds in one call",
+            "at least one, the same number of media in each, and rock under all or none",
+            sorted(kinds),
+        )
+
+        def column(name: Field) -> FloatArray:
+            return np.array([[getattr(m, name) for m in ground.media] for ground in grounds])
+
+        return cls(
+            column("modulus"),
+            column("viscosity"),
+            column("density"),
+            column("poisson_ratio"),
+            column("thickness"),
+            grounds[0].rock,
+        )
+
+    @property
+    def media(self) -> int:
+        """Number of media N."""
+        return int(self.modulus.shape[1])
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Everything that may be varied, from the top down."""
+        return tuple(
+            Parameter(field, j)
+            for j in range(self.media)
+            for field in FIELDS
+            if field != "thickness" or self.rock or j < self.media - 1
+        )
+
+    def at(self, s: ComplexArray, radius: float) -> Media:
+        """The media at Laplace variables (n,), ground by ground: arrays (N, m n, 1)."""
+        nu = np.repeat(self.poisson_ratio.T, s.size, axis=1)
+        complex_modulus: ComplexArray = (
+            self.modulus.T[:, :, None] + self.viscosity.T[:, :, None] * s
+        )
+        shear = complex_modulus.reshape(self.media, -1) / (2.0 + 2.0 * nu)
+        inertia = self.density.T[:, :, None] * (radius * s) ** 2
+        z: ComplexArray = inertia.reshape(self.media, -1) / shear
+        ratio = (0.5 - nu) / (1.0 - nu)
+        thickness = np.repeat(self.thickness.T, s.size, axis=1) / radius
+        return Media(shear[..., None], z[..., None], ratio[..., None], thickness[..., None])
+
+
+def _require(condition: bool, name: str, expected: str, value: object) -> None:
+    if not condition:
+        raise ModelError(f"{name}: expected {expected}, got {value}")

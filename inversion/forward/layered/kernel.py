@@ -1,0 +1,274 @@
+r"""Surface compliances of horizontal layers in the Hankel-Laplace domain, and their derivatives.
+
+Lengths are over the plate radius, stresses in Pa, so a compliance is in 1/Pa.  In each medium
+
+.. math:: z = \rho a^2 s^2 / G, \quad c = \frac{1 - 2\nu}{2 (1 - \nu)}, \quad
+          \alpha^2 = \xi^2 + c z, \quad \beta^2 = \xi^2 + z
+
+with G the complex shear modulus.  The state at a depth is the displacement d = (w, u), downward
+and outward, and the traction t = (p, q) on what lies below: pressure and outward shear, of order
+0 and 1 in the Hankel domain.  The ground below any plane answers with a symmetric 2 x 2 matrix,
+d = F t, and that of the surface is wanted.
+
+**Waves as tractions.**  A wave that goes down in a medium carries d = H t with H the compliance of
+a half-space of that medium, one that goes up d = -K t, where K is H with the sign of the coupling
+turned.  H, and the matrix that takes the traction of a downward wave over the thickness h,
+
+.. math:: M = e^{-\alpha h} 1 - X \, n m^T, \quad n = (2 \xi \beta, b), \quad
+          m = (2 \xi \alpha, -b), \quad b = z + 2 \xi^2, \quad
+          X = \frac{e^{-\beta h} - e^{-\alpha h}}{z R}
+
+stay finite where z vanishes, although P and S waves become one there: only X is a divided
+difference.  So no digit is lost at low frequencies and high wavenumbers, and s = 0 is allowed.
+
+**From the bottom up.**  With D = (H + K)/2 = diag(alpha, beta)/(G R), which is diagonal, and the
+compliance F' of what lies below the layer, continuity at its lower face and the waves in between
+give, all matrices symmetric,
+
+.. math:: P' = F' + K, \quad W = 2D P'^{-1} 2D - 2D, \quad Q = 2D + M^T W M, \quad
+          F = 2D Q^{-1} 2D - K
+
+F' = 0 is a rigid base, F' = H a half-space of the same medium: then W = 0 and F = H.  Every
+exponential is at most one.  This is the reflection recursion of Kennett (1974, Bull. Seism. Soc.
+Am. 64, 1685-1696) in the tractions instead of the amplitudes of P and S waves, and gives what the
+stiffness matrices of Kausel and Roesset (1981, Bull. Seism. Soc. Am. 71, 1743-1761) give without
+their loss of digits in thin layers and at rest.
+
+**Derivatives.**  A change dF' below changes F by :math:`L \, dF' L^T` with
+:math:`L^T = P'^{-1} 2D M Q^{-1} 2D`, which is the traction at the lower face for one at the upper.
+So a change of one medium reaches the surface through the tractions that the load makes there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inversion.forward.kernel import ComplexArray, FloatArray
+
+# Below this abs((beta - alpha) h) the divided differences are taken from their series: above it
+# the plain difference keeps ten digits of X and five of its derivative.
+_NEARLY_EQUAL = 1e-6
+_NEARLY_EQUAL_SLOPE = 1e-3
+
+
+class Symmetric(NamedTuple):
+    """Symmetric 2 x 2 matrices, each entry (...) complex: ww, wu, uu."""
+
+    ww: ComplexArray
+    wu: ComplexArray
+    uu: ComplexArray
+
+
+class Media(NamedTuple):
+    """Properties of N media for k points, each array (N, k, 1).
+
+    ``shear``: complex shear modulus, Pa; ``z``: rho a^2 s^2 / G; ``ratio``: c, the S over the P
+    velocity squared; ``thickness``: over the plate radius, that of a half-space is not used.
+    """
+
+    shear: ComplexArray
+    z: ComplexArray
+    ratio: FloatArray
+    thickness: FloatArray
+
+    def rows(self, part: slice) -> Media:
+        """The same media at some of the points."""
+        return Media(
+            self.shear[:, part], self.z[:, part], self.ratio[:, part], self.thickness[:, part]
+        )
+
+
+@dataclass(frozen=True)
+class _Waves:
+    """One medium at the nodes where it is felt: wavenumbers in depth and its half-space."""
+
+    alpha: ComplexArray
+    beta: ComplexArray
+    share: ComplexArray  # beta / (alpha + beta)
+    inverse: ComplexArray  # 1 / R
+    half_space: Symmetric
+
+
+@dataclass(frozen=True)
+class _Passage:
+    """One layer between its faces at the nodes where its lower face is felt."""
+
+    fall: ComplexArray  # exp(-alpha h)
+    x: ComplexArray
+    w: Symmetric
+    p_inverse: Symmetric  # P'^-1
+    q_inverse: Symmetric  # Q^-1
+    below: Symmetric | None  # F', None over a rigid base
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Compliance of the surface, and what its derivatives need of every medium."""
+
+    surface: Symmetric
+    waves: tuple[_Waves, ...]
+    passages: tuple[_Passage | None, ...]
+
+
+def felt_nodes(xi: FloatArray, media: Media, rock: bool, negligible: float) -> list[int]:
+    """How many of the ascending nodes feel the lower face of each medium; a half-space has none.
+
+    Both waves have Re >= sqrt(xi^2 + min(0, Re z)); a wave that went down to the face and came
+    back is neglected below ``exp(-negligible)``.
+    """
+    count, way = [], np.zeros(xi.size)
+    faces = len(media.z) if rock else len(media.z) - 1
+    for z, h in zip(media.z[:faces], media.thickness[:faces], strict=True):
+        lowest = np.minimum(0.0, np.min(z.real))
+        way = way + np.sqrt(np.maximum(0.0, xi * xi + lowest)) * np.min(h)
+        count.append(int(np.searchsorted(2.0 * way, negligible)))
+    return count if rock else [*count, 0]
+
+
+def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 38.0) -> Solution:
+    """Compliance of the surface of layers over a half-space or, with ``rock``, a rigid base.
+
+    Parameters
+    ----------
+    xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
+    media : Media of N media at k points, from the surface down
+    rock : bool, a rigid base under the last medium, which otherwise has no end
+    negligible : float, nepers of a wave's way down and back from which it is left out
+    """
+    last = media.z.shape[0] - 1
+    felt = felt_nodes(xi, media, rock, negligible)
+    waves: list[_Waves] = []
+    passages: list[_Passage | None] = []
+    below: Symmetric | None = None
+    for j in range(last, -1, -1):
+        nodes = xi[: felt[j - 1] if j else xi.size]
+        shear, z, c, h = (part[j] for part in media)
+        own = _waves(nodes, shear, z, c)
+        surface, passage = own.half_space, None
+        if felt[j]:
+            near = _first(own, felt[j])
+            passage = _pass(nodes[: felt[j]], near, z, c, h, below)
+            surface = _surface(near.half_space, passage, own.half_space, felt[j])
+        waves.append(own)
+        passages.append(passage)
+        below = surface
+    return Solution(surface, tuple(waves[::-1]), tuple(passages[::-1]))
+
+
+def _waves(xi: FloatArray, shear: ComplexArray, z: ComplexArray, c: FloatArray) -> _Waves:
+    square = xi * xi
+    alpha = np.sqrt(square + c * z)
+    beta = np.sqrt(square + z)
+    share = beta / (alpha + beta)
+    twice = (2.0 - 2.0 * c) * share
+    inverse = 1.0 / (z + 2.0 * square * twice)
+    scaled = inverse / shear
+    return _Waves(
+        alpha,
+        beta,
+        share,
+        inverse,
+        Symmetric(alpha * scaled, xi * (twice - 1.0) * scaled, beta * scaled),
+    )
+
+
+def _first(waves: _Waves, count: int) -> _Waves:
+    """The same medium at the first ``count`` nodes."""
+    if count == waves.alpha.shape[-1]:
+        return waves
+    return _Waves(
+        waves.alpha[:, :count],
+        waves.beta[:, :count],
+        waves.share[:, :count],
+        waves.inverse[:, :count],
+        _cut(waves.half_space, count),
+    )
+
+
+def _cut(matrix: Symmetric, count: int) -> Symmetric:
+    return Symmetric(*(part[:, :count] for part in matrix))
+
+
+def _divided_difference(
+    waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray, fall: ComplexArray
+) -> ComplexArray:
+    r""":math:`(e^{-\beta h} - e^{-\alpha h}) / z` at any z, 0 included."""
+    # x = (beta - alpha) h, and the difference is -(1 - c) h/(alpha + beta) e^(-alpha h) E(x),
+    # E(x) = (1 - e^-x)/x.
+    nearest = np.min(np.abs(z) * (1.0 - c) * h, axis=-1) * np.min(
+        1.0 / np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
+    )
+    if np.min(nearest) > _NEARLY_EQUAL:
+        plain: ComplexArray = (np.exp(-h * waves.beta) - fall) / z
+        return plain
+    front = (c - 1.0) * h / (waves.alpha + waves.beta)
+    x = -front * z
+    series = fall * (1.0 - x * (0.5 - x / 6.0))
+    close = np.abs(x) < _NEARLY_EQUAL
+    safe = np.where(close, 1.0, x)
+    result: ComplexArray = front * np.where(close, series, (fall - np.exp(-h * waves.beta)) / safe)
+    return result
+
+
+def _pass(
+    xi: FloatArray,
+    waves: _Waves,
+    z: ComplexArray,
+    c: FloatArray,
+    h: FloatArray,
+    below: Symmetric | None,
+) -> _Passage:
+    fall = np.exp(-h * waves.alpha)
+    x = _divided_difference(waves, z, c, h, fall) * waves.inverse
+    own = waves.half_space
+    if below is None:
+        p = Symmetric(own.ww, -own.wu, own.uu)
+    else:
+        below = _cut(below, xi.size)
+        p = Symmetric(below.ww + own.ww, below.wu - own.wu, below.uu + own.uu)
+    p_inverse = _inverse(p)
+    # W = 2D P'^-1 2D - 2D
+    double_w, double_u = 2.0 * own.ww, 2.0 * own.uu
+    w = Symmetric(
+        (double_w * p_inverse.ww - 1.0) * double_w,
+        double_w * double_u * p_inverse.wu,
+        (double_u * p_inverse.uu - 1.0) * double_u,
+    )
+    # V = M^T W M with M = fall 1 - x n m^T
+    twice = 2.0 * xi
+    m_u = z + twice * xi
+    n_w, m_w = twice * waves.beta, twice * waves.alpha
+    wn_w = w.ww * n_w + w.wu * m_u
+    wn_u = w.wu * n_w + w.uu * m_u
+    square, cross = fall * fall, fall * x
+    rank = x * x * (wn_w * n_w + wn_u * m_u)
+    # m = (m_w, -m_u)
+    v_ww = square * w.ww + m_w * (rank * m_w - 2.0 * cross * wn_w)
+    v_wu = square * w.wu + cross * (wn_w * m_u - wn_u * m_w) - rank * m_w * m_u
+    v_uu = square * w.uu + m_u * (rank * m_u + 2.0 * cross * wn_u)
+    q_inverse = _inverse(Symmetric(double_w + v_ww, v_wu, double_u + v_uu))
+    return _Passage(fall, x, w, p_inverse, q_inverse, below)
+
+
+def _surface(near: Symmetric, passage: _Passage, own: Symmetric, felt: int) -> Symmetric:
+    """F = 2D Q^-1 2D - K at the nodes that feel the lower face, H at the others."""
+    q = passage.q_inverse
+    solved = Symmetric(
+        (4.0 * near.ww * q.ww - 1.0) * near.ww,
+        4.0 * near.ww * near.uu * q.wu + near.wu,
+        (4.0 * near.uu * q.uu - 1.0) * near.uu,
+    )
+    if felt == own.ww.shape[-1]:
+        return solved
+    result = Symmetric(own.ww.copy(), own.wu.copy(), own.uu.copy())
+    for target, values in zip(result, solved, strict=True):
+        target[:, :felt] = values
+    return result
+
+
+def _inverse(matrix: Symmetric) -> Symmetric:
+    over = 1.0 / (matrix.ww * matrix.uu - matrix.wu * matrix.wu)
+    return Symmetric(matrix.uu * over, -matrix.wu * over, matrix.ww * over)

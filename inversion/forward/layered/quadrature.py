@@ -1,0 +1,128 @@
+r"""Where the wavenumber integrals of layered ground are taken (units of 1/plate radius).
+
+Gauss panels on the real axis.  What decides the width of a panel is the distance of the nearest
+poles and branch points from the axis, which the real part of s keeps at Re sqrt(z) or further; on
+grounds of several speeds the waves of long wavenumber are slow ones and lie further off, so panels
+may widen in proportion.  Beyond the shortest wave they grow, up to what the Bessel functions of
+the plate and the farthest sensor bear.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from inversion.forward.kernel import FloatArray
+from inversion.forward.layered.kernel import Media
+
+# Sizes are rounded to powers of this, so that neighbouring grounds share nodes and their tables.
+_STEP = 1.25
+
+
+@dataclass(frozen=True)
+class WavenumberRule:
+    """How densely the wavenumbers are sampled, and where waves are left out."""
+
+    order: int
+    """Gauss nodes in a panel."""
+    width_over_distance: float
+    """First panels over the distance of the nearest singularity from the axis."""
+    grading: float
+    """Width of a travelling panel over its wavenumber, where that is more."""
+    turn: float
+    """Radians that the fastest oscillation makes in a panel at most."""
+    travelling: float
+    """End of the travelling waves over the shortest S wave's wavenumber."""
+    growth: float
+    """Growth of the panels from there on."""
+    least_end: float
+    """The end of the integrals is at least this, over the plate radius,"""
+    end_over_root: float
+    """this over the shortest S wave's wavenumber at which the top medium is,"""
+    end_over_layer: float
+    """and this over the thickness of the top medium."""
+    negligible: float
+    """Nepers down and back from which an echo is left out."""
+    rough_terms: int
+    """Terms of pressure, and of shear, under a bonded plate."""
+    smooth_terms: int
+    """Terms of pressure under a smooth one."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the nodes are made of; equal ones share their nodes."""
+
+    rule: WavenumberRule
+    width: float
+    travelling: float
+    end: float
+    largest_offset: float
+
+    @staticmethod
+    def of(rule: WavenumberRule, media: Media, rock: bool, largest_offset: float) -> Layout:
+        """The layout that serves all points of the media."""
+        root = np.sqrt(media.z)
+        interfaces = media.thickness if rock else media.thickness[:-1]
+        slowest = float(np.max(np.abs(root)))
+        # At rest no wave travels, and the deepest interface sets the scale.
+        distance = float(np.min(root.real))
+        if interfaces.size:
+            distance = max(distance, 1.0 / float(np.max(np.sum(interfaces, axis=0))))
+        if distance == 0.0:
+            distance = 1.0
+        end = max(rule.least_end, rule.end_over_root * float(np.max(np.abs(root[0]))))
+        if interfaces.size:
+            end = max(end, rule.end_over_layer / float(np.min(interfaces[0])))
+        return Layout(
+            rule,
+            _rounded(rule.width_over_distance * distance, -1),
+            _rounded(max(rule.travelling * slowest, distance), 1),
+            _rounded(end, 1),
+            largest_offset,
+        )
+
+
+@lru_cache(maxsize=64)
+def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights, each (n,), ascending."""
+    rule = layout.rule
+    widest = rule.turn / (2.0 + layout.largest_offset)
+    edges = [0.0]
+    width = 0.0
+    while edges[-1] < layout.end:
+        if edges[-1] < layout.travelling:
+            width = max(layout.width, rule.grading * edges[-1])
+        else:
+            width = width * rule.growth
+        width = min(width, widest)
+        edges.append(edges[-1] + width)
+    points, weights = np.polynomial.legendre.leggauss(rule.order)
+    half = 0.5 * np.diff(edges)[:, None]
+    middle = 0.5 * (np.asarray(edges[1:]) + edges[:-1])[:, None]
+    return (middle + half * points).ravel(), (half * weights).ravel()
+
+
+def _rounded(value: float, direction: int) -> float:
+    """The next power of the step, up for direction 1 and down for -1."""
+    power = math.log(value) / math.log(_STEP)
+    return float(_STEP ** (math.ceil(power) if direction > 0 else math.floor(power)))
+
+
+CONVERGED = WavenumberRule(
+    order=12,
+    width_over_distance=1.0,
+    grading=0.0,
+    turn=8.0,
+    travelling=2.2,
+    growth=1.4,
+    least_end=120.0,
+    end_over_root=14.0,
+    end_over_layer=15.0,
+    negligible=38.0,
+    rough_terms=8,
+    smooth_terms=4,
+)
