@@ -139,7 +139,8 @@ class LayeredGrounds:
         )
 
         def column(name: Field) -> FloatArray:
-            return np.array([[getattr(m, name) for m in ground.media] for ground in grounds])
+            rows = [[getattr(medium, name) for medium in ground.media] for ground in grounds]
+            return np.array(rows, dtype=float)
 
         return cls(
             column("modulus"),

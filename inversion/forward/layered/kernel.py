@@ -42,7 +42,7 @@ So a change of one medium reaches the surface through the tractions that the loa
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -272,3 +272,254 @@ def _surface(near: Symmetric, passage: _Passage, own: Symmetric, felt: int) -> S
 def _inverse(matrix: Symmetric) -> Symmetric:
     over = 1.0 / (matrix.ww * matrix.uu - matrix.wu * matrix.wu)
     return Symmetric(matrix.uu * over, -matrix.wu * over, matrix.ww * over)
+
+
+class Slopes(NamedTuple):
+    """Derivatives of one compliance by the properties of one medium, each (k, n) complex.
+
+    By the shear modulus with z kept, by z, by c, and by the thickness over the radius; None for
+    the thickness of a half-space.
+    """
+
+    shear: ComplexArray
+    z: ComplexArray
+    ratio: ComplexArray
+    thickness: ComplexArray | None
+
+
+# Pressure and shear, (k, n) complex; plain numbers at the surface.
+_Traction = tuple[Any, Any]
+
+
+class _Layer(NamedTuple):
+    """One medium of `Media`."""
+
+    shear: ComplexArray
+    z: ComplexArray
+    ratio: FloatArray
+    thickness: FloatArray
+
+
+class _Tangent(NamedTuple):
+    """Derivatives of one medium's waves by z or by c."""
+
+    half_space: Symmetric
+    alpha: ComplexArray
+    beta: Any  # 0 by c
+    stress: float  # of b
+    rayleigh: ComplexArray  # of the logarithm of R
+
+
+def compliance_slopes(
+    xi: FloatArray, media: Media, solution: Solution, load: tuple[float, float]
+) -> list[Slopes]:
+    """Derivatives of t F t, the compliance for the surface traction t = ``load``.
+
+    (1, 0) gives those of F_ww, (0, 1) of F_uu, and (1, 1) of their sum plus twice F_wu.  Each
+    medium has values at the nodes where it is felt, which come first.
+
+    Returns
+    -------
+    list of Slopes, from the surface down
+    """
+    result = []
+    top: _Traction = load
+    for j, (waves, passage) in enumerate(zip(solution.waves, solution.passages, strict=True)):
+        shear, z, c, h = (part[j] for part in media)
+        size = waves.alpha.shape[-1]
+        nodes, top = xi[:size], _part(top, size)
+        tangents = _tangents(nodes, waves, z, c)
+        felt = 0 if passage is None else passage.fall.shape[-1]
+        # Where the lower face is not felt the medium has no end.
+        slopes = _half_space_slopes(waves, shear, tangents, top) if felt < size else None
+        if passage is not None:
+            inside, top = _layer_slopes(
+                nodes[:felt],
+                _first(waves, felt),
+                passage,
+                _Layer(shear, z, c, h),
+                tuple(_tangent_part(tangent, felt) for tangent in tangents),
+                _part(top, felt),
+            )
+            slopes = inside if slopes is None else _joined(inside, slopes)
+        assert slopes is not None
+        result.append(slopes)
+        if passage is None:
+            break
+    return result
+
+
+def _part(traction: _Traction, count: int) -> _Traction:
+    p, q = traction
+    if isinstance(p, float) or isinstance(q, float):
+        return traction
+    return p[:, :count], q[:, :count]
+
+
+def _joined(first: Slopes, whole: Slopes) -> Slopes:
+    """The first nodes from one, the others from the other."""
+    for target, values in zip(whole[:3], first[:3], strict=True):
+        assert target is not None
+        assert values is not None
+        target[:, : values.shape[-1]] = values
+    return Slopes(whole.shear, whole.z, whole.ratio, first.thickness)
+
+
+def _tangent_part(tangent: _Tangent, count: int) -> _Tangent:
+    beta = tangent.beta
+    return _Tangent(
+        _cut(tangent.half_space, count),
+        tangent.alpha[:, :count],
+        beta if isinstance(beta, float) else beta[:, :count],
+        tangent.stress,
+        tangent.rayleigh[:, :count],
+    )
+
+
+def _tangents(
+    xi: FloatArray, waves: _Waves, z: ComplexArray, c: FloatArray
+) -> tuple[_Tangent, _Tangent]:
+    """Derivatives of the half-space by z and by c."""
+    square = xi * xi
+    own = waves.half_space
+    scaled = own.uu / waves.beta  # 1/(R G)
+    together = waves.alpha + waves.beta
+    rest = 2.0 - 2.0 * c
+    # beta/(alpha + beta): alpha^2 - c beta^2 = (1 - c) xi^2 and beta^2 - alpha^2 = (1 - c) z
+    over = 0.5 / (waves.alpha * together * together)
+    share_z = (1.0 - c) * square * over / waves.beta
+    share_c = -waves.beta * z * over
+    both = []
+    for share, alpha, beta, direct, explicit in (
+        (share_z, 0.5 * c / waves.alpha, 0.5 / waves.beta, 1.0, None),
+        (share_c, 0.5 * z / waves.alpha, 0.0, 0.0, waves.share),
+    ):
+        twice = rest * share
+        if explicit is not None:
+            twice = twice - 2.0 * explicit
+        r = (direct + 2.0 * square * twice) * waves.inverse
+        own_slope = Symmetric(
+            alpha * scaled - own.ww * r,
+            xi * twice * scaled - own.wu * r,
+            beta * scaled - own.uu * r,
+        )
+        both.append(_Tangent(own_slope, alpha, beta, direct, r))
+    return both[0], both[1]
+
+
+def _half_space_slopes(
+    waves: _Waves,
+    shear: ComplexArray,
+    tangents: tuple[_Tangent, _Tangent],
+    traction: _Traction,
+) -> Slopes:
+    """Derivatives of t H t."""
+    p, q = traction
+    pp, pq, qq = p * p, 2.0 * p * q, q * q
+
+    def of(matrix: Symmetric) -> ComplexArray:
+        result: ComplexArray = pp * matrix.ww + pq * matrix.wu + qq * matrix.uu
+        return result
+
+    by_z, by_c = tangents
+    return Slopes(-of(waves.half_space) / shear, of(by_z.half_space), of(by_c.half_space), None)
+
+
+def _layer_slopes(
+    xi: FloatArray,
+    waves: _Waves,
+    passage: _Passage,
+    layer: _Layer,
+    tangents: tuple[_Tangent, ...],
+    traction: _Traction,
+) -> tuple[Slopes, _Traction]:
+    r"""Derivatives of t F t by the properties of one layer, and the traction at its lower face.
+
+    With y = Q^-1 2D t, v = M y and t' = P'^-1 2D v, the traction at the lower face,
+
+    .. math:: d(t F t) = \sum \dot D \, [\ldots] + 2 \dot H_{wu} (t_p t_q - t'_p t'_q)
+              - 2 \, \dot M y \cdot W v
+
+    The thickness acts as a sheet of the medium put in below, by the equation of motion
+    :math:`dF/dz = A_{11} F + A_{12} - F A_{21} F - F A_{22}` of the compliance; the shear modulus
+    with z kept scales everything but what lies below.
+    """
+    p, q = traction
+    shear, z, c, h = layer
+    own = waves.half_space
+    double_w, double_u = 2.0 * own.ww, 2.0 * own.uu
+    y_w, y_u = _apply(passage.q_inverse, double_w * p, double_u * q)
+    twice = 2.0 * xi
+    b = z + twice * xi
+    n_w, m_w = twice * waves.beta, twice * waves.alpha
+    my = m_w * y_w - b * y_u
+    xmy = passage.x * my
+    v_w, v_u = passage.fall * y_w - xmy * n_w, passage.fall * y_u - xmy * b
+    wv_w, wv_u = _apply(passage.w, v_w, v_u)
+    p_low, q_low = _apply(passage.p_inverse, double_w * v_w, double_u * v_u)
+    d_w = double_w * y_w - own.ww * p + own.wu * q
+    d_u = double_u * y_u - own.uu * q + own.wu * p
+
+    # By z and by c.
+    by_w = 2.0 * ((2.0 * p - y_w) * y_w - (2.0 * p_low - v_w) * v_w) - p * p + p_low * p_low
+    by_u = 2.0 * ((2.0 * q - y_u) * y_u - (2.0 * q_low - v_u) * v_u) - q * q + q_low * q_low
+    by_coupling = 2.0 * (p * q - p_low * q_low)
+    nw = n_w * wv_w + b * wv_u
+    straight = passage.fall * (y_w * wv_w + y_u * wv_u)
+    found = []
+    for tangent, x_slope in zip(tangents, _x_slopes(waves, passage, layer, tangents), strict=True):
+        matrix = tangent.half_space
+        dm = twice * tangent.alpha * y_w
+        dn = twice * tangent.beta * wv_w
+        if tangent.stress:
+            dm, dn = dm - y_u, dn + wv_u
+        passed = h * tangent.alpha * straight + nw * (x_slope * my + passage.x * dm) + xmy * dn
+        found.append(by_w * matrix.ww + by_u * matrix.uu + by_coupling * matrix.wu + 2.0 * passed)
+    # By the shear modulus and by the thickness.
+    by_shear = -(p * d_w + q * d_u)
+    by_thickness = (c * p_low * p_low + q_low * q_low) / shear
+    if passage.below is not None:
+        w_low, u_low = _apply(passage.below, p_low, q_low)
+        by_shear = by_shear + p_low * w_low + q_low * u_low
+        stiff = z + (4.0 - 4.0 * c) * xi * xi
+        by_thickness = (
+            by_thickness
+            + twice * ((1.0 - 2.0 * c) * p_low * u_low - q_low * w_low)
+            - shear * (z * w_low * w_low + stiff * u_low * u_low)
+        )
+    return Slopes(by_shear / shear, found[0], found[1], by_thickness), (p_low, q_low)
+
+
+def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Traction:
+    return matrix.ww * first + matrix.wu * second, matrix.wu * first + matrix.uu * second
+
+
+def _x_slopes(
+    waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
+) -> tuple[ComplexArray, ComplexArray]:
+    r"""Derivatives of X = difference/R by z and by c, without the pole at z = 0.
+
+    The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z,
+    E(x) = (1 - e^-x)/x.
+    """
+    _, z, c, h = layer
+    by_z, by_c = tangents
+    together = waves.alpha + waves.beta
+    front = (c - 1.0) * h / together
+    x = -front * z
+    difference = passage.x / waves.inverse
+    # e^(-alpha h) E'(x) = (e^(-beta h) - e^(-alpha h) E)/x
+    slow = passage.fall + z * difference - difference / front
+    close = np.abs(x) < _NEARLY_EQUAL_SLOPE
+    if np.any(close):
+        series = passage.fall * (-0.5 + x * (1.0 / 3.0 - 0.125 * x))
+        bend = np.where(close, series, slow / np.where(close, 1.0, x))
+    else:
+        bend = slow / x
+    found = []
+    # d log f, less d(alpha) h, and f dx
+    for tangent, explicit in ((by_z, 0.0), (by_c, 1.0 / (c - 1.0))):
+        change = explicit - (tangent.alpha + tangent.beta) / together - h * tangent.alpha
+        moved = front * h * (tangent.beta - tangent.alpha) * bend
+        found.append((difference * change + moved) * waves.inverse - passage.x * tangent.rayleigh)
+    return found[0], found[1]

@@ -12,6 +12,8 @@ of which the integrals are known in closed form.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -28,8 +30,15 @@ from inversion.forward.contact import (
     static_tail,
 )
 from inversion.forward.kernel import ComplexArray, FloatArray
-from inversion.forward.layered.ground import LayeredGrounds
-from inversion.forward.layered.kernel import Media, Symmetric, solve_layers
+from inversion.forward.layered.ground import LayeredGrounds, Parameter
+from inversion.forward.layered.kernel import (
+    Media,
+    Slopes,
+    Solution,
+    Symmetric,
+    compliance_slopes,
+    solve_layers,
+)
 from inversion.forward.layered.quadrature import CONVERGED, Layout, WavenumberRule, nodes
 
 LayeredPlateModel = PlateModel | Literal["uniform"]
@@ -74,6 +83,11 @@ class PlateSetup:
         """True where the pressure is given and the displacement that of a point of the ground."""
         return self.plate in ("published", "uniform")
 
+    @property
+    def farthest(self) -> float:
+        """Distance of the farthest sensor over the radius."""
+        return max(self.offsets) / self.radius
+
     def terms(self, rule: WavenumberRule) -> int:
         """Number of pressure terms, and of shear terms for a bonded plate."""
         if self.plate == "rigid-rough":
@@ -87,8 +101,8 @@ class _Tables:
 
     ``even`` and ``odd``: weight xi j_k at the nodes, (nodes, terms); ``pressure``, ``coupling``,
     ``radial``: weight xi j_k j_l, (nodes, pairs), as in :mod:`inversion.forward.contact`;
-    ``rings``: weight xi J0(xi r), (nodes, sensors outside the plate), and with the terms of
-    pressure and shear (nodes, sensors * terms).
+    ``ring_even`` and ``ring_odd``: weight xi J0(xi r) j_k, (nodes, sensors outside the plate *
+    terms).
     """
 
     xi: FloatArray
@@ -98,10 +112,11 @@ class _Tables:
     pressure: FloatArray
     coupling: FloatArray
     radial: FloatArray
-    rings: FloatArray
     ring_even: FloatArray
     ring_odd: FloatArray
     static_rings: FloatArray  # (sensors outside, terms), integrals of j_2k J0 dxi
+    observers: FloatArray  # J0(xi r) and j_2k without weights, (nodes, sensors outside + terms)
+    shear_observers: FloatArray  # j_2k+1 without weights, (nodes, terms)
 
 
 @lru_cache(maxsize=32)
@@ -111,7 +126,7 @@ def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
     base = weights * xi
     offsets = np.asarray(setup.offsets) / setup.radius
     outside = tuple(i for i, r in enumerate(offsets) if r > 1.0 or setup.pressure_known)
-    rings = j0(xi * offsets[list(outside), None]) * base
+    rings = j0(xi * offsets[list(outside), None])
     bessel = spherical_bessel(2 * n, xi)
     even, odd = bessel[0::2], bessel[1::2]
     if setup.plate == "uniform":
@@ -132,10 +147,11 @@ def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
         columns(even[upper[0]] * even[upper[1]] * base),
         columns(even[:, None] * odd[None] * base),
         columns(odd[upper[0]] * odd[upper[1]] * base),
-        columns(rings),
-        columns(rings[:, None] * even[None]),
-        columns(rings[:, None] * odd[None]),
+        columns(rings[:, None] * even * base),
+        columns(rings[:, None] * odd * base),
         static.reshape(len(outside), n),
+        columns(rings if setup.pressure_known else np.concatenate([rings, even])),
+        columns(odd),
     )
 
 
@@ -156,17 +172,90 @@ def displacement_per_force(
     (m, n_sensors, n) ndarray of complex, m/N
     """
     media = grounds.at(s, setup.radius)
-    layout = Layout.of(rule, media, grounds.rock, max(setup.offsets) / setup.radius)
-    tables = _tables(setup, layout)
+    tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))
     count = media.z.shape[1]
     result = np.empty((count, len(setup.offsets)), dtype=np.complex128)
-    for first in range(0, count, _ROWS_AT_ONCE):
-        rows = slice(first, first + _ROWS_AT_ONCE)
+    for rows in _chunks(count):
         part = media.rows(rows)
         solution = solve_layers(tables.xi, part, grounds.rock, rule.negligible)
         result[rows] = _Contact.of(setup, tables, part, solution.surface).sensors()
     shaped = result.reshape(-1, s.size, len(setup.offsets)) / setup.radius
     return np.swapaxes(shaped, 1, 2)
+
+
+def displacement_slopes(
+    setup: PlateSetup,
+    grounds: LayeredGrounds,
+    s: ComplexArray,
+    parameters: Sequence[Parameter],
+    rule: WavenumberRule = CONVERGED,
+) -> tuple[ComplexArray, ComplexArray]:
+    """:func:`displacement_per_force` with its derivatives by quantities of the media.
+
+    Returns
+    -------
+    (m, n_sensors, n) and (m, len(parameters), n_sensors, n) ndarrays of complex, m/N and m/N over
+    the unit of the parameter
+    """
+    media = grounds.at(s, setup.radius)
+    tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))
+    count, sensors = media.z.shape[1], len(setup.offsets)
+    result = np.empty((count, sensors), dtype=np.complex128)
+    local = np.zeros((grounds.media, len(_LOCAL), count, sensors), dtype=np.complex128)
+    for rows in _chunks(count):
+        part = media.rows(rows)
+        solution = solve_layers(tables.xi, part, grounds.rock, rule.negligible)
+        contact = _Contact.of(setup, tables, part, solution.surface)
+        result[rows] = contact.sensors()
+        contact.slopes(part, solution, local[:, :, rows])
+    shape = (-1, s.size, sensors)
+    slopes = np.stack(
+        [
+            np.swapaxes(_chained(setup, grounds, s, media, local, p).reshape(shape), 1, 2)
+            for p in parameters
+        ],
+        axis=1,
+    )
+    return np.swapaxes(result.reshape(shape), 1, 2) / setup.radius, slopes / setup.radius
+
+
+# What the kernel differentiates by, in this order.
+_LOCAL = Slopes._fields
+
+
+def _chained(
+    setup: PlateSetup,
+    grounds: LayeredGrounds,
+    s: ComplexArray,
+    media: Media,
+    local: ComplexArray,
+    parameter: Parameter,
+) -> ComplexArray:
+    """Derivative by one parameter, (m n, n_sensors), from those by G, z, c and h/a."""
+    field, j = parameter
+    shear, z = media.shear[j], media.z[j]
+    by_shear, by_z, by_ratio, by_thickness = local[j]
+    nu = np.repeat(grounds.poisson_ratio[:, j], s.size)[:, None]
+    stiffer = by_shear - by_z * (z / shear)
+    result: ComplexArray
+    if field == "thickness":
+        result = by_thickness / setup.radius
+    elif field == "density":
+        result = by_z * (z / np.repeat(grounds.density[:, j], s.size)[:, None])
+    elif field == "poisson_ratio":
+        result = -0.5 / (1.0 - nu) ** 2 * by_ratio - stiffer * (shear / (1.0 + nu))
+    elif field == "modulus":
+        result = stiffer * (0.5 / (1.0 + nu))
+    else:
+        result = stiffer * (0.5 / (1.0 + nu) * np.tile(s, grounds.modulus.shape[0])[:, None])
+    return result
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    """Groups of at most so many rows, of nearly equal size."""
+    parts = -(-count // _ROWS_AT_ONCE)
+    edges = np.linspace(0, count, parts + 1).round().astype(int)
+    return (slice(a, b) for a, b in itertools.pairwise(edges))
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +299,7 @@ class _Contact:
             system[:, n:, n:] += normal[..., None] * static_products(n, 1, 1)
         unit = np.zeros((count, size, 1), dtype=np.complex128)
         unit[:, 0, 0] = 1.0
-        flat: ComplexArray = np.linalg.solve(system, unit)[:, :, 0]
+        flat = np.asarray(np.linalg.solve(system, unit)[:, :, 0], dtype=np.complex128)
         traction: ComplexArray = flat / (2.0 * np.pi * flat[:, :1])
         return _Contact(setup, tables, normal, tangential, ww, wu, system, traction)
 
@@ -224,6 +313,103 @@ class _Contact:
             result[:] = plate[:, None]
         if t.outside:
             result[:, list(t.outside)] = np.sum(self._rings() * self.traction[:, None, :], axis=-1)
+        return result
+
+    def slopes(self, media: Media, solution: Solution, result: ComplexArray) -> None:
+        r"""Derivatives of :meth:`sensors` by the properties of all media, into ``result``.
+
+        Galerkin's conditions make the plate's displacement stationary, so that with the traction
+        X of a unit force :math:`d\Phi_0 = 2 \pi \int \xi \, X \cdot dF \, X \, d\xi`, and for a
+        sensor at r the same integral holds with one X replaced by the traction that a unit force
+        there, and the plate held without force, would make (reciprocity).
+
+        Parameters
+        ----------
+        result : (N, 4, k, n_sensors) ndarray of complex, by G, z, c and h over the radius
+        """
+        t = self.tables
+        n = t.even.shape[1]
+        rings = len(t.outside)
+        rough = self.wu is not None
+        pressure = _spread(self.traction[:, :n], t.even)
+        shear = _spread(self.traction[:, n:], t.odd) if rough else None
+        adjoint = self._adjoint()
+        loads = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)) if rough else ((1.0, 0.0),)
+        found = [compliance_slopes(t.xi, media, solution, load) for load in loads]
+        for j, k in itertools.product(range(len(found[0])), range(len(_LOCAL))):
+            ww = found[0][j][k]
+            if ww is None:
+                continue
+            nodes = ww.shape[-1]
+            at_rest = self._static_rates(k, media) if j == 0 else None
+            over = 1.0 / t.xi[:nodes]
+            p = pressure[:, :nodes]
+            moved = ww * p if at_rest is None else (ww - at_rest[0] * over) * p
+            sheared = None
+            if shear is not None:
+                uu, both = found[1][j][k], found[2][j][k]
+                assert uu is not None
+                assert both is not None
+                wu = 0.5 * (both - uu - ww)
+                if at_rest is not None:
+                    wu, uu = wu - at_rest[1] * over, uu - at_rest[0] * over
+                q = shear[:, :nodes]
+                moved = moved + wu * q
+                sheared = wu * p + uu * q
+            seen = _times(moved, t.observers[:nodes])
+            if sheared is not None:
+                seen = np.concatenate([seen, _times(sheared, t.shear_observers[:nodes])], axis=1)
+            if at_rest is not None:
+                seen += self._static_part(*at_rest)
+            terms = seen[:, rings:]
+            if not self.setup.pressure_known:
+                plate = 2.0 * np.pi * np.sum(terms * self.traction, axis=1)
+                result[j, k] = plate[:, None]
+            if rings:
+                outside = seen[:, :rings] + np.sum(terms[:, None] * adjoint, axis=-1)
+                result[j, k][:, list(t.outside)] = outside
+
+    def _static_rates(self, k: int, media: Media) -> tuple[ComplexArray, ComplexArray] | None:
+        """Derivatives of (1 - nu)/G and -(1 - 2 nu)/(2 G) of the top medium, (k, 1) each."""
+        if _LOCAL[k] == "shear":
+            return -self.normal / media.shear[0], -self.tangential / media.shear[0]
+        if _LOCAL[k] == "ratio":
+            rate = self.normal / (1.0 - media.ratio[0])
+            return rate, -rate
+        return None
+
+    def _static_part(self, normal: ComplexArray, tangential: ComplexArray) -> ComplexArray:
+        """What the half-space at rest does at sensors and plate under the traction, for rates."""
+        t = self.tables
+        n = t.even.shape[1]
+        p, q = self.traction[:, :n], self.traction[:, n:]
+        parts = [normal * (p @ t.static_rings.T)]
+        if self.system is not None:
+            even = normal * (p @ static_products(n, 0, 0))
+            if self.wu is not None:
+                coupling = static_products(n, 0, 1)
+                even = even + tangential * (q @ coupling.T)
+                odd = tangential * (p @ coupling) + normal * (q @ static_products(n, 1, 1))
+                parts += [even, odd]
+            else:
+                parts.append(even)
+        return np.concatenate(parts, axis=1)
+
+    def _adjoint(self) -> ComplexArray:
+        """Traction under the held plate for a unit force at each sensor outside.
+
+        (k, sensors outside, unknowns); without unknowns where the pressure is given.
+        """
+        count, rings = self.ww.shape[0], len(self.tables.outside)
+        if self.system is None:
+            return np.zeros((count, rings, 0), dtype=np.complex128)
+        if not rings:
+            return np.zeros((count, 0, self.system.shape[1]), dtype=np.complex128)
+        felt = self._rings()
+        reaction = np.swapaxes(np.linalg.solve(self.system, np.swapaxes(felt, 1, 2)), 1, 2)
+        plate = np.sum(self.system[:, 0] * self.traction, axis=1)
+        moved = np.sum(felt * self.traction[:, None], axis=-1) * (2.0 * np.pi / plate[:, None])
+        result: ComplexArray = moved[..., None] * self.traction[:, None] - reaction
         return result
 
     def _rings(self) -> ComplexArray:
@@ -246,6 +432,11 @@ def _times(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
     result = np.empty((count, matrix.shape[1]), dtype=np.complex128)
     result.real, result.imag = product[:count], product[count:]
     return result
+
+
+def _spread(coefficients: ComplexArray, columns: FloatArray) -> ComplexArray:
+    """coefficients (k, n) complex times columns (nodes, n) real: (k, nodes)."""
+    return _times(coefficients, columns.T)
 
 
 def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:

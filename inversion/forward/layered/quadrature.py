@@ -29,13 +29,13 @@ class WavenumberRule:
     order: int
     """Gauss nodes in a panel."""
     width_over_distance: float
-    """First panels over the distance of the nearest singularity from the axis."""
-    grading: float
-    """Width of a travelling panel over its wavenumber, where that is more."""
+    """Width of a panel over the distance of the nearest singularity from the axis."""
     turn: float
-    """Radians that the fastest oscillation makes in a panel at most."""
+    """Radians that J0(xi r) of the farthest sensor makes in a panel at most."""
     travelling: float
     """End of the travelling waves over the shortest S wave's wavenumber."""
+    echo: float
+    """Nepers down and back in the top medium up to which far sensors see what lies below."""
     growth: float
     """Growth of the panels from there on."""
     least_end: float
@@ -58,7 +58,9 @@ class Layout:
 
     rule: WavenumberRule
     width: float
+    slope: float
     travelling: float
+    seen: float
     end: float
     largest_offset: float
 
@@ -66,40 +68,52 @@ class Layout:
     def of(rule: WavenumberRule, media: Media, rock: bool, largest_offset: float) -> Layout:
         """The layout that serves all points of the media."""
         root = np.sqrt(media.z)
+        size = np.abs(root)
         interfaces = media.thickness if rock else media.thickness[:-1]
-        slowest = float(np.max(np.abs(root)))
-        # At rest no wave travels, and the deepest interface sets the scale.
-        distance = float(np.min(root.real))
-        if interfaces.size:
-            distance = max(distance, 1.0 / float(np.max(np.sum(interfaces, axis=0))))
-        if distance == 0.0:
-            distance = 1.0
-        end = max(rule.least_end, rule.end_over_root * float(np.max(np.abs(root[0]))))
+        end = max(rule.least_end, rule.end_over_root * float(np.max(size[0])))
+        seen = 0.0
+        deepest = 1.0
         if interfaces.size:
             end = max(end, rule.end_over_layer / float(np.min(interfaces[0])))
+            seen = 0.5 * rule.echo / float(np.min(interfaces[0]))
+            deepest = float(np.max(np.sum(interfaces, axis=0)))
+        if np.min(size) > 0.0:
+            distance = float(np.min(np.sqrt(media.ratio) * root.real))
+            slope = float(np.min(root.real / size))
+        else:  # at rest nothing travels, and the deepest interface sets the scale
+            distance, slope = 1.0 / deepest, 1.0
+        travelling = rule.travelling * float(np.max(size))
         return Layout(
             rule,
             _rounded(rule.width_over_distance * distance, -1),
-            _rounded(max(rule.travelling * slowest, distance), 1),
+            _rounded(rule.width_over_distance * slope, -1),
+            _rounded(max(travelling, distance), 1),
+            _rounded(max(travelling, seen, distance), 1),
             _rounded(end, 1),
             largest_offset,
         )
+
+
+# Radians of the product of two spherical Bessel functions in a panel at most.
+_PLATE_TURN = 8.0
 
 
 @lru_cache(maxsize=64)
 def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights, each (n,), ascending."""
     rule = layout.rule
-    widest = rule.turn / (2.0 + layout.largest_offset)
+    near = rule.turn / (2.0 + layout.largest_offset)
+    far = max(near, 0.5 * _PLATE_TURN)
     edges = [0.0]
-    width = 0.0
+    width = layout.width
     while edges[-1] < layout.end:
-        if edges[-1] < layout.travelling:
-            width = max(layout.width, rule.grading * edges[-1])
-        else:
-            width = width * rule.growth
-        width = min(width, widest)
-        edges.append(edges[-1] + width)
+        place = edges[-1]
+        if place < layout.travelling:
+            width = max(layout.width, layout.slope * place)
+        elif place > 0.0:
+            width *= rule.growth
+        width = min(width, near if place < layout.seen else far)
+        edges.append(place + width)
     points, weights = np.polynomial.legendre.leggauss(rule.order)
     half = 0.5 * np.diff(edges)[:, None]
     middle = 0.5 * (np.asarray(edges[1:]) + edges[:-1])[:, None]
@@ -114,15 +128,32 @@ def _rounded(value: float, direction: int) -> float:
 
 CONVERGED = WavenumberRule(
     order=12,
-    width_over_distance=1.0,
-    grading=0.0,
+    width_over_distance=2.0,
     turn=8.0,
     travelling=2.2,
+    echo=38.0,
     growth=1.4,
     least_end=120.0,
     end_over_root=14.0,
-    end_over_layer=15.0,
+    end_over_layer=19.0,
     negligible=38.0,
     rough_terms=8,
     smooth_terms=4,
+)
+
+# What a search needs: 1e-3 of the peak of each sensor, with some hundred nodes.  Each figure was
+# chosen where a coarser one begins to cost accuracy (`pfwd bench layers` prints what is left).
+FAST = WavenumberRule(
+    order=6,
+    width_over_distance=3.0,
+    turn=10.5,
+    travelling=0.9,
+    echo=6.0,
+    growth=1.7,
+    least_end=16.0,
+    end_over_root=2.0,
+    end_over_layer=4.0,
+    negligible=10.0,
+    rough_terms=4,
+    smooth_terms=3,
 )
