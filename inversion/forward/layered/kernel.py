@@ -113,21 +113,6 @@ class Solution:
     passages: tuple[_Passage | None, ...]
 
 
-def felt_nodes(xi: FloatArray, media: Media, rock: bool, negligible: float) -> list[int]:
-    """How many of the ascending nodes feel the lower face of each medium; a half-space has none.
-
-    Both waves have Re >= sqrt(xi^2 + min(0, Re z)); a wave that went down to the face and came
-    back is neglected below ``exp(-negligible)``.
-    """
-    count, way = [], np.zeros(xi.size)
-    faces = len(media.z) if rock else len(media.z) - 1
-    for z, h in zip(media.z[:faces], media.thickness[:faces], strict=True):
-        lowest = np.minimum(0.0, np.min(z.real))
-        way = way + np.sqrt(np.maximum(0.0, xi * xi + lowest)) * np.min(h)
-        count.append(int(np.searchsorted(2.0 * way, negligible)))
-    return count if rock else [*count, 0]
-
-
 def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 38.0) -> Solution:
     """Compliance of the surface of layers over a half-space or, with ``rock``, a rigid base.
 
@@ -138,24 +123,51 @@ def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 3
     rock : bool, a rigid base under the last medium, which otherwise has no end
     negligible : float, nepers of a wave's way down and back from which it is left out
     """
-    last = media.z.shape[0] - 1
-    felt = felt_nodes(xi, media, rock, negligible)
-    waves: list[_Waves] = []
+    waves, felt = _waves_that_reach(xi, media, rock, negligible)
     passages: list[_Passage | None] = []
     below: Symmetric | None = None
-    for j in range(last, -1, -1):
-        nodes = xi[: felt[j - 1] if j else xi.size]
-        shear, z, c, h = (part[j] for part in media)
-        own = _waves(nodes, shear, z, c)
+    for j in range(len(waves) - 1, -1, -1):
+        own, count = waves[j], felt[j]
         surface, passage = own.half_space, None
-        if felt[j]:
-            near = _first(own, felt[j])
-            passage = _pass(nodes[: felt[j]], near, z, c, h, below)
-            surface = _surface(near.half_space, passage, own.half_space, felt[j])
-        waves.append(own)
+        if count:
+            near = _first(own, count)
+            z, c, h = media.z[j], media.ratio[j], media.thickness[j]
+            passage = _pass(xi[:count], near, z, c, h, below)
+            surface = _surface(near.half_space, passage, own.half_space, count)
         passages.append(passage)
         below = surface
-    return Solution(surface, tuple(waves[::-1]), tuple(passages[::-1]))
+    return Solution(surface, tuple(waves), tuple(passages[::-1]))
+
+
+def _waves_that_reach(
+    xi: FloatArray, media: Media, rock: bool, negligible: float
+) -> tuple[list[_Waves], list[int]]:
+    """Media that are felt, and how many of the nodes feel the lower face of each.
+
+    A medium is felt where a wave can go down to it and back and keep more than
+    ``exp(-negligible)``.  The real parts of alpha and beta decide, not xi: below
+    xi = sqrt(abs(z)) waves travel.
+    """
+    waves: list[_Waves] = []
+    felt: list[int] = []
+    way: FloatArray | None = None
+    last = media.z.shape[0] - 1
+    count = xi.size
+    for j in range(last + 1):
+        c, h = media.ratio[j], media.thickness[j]
+        own = _waves(xi[:count], media.shear[j], media.z[j], c)
+        waves.append(own)
+        if j == last and not rock:
+            felt.append(0)
+            break
+        slower = np.minimum(own.alpha.real, own.beta.real) * h
+        way = slower if way is None else way[:, :count] + slower
+        reached = np.flatnonzero(np.min(way, axis=0) < 0.5 * negligible)
+        count = int(reached[-1]) + 1 if reached.size else 0
+        felt.append(count)
+        if not count:
+            break
+    return waves, felt
 
 
 def _waves(xi: FloatArray, shear: ComplexArray, z: ComplexArray, c: FloatArray) -> _Waves:
@@ -275,19 +287,20 @@ def _inverse(matrix: Symmetric) -> Symmetric:
 
 
 class Slopes(NamedTuple):
-    """Derivatives of one compliance by the properties of one medium, each (k, n) complex.
+    """Derivatives of the surface's compliance by the properties of one medium.
 
-    By the shear modulus with z kept, by z, by c, and by the thickness over the radius; None for
-    the thickness of a half-space.
+    By the shear modulus with z kept, by z, by c, and by the thickness over the radius; each is
+    (1, k, n) complex with those of F_ww or (3, k, n) with F_ww, F_uu and F_wu.  ``ratio`` is None
+    where it was not asked for, ``thickness`` for a half-space.
     """
 
     shear: ComplexArray
     z: ComplexArray
-    ratio: ComplexArray
+    ratio: ComplexArray | None
     thickness: ComplexArray | None
 
 
-# Pressure and shear, (k, n) complex; plain numbers at the surface.
+# Pressure and shear under several surface loads, (loads, k, n) complex; the loads at the surface.
 _Traction = tuple[Any, Any]
 
 
@@ -311,57 +324,66 @@ class _Tangent(NamedTuple):
 
 
 def compliance_slopes(
-    xi: FloatArray, media: Media, solution: Solution, load: tuple[float, float]
+    xi: FloatArray, media: Media, solution: Solution, shear: bool, ratio: bool = True
 ) -> list[Slopes]:
-    """Derivatives of t F t, the compliance for the surface traction t = ``load``.
+    """Derivatives of the surface's compliance by the properties of every medium.
 
-    (1, 0) gives those of F_ww, (0, 1) of F_uu, and (1, 1) of their sum plus twice F_wu.  Each
-    medium has values at the nodes where it is felt, which come first.
+    Each medium has values at the nodes where it is felt, which come first; media that are felt
+    nowhere are left out.
+
+    Parameters
+    ----------
+    shear : bool, whether those of F_uu and F_wu are wanted as well
+    ratio : bool, whether the derivatives by c (Poisson's ratio) are wanted
 
     Returns
     -------
     list of Slopes, from the surface down
     """
+    # t F t under pressure, under shear and under both: F_ww, F_uu, and their sum plus twice F_wu.
+    loads = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]] if shear else [[1.0], [0.0]])
+    top: _Traction = loads[0, :, None, None], loads[1, :, None, None]
     result = []
-    top: _Traction = load
     for j, (waves, passage) in enumerate(zip(solution.waves, solution.passages, strict=True)):
-        shear, z, c, h = (part[j] for part in media)
+        layer = _Layer(*(part[j] for part in media))
         size = waves.alpha.shape[-1]
-        nodes, top = xi[:size], _part(top, size)
-        tangents = _tangents(nodes, waves, z, c)
+        nodes = xi[:size]
+        if j:
+            top = top[0][..., :size], top[1][..., :size]
+        tangents = _tangents(nodes, waves, layer.z, layer.ratio, ratio)
         felt = 0 if passage is None else passage.fall.shape[-1]
         # Where the lower face is not felt the medium has no end.
-        slopes = _half_space_slopes(waves, shear, tangents, top) if felt < size else None
+        slopes = None
+        if felt < size:
+            slopes = _half_space_slopes(
+                waves, layer.shear, tangents, None if j == 0 else top, shear
+            )
         if passage is not None:
+            near = tuple(_tangent_part(tangent, felt) for tangent in tangents)
+            first = top if j == 0 else (top[0][..., :felt], top[1][..., :felt])
             inside, top = _layer_slopes(
-                nodes[:felt],
-                _first(waves, felt),
-                passage,
-                _Layer(shear, z, c, h),
-                tuple(_tangent_part(tangent, felt) for tangent in tangents),
-                _part(top, felt),
+                nodes[:felt], _first(waves, felt), passage, layer, near, first
             )
             slopes = inside if slopes is None else _joined(inside, slopes)
         assert slopes is not None
         result.append(slopes)
-        if passage is None:
-            break
     return result
 
 
-def _part(traction: _Traction, count: int) -> _Traction:
-    p, q = traction
-    if isinstance(p, float) or isinstance(q, float):
-        return traction
-    return p[:, :count], q[:, :count]
+def _separated(forms: ComplexArray) -> ComplexArray:
+    """F_ww, F_uu, F_wu in place of the forms under pressure, shear and both."""
+    if forms.shape[0] == 3:
+        forms[2] -= forms[0]
+        forms[2] -= forms[1]
+        forms[2] *= 0.5
+    return forms
 
 
 def _joined(first: Slopes, whole: Slopes) -> Slopes:
     """The first nodes from one, the others from the other."""
     for target, values in zip(whole[:3], first[:3], strict=True):
-        assert target is not None
-        assert values is not None
-        target[:, : values.shape[-1]] = values
+        if target is not None and values is not None:
+            target[..., : values.shape[-1]] = values
     return Slopes(whole.shear, whole.z, whole.ratio, first.thickness)
 
 
@@ -377,9 +399,9 @@ def _tangent_part(tangent: _Tangent, count: int) -> _Tangent:
 
 
 def _tangents(
-    xi: FloatArray, waves: _Waves, z: ComplexArray, c: FloatArray
-) -> tuple[_Tangent, _Tangent]:
-    """Derivatives of the half-space by z and by c."""
+    xi: FloatArray, waves: _Waves, z: ComplexArray, c: FloatArray, ratio: bool
+) -> tuple[_Tangent, ...]:
+    """Derivatives of the half-space by z and, where wanted, by c."""
     square = xi * xi
     own = waves.half_space
     scaled = own.uu / waves.beta  # 1/(R G)
@@ -388,12 +410,12 @@ def _tangents(
     # beta/(alpha + beta): alpha^2 - c beta^2 = (1 - c) xi^2 and beta^2 - alpha^2 = (1 - c) z
     over = 0.5 / (waves.alpha * together * together)
     share_z = (1.0 - c) * square * over / waves.beta
-    share_c = -waves.beta * z * over
+    wanted: list[tuple[Any, ...]] = [(share_z, 0.5 * c / waves.alpha, 0.5 / waves.beta, 1.0, None)]
+    if ratio:
+        share_c = -waves.beta * z * over
+        wanted.append((share_c, 0.5 * z / waves.alpha, 0.0, 0.0, waves.share))
     both = []
-    for share, alpha, beta, direct, explicit in (
-        (share_z, 0.5 * c / waves.alpha, 0.5 / waves.beta, 1.0, None),
-        (share_c, 0.5 * z / waves.alpha, 0.0, 0.0, waves.share),
-    ):
+    for share, alpha, beta, direct, explicit in wanted:
         twice = rest * share
         if explicit is not None:
             twice = twice - 2.0 * explicit
@@ -404,25 +426,27 @@ def _tangents(
             beta * scaled - own.uu * r,
         )
         both.append(_Tangent(own_slope, alpha, beta, direct, r))
-    return both[0], both[1]
+    return tuple(both)
 
 
 def _half_space_slopes(
     waves: _Waves,
     shear: ComplexArray,
-    tangents: tuple[_Tangent, _Tangent],
-    traction: _Traction,
+    tangents: tuple[_Tangent, ...],
+    traction: _Traction | None,
+    both: bool,
 ) -> Slopes:
-    """Derivatives of t H t."""
-    p, q = traction
-    pp, pq, qq = p * p, 2.0 * p * q, q * q
+    """Derivatives of H itself, or under tractions that the layers above let through."""
 
     def of(matrix: Symmetric) -> ComplexArray:
-        result: ComplexArray = pp * matrix.ww + pq * matrix.wu + qq * matrix.uu
-        return result
+        if traction is None:
+            return np.stack([matrix.ww, matrix.uu, matrix.wu] if both else [matrix.ww])
+        p, q = traction
+        result: ComplexArray = p * p * matrix.ww + 2.0 * p * q * matrix.wu + q * q * matrix.uu
+        return _separated(result)
 
-    by_z, by_c = tangents
-    return Slopes(-of(waves.half_space) / shear, of(by_z.half_space), of(by_c.half_space), None)
+    ratio = of(tangents[1].half_space) if len(tangents) > 1 else None
+    return Slopes(-of(waves.half_space) / shear, of(tangents[0].half_space), ratio, None)
 
 
 def _layer_slopes(
@@ -433,7 +457,7 @@ def _layer_slopes(
     tangents: tuple[_Tangent, ...],
     traction: _Traction,
 ) -> tuple[Slopes, _Traction]:
-    r"""Derivatives of t F t by the properties of one layer, and the traction at its lower face.
+    r"""Derivatives by the properties of one layer, and the tractions at its lower face.
 
     With y = Q^-1 2D t, v = M y and t' = P'^-1 2D v, the traction at the lower face,
 
@@ -487,7 +511,14 @@ def _layer_slopes(
             + twice * ((1.0 - 2.0 * c) * p_low * u_low - q_low * w_low)
             - shear * (z * w_low * w_low + stiff * u_low * u_low)
         )
-    return Slopes(by_shear / shear, found[0], found[1], by_thickness), (p_low, q_low)
+    ratio = found[1] if len(found) > 1 else None
+    slopes = Slopes(
+        _separated(by_shear / shear),
+        _separated(found[0]),
+        None if ratio is None else _separated(ratio),
+        _separated(by_thickness),
+    )
+    return slopes, (p_low, q_low)
 
 
 def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Traction:
@@ -496,14 +527,13 @@ def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Tra
 
 def _x_slopes(
     waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
-) -> tuple[ComplexArray, ComplexArray]:
+) -> list[ComplexArray]:
     r"""Derivatives of X = difference/R by z and by c, without the pole at z = 0.
 
     The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z,
     E(x) = (1 - e^-x)/x.
     """
     _, z, c, h = layer
-    by_z, by_c = tangents
     together = waves.alpha + waves.beta
     front = (c - 1.0) * h / together
     x = -front * z
@@ -518,8 +548,8 @@ def _x_slopes(
         bend = slow / x
     found = []
     # d log f, less d(alpha) h, and f dx
-    for tangent, explicit in ((by_z, 0.0), (by_c, 1.0 / (c - 1.0))):
+    for tangent, explicit in zip(tangents, (0.0, 1.0 / (c - 1.0)), strict=False):
         change = explicit - (tangent.alpha + tangent.beta) / together - h * tangent.alpha
         moved = front * h * (tangent.beta - tangent.alpha) * bend
         found.append((difference * change + moved) * waves.inverse - passage.x * tangent.rayleigh)
-    return found[0], found[1]
+    return found

@@ -46,7 +46,7 @@ LayeredPlateModel = PlateModel | Literal["uniform"]
 LAYERED_PLATE_MODELS: tuple[LayeredPlateModel, ...] = (*PLATE_MODELS, "uniform")
 
 # Rows of the kernel evaluated together: the intermediate arrays stay in the cache.
-_ROWS_AT_ONCE = 32
+_ROWS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -201,13 +201,14 @@ def displacement_slopes(
     tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))
     count, sensors = media.z.shape[1], len(setup.offsets)
     result = np.empty((count, sensors), dtype=np.complex128)
+    ratio = any(parameter.field == "poisson_ratio" for parameter in parameters)
     local = np.zeros((grounds.media, len(_LOCAL), count, sensors), dtype=np.complex128)
     for rows in _chunks(count):
         part = media.rows(rows)
         solution = solve_layers(tables.xi, part, grounds.rock, rule.negligible)
         contact = _Contact.of(setup, tables, part, solution.surface)
         result[rows] = contact.sensors()
-        contact.slopes(part, solution, local[:, :, rows])
+        contact.slopes(part, solution, ratio, local[:, :, rows])
     shape = (-1, s.size, sensors)
     slopes = np.stack(
         [
@@ -315,7 +316,7 @@ class _Contact:
             result[:, list(t.outside)] = np.sum(self._rings() * self.traction[:, None, :], axis=-1)
         return result
 
-    def slopes(self, media: Media, solution: Solution, result: ComplexArray) -> None:
+    def slopes(self, media: Media, solution: Solution, ratio: bool, result: ComplexArray) -> None:
         r"""Derivatives of :meth:`sensors` by the properties of all media, into ``result``.
 
         Galerkin's conditions make the plate's displacement stationary, so that with the traction
@@ -325,6 +326,7 @@ class _Contact:
 
         Parameters
         ----------
+        ratio : bool, whether those by c are wanted
         result : (N, 4, k, n_sensors) ndarray of complex, by G, z, c and h over the radius
         """
         t = self.tables
@@ -334,12 +336,12 @@ class _Contact:
         pressure = _spread(self.traction[:, :n], t.even)
         shear = _spread(self.traction[:, n:], t.odd) if rough else None
         adjoint = self._adjoint()
-        loads = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)) if rough else ((1.0, 0.0),)
-        found = [compliance_slopes(t.xi, media, solution, load) for load in loads]
-        for j, k in itertools.product(range(len(found[0])), range(len(_LOCAL))):
-            ww = found[0][j][k]
-            if ww is None:
+        found = compliance_slopes(t.xi, media, solution, rough, ratio)
+        for j, k in itertools.product(range(len(found)), range(len(_LOCAL))):
+            slopes = found[j][k]
+            if slopes is None:
                 continue
+            ww = slopes[0]
             nodes = ww.shape[-1]
             at_rest = self._static_rates(k, media) if j == 0 else None
             over = 1.0 / t.xi[:nodes]
@@ -347,10 +349,7 @@ class _Contact:
             moved = ww * p if at_rest is None else (ww - at_rest[0] * over) * p
             sheared = None
             if shear is not None:
-                uu, both = found[1][j][k], found[2][j][k]
-                assert uu is not None
-                assert both is not None
-                wu = 0.5 * (both - uu - ww)
+                uu, wu = slopes[1], slopes[2]
                 if at_rest is not None:
                     wu, uu = wu - at_rest[1] * over, uu - at_rest[0] * over
                 q = shear[:, :nodes]
