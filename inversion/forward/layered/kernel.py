@@ -41,7 +41,7 @@ So a change of one medium reaches the surface through the tractions that the loa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -324,7 +324,12 @@ class _Tangent(NamedTuple):
 
 
 def compliance_slopes(
-    xi: FloatArray, media: Media, solution: Solution, shear: bool, ratio: bool = True
+    xi: FloatArray,
+    media: Media,
+    solution: Solution,
+    shear: bool,
+    ratio: bool = True,
+    single: bool = False,
 ) -> list[Slopes]:
     """Derivatives of the surface's compliance by the properties of every medium.
 
@@ -335,6 +340,7 @@ def compliance_slopes(
     ----------
     shear : bool, whether those of F_uu and F_wu are wanted as well
     ratio : bool, whether the derivatives by c (Poisson's ratio) are wanted
+    single : bool, whether single precision (some 1e-5) will do
 
     Returns
     -------
@@ -342,6 +348,7 @@ def compliance_slopes(
     """
     # t F t under pressure, under shear and under both: F_ww, F_uu, and their sum plus twice F_wu.
     loads = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]] if shear else [[1.0], [0.0]])
+    loads = loads.astype(np.float32) if single else loads
     top: _Traction = loads[0, :, None, None], loads[1, :, None, None]
     result = []
     for j, (waves, passage) in enumerate(zip(solution.waves, solution.passages, strict=True)):
@@ -352,6 +359,15 @@ def compliance_slopes(
             top = top[0][..., :size], top[1][..., :size]
         tangents = _tangents(nodes, waves, layer.z, layer.ratio, ratio)
         felt = 0 if passage is None else passage.fall.shape[-1]
+        near = tuple(_tangent_part(tangent, felt) for tangent in tangents)
+        x_slopes: list[ComplexArray] = []
+        if passage is not None:
+            # Here digits cancel; from here on single precision is safe.
+            x_slopes = _x_slopes(_first(waves, felt), passage, layer, near)
+        if single:
+            nodes, waves, passage, layer, tangents, near, x_slopes = _in_single(
+                (nodes, waves, passage, layer, tangents, near, x_slopes)
+            )
         # Where the lower face is not felt the medium has no end.
         slopes = None
         if felt < size:
@@ -359,15 +375,27 @@ def compliance_slopes(
                 waves, layer.shear, tangents, None if j == 0 else top, shear
             )
         if passage is not None:
-            near = tuple(_tangent_part(tangent, felt) for tangent in tangents)
             first = top if j == 0 else (top[0][..., :felt], top[1][..., :felt])
             inside, top = _layer_slopes(
-                nodes[:felt], _first(waves, felt), passage, layer, near, first
+                nodes[:felt], _first(waves, felt), passage, layer, near, x_slopes, first
             )
             slopes = inside if slopes is None else _joined(inside, slopes)
         assert slopes is not None
         result.append(slopes)
     return result
+
+
+def _in_single(value: Any) -> Any:
+    """The same structure with its arrays in single precision."""
+    if isinstance(value, np.ndarray):
+        return value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
+    if isinstance(value, _Waves | _Passage):
+        return type(value)(*(_in_single(getattr(value, f.name)) for f in fields(value)))
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(_in_single, value))
+    if isinstance(value, tuple | list):
+        return type(value)(map(_in_single, value))
+    return value
 
 
 def _separated(forms: ComplexArray) -> ComplexArray:
@@ -455,6 +483,7 @@ def _layer_slopes(
     passage: _Passage,
     layer: _Layer,
     tangents: tuple[_Tangent, ...],
+    x_slopes: list[ComplexArray],
     traction: _Traction,
 ) -> tuple[Slopes, _Traction]:
     r"""Derivatives by the properties of one layer, and the tractions at its lower face.
@@ -485,13 +514,14 @@ def _layer_slopes(
     d_u = double_u * y_u - own.uu * q + own.wu * p
 
     # By z and by c.
-    by_w = 2.0 * ((2.0 * p - y_w) * y_w - (2.0 * p_low - v_w) * v_w) - p * p + p_low * p_low
-    by_u = 2.0 * ((2.0 * q - y_u) * y_u - (2.0 * q_low - v_u) * v_u) - q * q + q_low * q_low
+    p_square, q_square = p_low * p_low, q_low * q_low
+    by_w = 2.0 * ((2.0 * p - y_w) * y_w - (2.0 * p_low - v_w) * v_w) + (p_square - p * p)
+    by_u = 2.0 * ((2.0 * q - y_u) * y_u - (2.0 * q_low - v_u) * v_u) + (q_square - q * q)
     by_coupling = 2.0 * (p * q - p_low * q_low)
     nw = n_w * wv_w + b * wv_u
     straight = passage.fall * (y_w * wv_w + y_u * wv_u)
     found = []
-    for tangent, x_slope in zip(tangents, _x_slopes(waves, passage, layer, tangents), strict=True):
+    for tangent, x_slope in zip(tangents, x_slopes, strict=True):
         matrix = tangent.half_space
         dm = twice * tangent.alpha * y_w
         dn = twice * tangent.beta * wv_w
@@ -501,19 +531,22 @@ def _layer_slopes(
         found.append(by_w * matrix.ww + by_u * matrix.uu + by_coupling * matrix.wu + 2.0 * passed)
     # By the shear modulus and by the thickness.
     by_shear = -(p * d_w + q * d_u)
-    by_thickness = (c * p_low * p_low + q_low * q_low) / shear
+    softness = 1.0 / shear
+    by_thickness = (c * softness) * p_square + softness * q_square
     if passage.below is not None:
         w_low, u_low = _apply(passage.below, p_low, q_low)
         by_shear = by_shear + p_low * w_low + q_low * u_low
         stiff = z + (4.0 - 4.0 * c) * xi * xi
         by_thickness = (
             by_thickness
-            + twice * ((1.0 - 2.0 * c) * p_low * u_low - q_low * w_low)
-            - shear * (z * w_low * w_low + stiff * u_low * u_low)
+            + (twice - 2.0 * c * twice) * (p_low * u_low)
+            - twice * (q_low * w_low)
+            - (shear * z) * (w_low * w_low)
+            - (shear * stiff) * (u_low * u_low)
         )
     ratio = found[1] if len(found) > 1 else None
     slopes = Slopes(
-        _separated(by_shear / shear),
+        _separated(by_shear * softness),
         _separated(found[0]),
         None if ratio is None else _separated(ratio),
         _separated(by_thickness),

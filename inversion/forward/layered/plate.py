@@ -208,7 +208,7 @@ def displacement_slopes(
         solution = solve_layers(tables.xi, part, grounds.rock, rule.negligible)
         contact = _Contact.of(setup, tables, part, solution.surface)
         result[rows] = contact.sensors()
-        contact.slopes(part, solution, ratio, local[:, :, rows])
+        contact.slopes(part, solution, ratio, rule.single_slopes, local[:, :, rows])
     shape = (-1, s.size, sensors)
     slopes = np.stack(
         [
@@ -316,7 +316,14 @@ class _Contact:
             result[:, list(t.outside)] = np.sum(self._rings() * self.traction[:, None, :], axis=-1)
         return result
 
-    def slopes(self, media: Media, solution: Solution, ratio: bool, result: ComplexArray) -> None:
+    def slopes(
+        self,
+        media: Media,
+        solution: Solution,
+        ratio: bool,
+        single: bool,
+        result: ComplexArray,
+    ) -> None:
         r"""Derivatives of :meth:`sensors` by the properties of all media, into ``result``.
 
         Galerkin's conditions make the plate's displacement stationary, so that with the traction
@@ -327,46 +334,66 @@ class _Contact:
         Parameters
         ----------
         ratio : bool, whether those by c are wanted
+        single : bool, whether single precision will do
         result : (N, 4, k, n_sensors) ndarray of complex, by G, z, c and h over the radius
         """
         t = self.tables
         n = t.even.shape[1]
         rings = len(t.outside)
+        count = self.ww.shape[0]
         rough = self.wu is not None
-        pressure = _spread(self.traction[:, :n], t.even)
-        shear = _spread(self.traction[:, n:], t.odd) if rough else None
+        kind = np.complex64 if single else np.complex128
+        pressure = _spread(self.traction[:, :n], t.even).astype(kind)
+        shear = _spread(self.traction[:, n:], t.odd).astype(kind) if rough else None
         adjoint = self._adjoint()
-        found = compliance_slopes(t.xi, media, solution, rough, ratio)
-        for j, k in itertools.product(range(len(found)), range(len(_LOCAL))):
-            slopes = found[j][k]
-            if slopes is None:
-                continue
-            ww = slopes[0]
-            nodes = ww.shape[-1]
-            at_rest = self._static_rates(k, media) if j == 0 else None
-            over = 1.0 / t.xi[:nodes]
-            p = pressure[:, :nodes]
-            moved = ww * p if at_rest is None else (ww - at_rest[0] * over) * p
-            sheared = None
-            if shear is not None:
-                uu, wu = slopes[1], slopes[2]
-                if at_rest is not None:
-                    wu, uu = wu - at_rest[1] * over, uu - at_rest[0] * over
-                q = shear[:, :nodes]
-                moved = moved + wu * q
-                sheared = wu * p + uu * q
-            seen = _times(moved, t.observers[:nodes])
+        found = compliance_slopes(t.xi, media, solution, rough, ratio, single)
+        for j, own in enumerate(found):
+            kinds = [k for k, slopes in enumerate(own) if slopes is not None]
+            at_rest: dict[int, tuple[ComplexArray, ComplexArray]] = {}
+            if j == 0:
+                rates = {k: self._static_rates(k, media) for k in kinds}
+                at_rest = {k: rate for k, rate in rates.items() if rate is not None}
+            # The thickness is felt at fewer nodes than the rest; beyond them it is nought.
+            nodes = own.shear.shape[-1]
+            moved = np.zeros((len(kinds), count, nodes), dtype=kind)
+            sheared = np.zeros_like(moved) if rough else None
+            for i, k in enumerate(kinds):
+                slopes = own[k]
+                assert slopes is not None
+                if k in at_rest:
+                    slopes = self._less_static(slopes, *at_rest[k])
+                felt = slopes.shape[-1]
+                p = pressure[:, :felt]
+                np.multiply(slopes[0], p, out=moved[i, :, :felt])
+                if shear is not None and sheared is not None:
+                    q = shear[:, :felt]
+                    moved[i, :, :felt] += slopes[2] * q
+                    np.multiply(slopes[2], p, out=sheared[i, :, :felt])
+                    sheared[i, :, :felt] += slopes[1] * q
+            seen = _times(moved.reshape(-1, nodes), t.observers[:nodes])
             if sheared is not None:
-                seen = np.concatenate([seen, _times(sheared, t.shear_observers[:nodes])], axis=1)
-            if at_rest is not None:
-                seen += self._static_part(*at_rest)
-            terms = seen[:, rings:]
+                more = _times(sheared.reshape(-1, nodes), t.shear_observers[:nodes])
+                seen = np.concatenate([seen, more], axis=1)
+            seen = seen.reshape(len(kinds), count, -1)
+            for i, k in enumerate(kinds):
+                if k in at_rest:
+                    seen[i] += self._static_part(*at_rest[k])
+            terms = seen[:, :, rings:]
             if not self.setup.pressure_known:
-                plate = 2.0 * np.pi * np.sum(terms * self.traction, axis=1)
-                result[j, k] = plate[:, None]
+                plate = 2.0 * np.pi * np.sum(terms * self.traction, axis=-1)
+                result[j, kinds] = plate[..., None]
             if rings:
-                outside = seen[:, :rings] + np.sum(terms[:, None] * adjoint, axis=-1)
-                result[j, k][:, list(t.outside)] = outside
+                outside = seen[:, :, :rings] + np.sum(terms[:, :, None] * adjoint, axis=-1)
+                for i, k in enumerate(kinds):
+                    result[j, k][:, list(t.outside)] = outside[i]
+
+    def _less_static(
+        self, slopes: ComplexArray, normal: ComplexArray, tangential: ComplexArray
+    ) -> ComplexArray:
+        """Derivatives of F_ww, F_uu, F_wu without those of the half-space at rest."""
+        over = 1.0 / self.tables.xi
+        taken = np.stack(([normal * over] * 2 + [tangential * over])[: slopes.shape[0]])
+        return slopes - taken.astype(slopes.dtype)
 
     def _static_rates(self, k: int, media: Media) -> tuple[ComplexArray, ComplexArray] | None:
         """Derivatives of (1 - nu)/G and -(1 - 2 nu)/(2 G) of the top medium, (k, 1) each."""
@@ -427,7 +454,8 @@ class _Contact:
 def _times(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
     """values (k, n) complex @ matrix (n, m) real, as one real product."""
     count = values.shape[0]
-    product = np.concatenate([values.real, values.imag]) @ matrix
+    parts = np.concatenate([values.real, values.imag])
+    product = parts @ matrix.astype(parts.dtype, copy=False)
     result = np.empty((count, matrix.shape[1]), dtype=np.complex128)
     result.real, result.imag = product[:count], product[count:]
     return result

@@ -50,6 +50,8 @@ class WavenumberRule:
     """Terms of pressure, and of shear, under a bonded plate."""
     smooth_terms: int
     """Terms of pressure under a smooth one."""
+    single_slopes: bool
+    """Derivatives in single precision, right to some 1e-5 of their largest value."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,7 @@ CONVERGED = WavenumberRule(
     negligible=38.0,
     rough_terms=8,
     smooth_terms=4,
+    single_slopes=False,
 )
 
 # What a search needs: 1e-3 of the peak of each sensor, with some hundred nodes.  Each figure was
@@ -156,4 +159,5 @@ FAST = WavenumberRule(
     negligible=10.0,
     rough_terms=4,
     smooth_terms=3,
+    single_slopes=True,
 )
