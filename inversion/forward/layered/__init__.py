@@ -1,1 +1,52 @@
-"""Layered ground under a plate: any number of media over a rigid base or a half-space."""
+"""Layered ground under a plate: any number of Kelvin-Voigt media over rock or a half-space.
+
+=============  ====================================================================
+`ground`       media, grounds, many of them as arrays, what may be varied
+`kernel`       compliance of the surface at one wavenumber, and its derivatives
+`quadrature`   which wavenumbers are taken: `CONVERGED` and, for a search, `FAST`
+`plate`        the plate on it: displacement per force at the sensors
+`model`        displacement histories of one drop
+=============  ====================================================================
+"""
+
+from inversion.forward.layered.ground import (
+    FIELDS,
+    Field,
+    LayeredGround,
+    LayeredGrounds,
+    Medium,
+    Parameter,
+)
+from inversion.forward.layered.model import (
+    LayeredForwardModel,
+    layered_transfer,
+    layered_transfer_slopes,
+)
+from inversion.forward.layered.plate import (
+    LAYERED_PLATE_MODELS,
+    LayeredPlateModel,
+    PlateSetup,
+    displacement_per_force,
+    displacement_slopes,
+)
+from inversion.forward.layered.quadrature import CONVERGED, FAST, WavenumberRule
+
+__all__ = [
+    "CONVERGED",
+    "FAST",
+    "FIELDS",
+    "LAYERED_PLATE_MODELS",
+    "Field",
+    "LayeredForwardModel",
+    "LayeredGround",
+    "LayeredGrounds",
+    "LayeredPlateModel",
+    "Medium",
+    "Parameter",
+    "PlateSetup",
+    "WavenumberRule",
+    "displacement_per_force",
+    "displacement_slopes",
+    "layered_transfer",
+    "layered_transfer_slopes",
+]
