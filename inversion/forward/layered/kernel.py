@@ -49,8 +49,8 @@ import numpy as np
 from inversion.forward.kernel import ComplexArray, FloatArray
 
 # Below this abs((beta - alpha) h) the divided differences are taken from their series: above it
-# the plain difference keeps ten digits of X and five of its derivative.
-_NEARLY_EQUAL = 1e-6
+# the plain difference keeps eleven digits of X and nine of its derivative.
+_NEARLY_EQUAL = 1e-4
 _NEARLY_EQUAL_SLOPE = 1e-3
 
 
@@ -218,7 +218,7 @@ def _divided_difference(
         return plain
     front = (c - 1.0) * h / (waves.alpha + waves.beta)
     x = -front * z
-    series = fall * (1.0 - x * (0.5 - x / 6.0))
+    series = fall * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
     close = np.abs(x) < _NEARLY_EQUAL
     safe = np.where(close, 1.0, x)
     result: ComplexArray = front * np.where(close, series, (fall - np.exp(-h * waves.beta)) / safe)
@@ -575,7 +575,7 @@ def _x_slopes(
     slow = passage.fall + z * difference - difference / front
     close = np.abs(x) < _NEARLY_EQUAL_SLOPE
     if np.any(close):
-        series = passage.fall * (-0.5 + x * (1.0 / 3.0 - 0.125 * x))
+        series = passage.fall * (-0.5 + x * (1.0 / 3.0 - x * (0.125 - x / 30.0)))
         bend = np.where(close, series, slow / np.where(close, 1.0, x))
     else:
         bend = slow / x
