@@ -20,6 +20,7 @@ PARTS = {
     "loop": "the diagnosis on a blind campaign of drops with undeclared effects (half an hour)",
     "closing": "all figures of docs/closing-the-loop.md (half an hour)",
     "measured": "the loop closed on measured drops in a FOLDER (some minutes)",
+    "layers": "layered ground: accuracy and speed of the forward model (some minutes; --short)",
     "tables": "build the response tables that ship with the package",
     "validation": "the paper's 48 cases by finite elements (some minutes)",
 }

@@ -45,6 +45,7 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.forward.kernel import ComplexArray, FloatArray
 
@@ -210,19 +211,25 @@ def _divided_difference(
     r""":math:`(e^{-\beta h} - e^{-\alpha h}) / z` at any z, 0 included."""
     # x = (beta - alpha) h, and the difference is -(1 - c) h/(alpha + beta) e^(-alpha h) E(x),
     # E(x) = (1 - e^-x)/x.
-    nearest = np.min(np.abs(z) * (1.0 - c) * h, axis=-1) * np.min(
-        1.0 / np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
-    )
-    if np.min(nearest) > _NEARLY_EQUAL:
-        plain: ComplexArray = (np.exp(-h * waves.beta) - fall) / z
-        return plain
-    front = (c - 1.0) * h / (waves.alpha + waves.beta)
-    x = -front * z
-    series = fall * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
-    close = np.abs(x) < _NEARLY_EQUAL
-    safe = np.where(close, 1.0, x)
-    result: ComplexArray = front * np.where(close, series, (fall - np.exp(-h * waves.beta)) / safe)
+    plain = np.exp(-h * waves.beta) - fall
+    rows = _rows_with_small_x(waves, z, c, h, _NEARLY_EQUAL)
+    if not rows.size:
+        result: ComplexArray = plain / z
+        return result
+    result = plain / np.where(z == 0.0, 1.0, z)
+    front = (c[rows] - 1.0) * h[rows] / (waves.alpha[rows] + waves.beta[rows])
+    x = -front * z[rows]
+    series = front * fall[rows] * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
+    result[rows] = np.where(np.abs(x) < _NEARLY_EQUAL, series, result[rows])
     return result
+
+
+def _rows_with_small_x(
+    waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray, limit: float
+) -> NDArray[np.intp]:
+    """Points at which abs((beta - alpha) h) is below the limit at the last node, if anywhere."""
+    together = np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
+    return np.flatnonzero(np.abs(z[:, 0]) * (1.0 - c[:, 0]) * h[:, 0] < limit * together)
 
 
 def _pass(
@@ -573,12 +580,12 @@ def _x_slopes(
     difference = passage.x / waves.inverse
     # e^(-alpha h) E'(x) = (e^(-beta h) - e^(-alpha h) E)/x
     slow = passage.fall + z * difference - difference / front
-    close = np.abs(x) < _NEARLY_EQUAL_SLOPE
-    if np.any(close):
-        series = passage.fall * (-0.5 + x * (1.0 / 3.0 - x * (0.125 - x / 30.0)))
-        bend = np.where(close, series, slow / np.where(close, 1.0, x))
-    else:
-        bend = slow / x
+    rows = _rows_with_small_x(waves, z, c, h, _NEARLY_EQUAL_SLOPE)
+    bend = slow / (np.where(x == 0.0, 1.0, x) if rows.size else x)
+    if rows.size:
+        near = x[rows]
+        series = passage.fall[rows] * (-0.5 + near * (1.0 / 3.0 - near * (0.125 - near / 30.0)))
+        bend[rows] = np.where(np.abs(near) < _NEARLY_EQUAL_SLOPE, series, bend[rows])
     found = []
     # d log f, less d(alpha) h, and f dx
     for tangent, explicit in zip(tangents, (0.0, 1.0 / (c - 1.0)), strict=False):

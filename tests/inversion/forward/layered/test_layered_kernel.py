@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +12,11 @@ from numpy.typing import NDArray
 
 from inversion.forward.kernel import half_space_compliance, layer_compliance
 from inversion.forward.layered.kernel import Media, Solution, compliance_slopes, solve_layers
-
-sys.path.insert(0, str(Path(__file__).parent))
-from layered_references import Elastic, surface_compliance, surface_compliance_slope
+from tests.inversion.forward.layered.references import (
+    Elastic,
+    surface_compliance,
+    surface_compliance_slope,
+)
 
 Array = NDArray[Any]
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,9 +31,7 @@ from inversion.forward.layered import (
 )
 from inversion.forward.model import ForwardModel
 from tests import reference
-
-sys.path.insert(0, str(Path(__file__).parent))
-from layered_references import burmister_factor, uniform_pressure_deflection
+from tests.inversion.forward.layered.references import burmister_factor, uniform_pressure_deflection
 
 Array = NDArray[Any]
 
