@@ -489,8 +489,7 @@ def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
 def _uniform_tail(offset: float) -> float:
     r"""Closed form of :math:`\int_0^\infty (2 J_1(\xi)/\xi) J_0(\xi r) d\xi`.
 
-    Weber and Schafheitlin's integral, complete elliptic integrals in hypergeometric form
-    (Ahlvin and Ulery 1962, Highway Research Board Bulletin 342, give the tables for r <= 8).
+    Weber and Schafheitlin's integral: complete elliptic integrals in hypergeometric form.
     """
     if offset <= 1.0:
         return float(2.0 * hyp2f1(0.5, -0.5, 1.0, offset**2))

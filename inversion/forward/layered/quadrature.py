@@ -148,16 +148,16 @@ CONVERGED = WavenumberRule(
 # chosen where a coarser one begins to cost accuracy (`pfwd bench layers` prints what is left).
 FAST = WavenumberRule(
     order=6,
-    width_over_distance=3.0,
+    width_over_distance=2.5,
     turn=10.5,
     travelling=0.9,
     echo=6.0,
     growth=1.7,
-    least_end=16.0,
+    least_end=12.0,
     end_over_root=2.0,
     end_over_layer=4.0,
     negligible=10.0,
     rough_terms=4,
-    smooth_terms=3,
+    smooth_terms=4,
     single_slopes=True,
 )

@@ -190,7 +190,9 @@ def test_no_power_comes_out_of_passive_ground(
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
-@pytest.mark.parametrize(("s", "wavenumber"), [(60 + 500j, 0.3), (60 + 500j, 9.0), (1e-4, 2.0)])
+@pytest.mark.parametrize(
+    ("s", "wavenumber"), [(60 + 500j, 0.3), (60 + 500j, 9.0), (1 + 0j, 3.0), (1e-4 + 0j, 2.0)]
+)
 def test_slopes_are_those_of_the_reference(ground: str, s: complex, wavenumber: float) -> None:
     media, rock = GROUNDS[ground]
     at = media_of(media, s)

@@ -312,8 +312,18 @@ def test_a_deep_half_space_is_deep_rock_until_its_echo() -> None:
 # --- rules, batches, derivatives -----------------------------------------------------------------
 
 
+THIN_CRUST = LayeredGround(
+    (
+        Medium(3e9, 3e6, 2400.0, 0.30, 0.02),
+        Medium(6e7, 5e4, 1900.0, 0.35, 0.50),
+        Medium(1.5e8, 1e5, 2000.0, 0.30),
+    )
+)
+ELASTIC = LayeredGround((Medium(1e7, 0.0, 1800.0, 0.35, 0.3), Medium(2e7, 0.0, 1900.0, 0.30)))
+
+
 @pytest.mark.parametrize("plate", LAYERED_PLATE_MODELS)
-@pytest.mark.parametrize("ground", [PAVEMENT, SOFT_ON_ROCK])
+@pytest.mark.parametrize("ground", [PAVEMENT, SOFT_ON_ROCK, THIN_CRUST, ELASTIC])
 def test_the_fast_rule_keeps_a_thousandth(ground: LayeredGround, plate: LayeredPlateModel) -> None:
     setup = PlateSetup(plate, RADIUS, (0.0, 0.203, 0.305, 0.457, 0.61, 0.914, 1.219, 1.524, 1.829))
     fast, exact = (
@@ -321,6 +331,28 @@ def test_the_fast_rule_keeps_a_thousandth(ground: LayeredGround, plate: LayeredP
         for rule in (FAST, CONVERGED)
     )
     assert error_over_peak(fast, exact) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("top", "s", "tolerance"),
+    [
+        # A skin of 6 mm, which bends over less than the plate's radius: the thinnest layer ends
+        # the integrals.
+        (Medium(2e9, 2e6, 2400.0, 0.30, 0.006), 93 + 0j, 3e-4),
+        # 533 Hz on soft ground: the shortest wave does.
+        (Medium(1e7, 1e3, 1800.0, 0.35, 0.3), 93 + 3349j, 1.5e-3),
+    ],
+)
+def test_the_fast_rule_ends_where_nothing_is_left(
+    top: Medium, s: complex, tolerance: float
+) -> None:
+    ground = alone(LayeredGround((top, Medium(2e7, 1e3, 1900.0, 0.30))))
+    setup = PlateSetup("rigid-smooth", RADIUS)
+    fast, exact = (
+        displacement_per_force(setup, ground, np.array([s]), rule)[0, 0, 0]
+        for rule in (FAST, CONVERGED)
+    )
+    assert abs(fast / exact - 1) < tolerance
 
 
 def test_a_batch_is_its_grounds_one_by_one() -> None:
