@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import coverage, noise, validation
+from benchmarks import coverage, layers, noise, validation
 
 # A surrogate is built where none is at hand, and every drop takes seconds.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -97,3 +97,24 @@ def test_validation_goes_without_the_studys_tables(tmp_path: Path) -> None:
 @pytest.mark.parametrize("part", [coverage, noise, validation])
 def test_wrong_usage_is_status_2(part: object) -> None:
     assert part.run(["--cases", "many"]) == 2  # type: ignore[attr-defined]
+
+
+def test_layers_reports_speed_and_a_thousandth(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each action once: what it costs is for a quiet machine.
+    monkeypatch.setattr(layers, "_milliseconds", lambda action: (action(), 1.0)[1])
+    assert layers.run(["--short", "--json"]) == 0
+    records = lines(capsys)
+    three = [r for r in records if r.get("media") == 3]
+    assert {r["plate"] for r in three} == {"rigid-rough", "rigid-smooth", "averaged", "uniform"}
+    assert all(r["parameters"] == 11 and r["all_parameters"] == 14 for r in three)
+    assert any("ViscoWave" in str(r.get("what")) for r in records)
+    homogeneous = [
+        float(str(r["worst"])) for r in records if r.get("cases") == 12 and "p90" not in r
+    ]
+    assert len(homogeneous) == 4
+    assert max(homogeneous) < 1e-5
+    fast = [float(str(r["worst"])) for r in records if "p90" in r]
+    assert len(fast) == 12
+    assert max(fast) < 1e-3

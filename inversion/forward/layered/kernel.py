@@ -50,9 +50,8 @@ from numpy.typing import NDArray
 from inversion.forward.kernel import ComplexArray, FloatArray
 
 # Below this abs((beta - alpha) h) the divided differences are taken from their series: above it
-# the plain difference keeps eleven digits of X and nine of its derivative.
+# the plain difference keeps eleven digits of X and eight of its derivative.
 _NEARLY_EQUAL = 1e-4
-_NEARLY_EQUAL_SLOPE = 1e-3
 
 
 class Symmetric(NamedTuple):
@@ -212,7 +211,7 @@ def _divided_difference(
     # x = (beta - alpha) h, and the difference is -(1 - c) h/(alpha + beta) e^(-alpha h) E(x),
     # E(x) = (1 - e^-x)/x.
     plain = np.exp(-h * waves.beta) - fall
-    rows = _rows_with_small_x(waves, z, c, h, _NEARLY_EQUAL)
+    rows = _rows_with_small_x(waves, z, c, h)
     if not rows.size:
         result: ComplexArray = plain / z
         return result
@@ -225,11 +224,12 @@ def _divided_difference(
 
 
 def _rows_with_small_x(
-    waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray, limit: float
+    waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray
 ) -> NDArray[np.intp]:
-    """Points at which abs((beta - alpha) h) is below the limit at the last node, if anywhere."""
+    """Points at which abs((beta - alpha) h) is nearly zero at the last node, if anywhere."""
     together = np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
-    return np.flatnonzero(np.abs(z[:, 0]) * (1.0 - c[:, 0]) * h[:, 0] < limit * together)
+    small = np.abs(z[:, 0]) * (1.0 - c[:, 0]) * h[:, 0] < _NEARLY_EQUAL * together
+    return np.flatnonzero(small)
 
 
 def _pass(
@@ -580,12 +580,12 @@ def _x_slopes(
     difference = passage.x / waves.inverse
     # e^(-alpha h) E'(x) = (e^(-beta h) - e^(-alpha h) E)/x
     slow = passage.fall + z * difference - difference / front
-    rows = _rows_with_small_x(waves, z, c, h, _NEARLY_EQUAL_SLOPE)
+    rows = _rows_with_small_x(waves, z, c, h)
     bend = slow / (np.where(x == 0.0, 1.0, x) if rows.size else x)
     if rows.size:
         near = x[rows]
         series = passage.fall[rows] * (-0.5 + near * (1.0 / 3.0 - near * (0.125 - near / 30.0)))
-        bend[rows] = np.where(np.abs(near) < _NEARLY_EQUAL_SLOPE, series, bend[rows])
+        bend[rows] = np.where(np.abs(near) < _NEARLY_EQUAL, series, bend[rows])
     found = []
     # d log f, less d(alpha) h, and f dx
     for tangent, explicit in zip(tangents, (0.0, 1.0 / (c - 1.0)), strict=False):
