@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.layered.kernel import Media
 
 Field = Literal["modulus", "viscosity", "density", "poisson_ratio", "thickness"]

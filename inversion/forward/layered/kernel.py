@@ -47,7 +47,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 
 # Below this abs((beta - alpha) h) the divided differences are taken from their series: above it
 # the plain difference keeps eleven digits of X and eight of its derivative.

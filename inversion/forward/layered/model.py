@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inversion.forward.kernel import ComplexArray, FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered.ground import LayeredGrounds, Parameter
 from inversion.forward.layered.plate import (

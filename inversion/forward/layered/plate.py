@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import hyp2f1, j0, j1
 
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.forward.contact import (
     PLATE_MODELS,
@@ -29,7 +30,6 @@ from inversion.forward.contact import (
     static_products,
     static_tail,
 )
-from inversion.forward.kernel import ComplexArray, FloatArray
 from inversion.forward.layered.ground import LayeredGrounds, Parameter
 from inversion.forward.layered.kernel import (
     Media,

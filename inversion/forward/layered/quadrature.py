@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from inversion.forward.kernel import FloatArray
+from inversion.arrays import FloatArray
 from inversion.forward.layered.kernel import Media
 
 # Sizes are rounded to powers of this, so that neighbouring grounds share nodes and their tables.
