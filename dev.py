@@ -4,6 +4,8 @@
     python3 dev.py test [ARGS]   set up if needed, then every check and the everyday tests; ARGS
                                  go to pytest (-m "" for the slow tests as well)
     python3 dev.py check         set up if needed, then the static checks alone
+    python3 dev.py mutate MODULE [ARGS]  set up if needed, then change MODULE and see whether its
+                                 tests notice; ARGS as in .ci/mutate.py
 
 The environment is the folder .venv beside this file, or the one that PFWD_VENV names.
 """
@@ -39,6 +41,13 @@ def run(command: list[str]) -> int:
     return subprocess.call([str(BIN / command[0]), *command[1:]], cwd=TOP)
 
 
+def install(extra: str) -> None:
+    """Put the checkout with an extra of it into the environment."""
+    pip = ["python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    if run([*pip, "-c", "constraints.txt", "-e", f".[{extra}]"]) != 0:
+        sys.exit("dev.py: the packages could not be installed; pip says why above")
+
+
 def set_up() -> None:
     """Make the environment, or bring it up to date when what it is made from has changed."""
     recipe = [(TOP / name).read_bytes() for name in ("pyproject.toml", "constraints.txt")]
@@ -54,9 +63,7 @@ def set_up() -> None:
             venv.create(VENV, with_pip=True)
         except subprocess.CalledProcessError:
             sys.exit("dev.py: Python cannot make environments; Debian: apt install python3-venv")
-    pip = ["python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    if run([*pip, "-c", "constraints.txt", "-e", ".[dev]"]) != 0:
-        sys.exit("dev.py: the packages could not be installed; pip says why above")
+    install("dev")
     stamp.write_text(fingerprint)
 
 
@@ -78,7 +85,7 @@ def tests(arguments: list[str]) -> tuple[bool, str]:
 
 def main(arguments: list[str]) -> int:
     task = arguments[0] if arguments else ""
-    if task not in ("demo", "test", "check"):
+    if task not in ("demo", "test", "check", "mutate"):
         print(__doc__)
         return 2
     set_up()
@@ -86,6 +93,9 @@ def main(arguments: list[str]) -> int:
         if os.name != "nt":  # the demo takes this process over, so that signals reach it directly
             os.execv(BIN / "pfwd", ["pfwd", "demo", *arguments[1:]])
         return run(["pfwd", "demo", *arguments[1:]])
+    if task == "mutate":
+        install("mutate")
+        return run(["python", ".ci/mutate.py", *arguments[1:]])
     ok = {name: run(command) == 0 for name, command in STATIC_CHECKS.items()}
     passed, words = tests(arguments[1:]) if task == "test" else (True, "")
     good, bad = ([n for n in ok if ok[n] == wanted] for wanted in (True, False))

@@ -22,6 +22,7 @@ from inversion.diagnosis.prediction import held_out_errors, predict, residual_ov
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import Candidate, Search
 from inversion.effects.base import Ground
+from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
@@ -155,7 +156,7 @@ def _interval(
     """95 % of a modulus, Pa, by its relative deviation and the model's relative error, and all
     that equally good sets of effects give.
     """
-    noise = math.exp(1.96 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
+    noise = math.exp(NORMAL_95 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
     wide = noise * (1.0 + model_error)
     return min(modulus / wide, *others, modulus), max(modulus * wide, *others, modulus)
 

@@ -24,7 +24,7 @@ from inversion.forward.model import transfer_function
 from inversion.measured.record import NoiseModel, native_rows
 
 # Two-sided 95 % of a normal distribution.
-_NORMAL_95 = 1.96
+NORMAL_95 = 1.96
 # Drop of the misfit (in effectively independent samples) below which two minima are the same to
 # the data: 95 % of chi-square with two degrees of freedom.
 _SAME_MINIMUM = 6.0
@@ -149,7 +149,7 @@ def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, fl
     column = space.index(MODULUS)
     assert column is not None
     parameter = space.fitted[column]
-    reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
+    reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
     unit_values = [m.point[column] for m in (fit.best, *_equivalent(fit))]
     # Nothing is claimed outside of what was searched.
     ends = np.clip([min(unit_values) - reach, max(unit_values) + reach], 0.0, 1.0)
@@ -165,7 +165,7 @@ def _depth_interval(
     if column is None:
         return None, True
     parameter = space.fitted[column]
-    reach = _NORMAL_95 * float(np.sqrt(covariance[column, column]))
+    reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
     own = float(fit.best.point[column])
     unit_values = [float(m.point[column]) for m in _equivalent(fit)]
     spread = max(reach, 1.0 / 14.0)

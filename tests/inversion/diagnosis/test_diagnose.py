@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.stats import norm
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
+from inversion.diagnosis.diagnose import _interval
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -106,3 +108,13 @@ def test_a_response_that_no_geophone_has_is_no_explanation(
     assert found.verdict == verdict
     assert any("no instrument in use" in text for text in found.warnings) == (frequency < 2)
     assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+
+
+@pytest.mark.parametrize("model_error", [0.0, 0.3])
+def test_an_interval_holds_95_percent_and_the_models_own_error(model_error: float) -> None:
+    low, high = _interval(4e7, 0.05, model_error, ())
+    reach = norm.ppf(0.975) * 0.05 + np.log(1 + model_error)
+    assert np.log([low / 4e7, high / 4e7]) == pytest.approx([-reach, reach], rel=1e-4)
+    # So do all that fit as well.
+    assert _interval(4e7, 0.05, model_error, (1e7, 9e7)) == (1e7, 9e7)
+    assert _interval(4e7, np.inf, model_error, ()) == (0.0, np.inf)

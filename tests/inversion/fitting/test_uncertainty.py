@@ -9,14 +9,14 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.stats import chi2, norm
 
-from inversion import ForwardModel, Instrument, Record, Sensor, SurrogateLibrary
+from inversion import ForwardModel, Record, Sensor, SurrogateLibrary
 from inversion.fitting.ground_fit import GroundFit, Minimum
 from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
 from inversion.forward.laplace import FULL_BAND_HZ
-from inversion.measured.record import prepare
-from tests.inversion.fitting.synthetic import (
+from inversion.measured.record import Quantity, prepare
+from tests.inversion.synthetic import (
     INSTRUMENT,
     TRUTH,
     Array,
@@ -52,23 +52,31 @@ def deviations(fit: GroundFit, covariance: Array) -> dict[str, float]:
     return dict(zip(fit.misfit.space.names, found, strict=True))
 
 
-def by_samples(drop: Record, rows: Array) -> Array:
-    """Displacement at some rows by each native sample of the sensor, (rows, samples)."""
-    (sensor,) = drop.sensors
+def by_samples(drop: Record, number: int, rows: Array) -> Array:
+    """Displacement at some rows by each native sample of a sensor, (rows, samples)."""
+    sensor = drop.sensors[number]
     size = float(np.abs(sensor.values).max())
-    at_rest = prepare(drop).displacement[0, rows]
+    at_rest = prepare(drop).displacement[number, rows]
     columns = []
     for index in range(drop.time.size):
         values = sensor.values.copy()
         values[index] += size
-        moved = replace(drop, sensors=(replace(sensor, values=values),))
-        columns.append((prepare(moved).displacement[0, rows] - at_rest) / size)
+        sensors = list(drop.sensors)
+        sensors[number] = replace(sensor, values=values)
+        moved = prepare(replace(drop, sensors=tuple(sensors)))
+        columns.append((moved.displacement[number, rows] - at_rest) / size)
     return np.stack(columns, axis=1)
 
 
-def expected_of_sensor(fit: GroundFit, drop: Record, variance: float) -> dict[str, float]:
-    weights = on_parameters(fit) @ by_samples(drop, fit.misfit.rows[0])
-    return deviations(fit, variance * weights @ weights.T)
+def expected_of_sensors(fit: GroundFit, drop: Record, variance: float) -> dict[str, float]:
+    """Of white noise that is independent in each sensor."""
+    (rows,) = fit.misfit.rows
+    parts = np.split(on_parameters(fit), len(drop.sensors), axis=1)
+    covariance = np.zeros((parts[0].shape[0],) * 2)
+    for number, part in enumerate(parts):
+        weights = part @ by_samples(drop, number, rows)
+        covariance += variance * weights @ weights.T
+    return deviations(fit, covariance)
 
 
 def mean_variance(fit: GroundFit) -> float:
@@ -80,14 +88,20 @@ def mean_variance(fit: GroundFit) -> float:
 @pytest.mark.parametrize(
     ("quantity", "noise"), [("velocity", SPEED_NOISE), ("displacement", MOTION_NOISE)]
 )
-@pytest.mark.parametrize("most_samples", [400, 40])
+@pytest.mark.parametrize(
+    ("most_samples", "offsets"), [(400, (0.0,)), (40, (0.0,)), (60, (0.3, 0.6))]
+)
 def test_noise_of_the_sensor_reaches_the_ground_sample_by_sample(
-    quantity, noise: float, most_samples: int, library: SurrogateLibrary
+    quantity: Quantity,
+    noise: float,
+    most_samples: int,
+    offsets: tuple[float, ...],
+    library: SurrogateLibrary,
 ) -> None:
-    drop = record(library, Scene(quantity, sensor_noise=noise, seed=4))
+    drop = record(library, Scene(quantity, noise, offsets=offsets, length=0.04, seed=4))
     fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
     stated = estimate_uncertainty(fit).standard_deviation
-    expected = expected_of_sensor(fit, drop, mean_variance(fit))
+    expected = expected_of_sensors(fit, drop, mean_variance(fit))
     for name, value in expected.items():
         # Correlated noise is not quite white noise of the same power.
         assert stated[name] == pytest.approx(value, rel=0.12)
@@ -98,22 +112,31 @@ def test_noise_of_the_sensor_reaches_the_ground_sample_by_sample(
 )
 @pytest.mark.parametrize("most_samples", [400, 40])
 def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
-    quantity, noise: float, most_samples: int, library: SurrogateLibrary
+    quantity: Quantity, noise: float, most_samples: int, library: SurrogateLibrary
 ) -> None:
     drop = record(library, Scene(quantity, sensor_noise=noise, pre_trigger=0.0, seed=1))
     fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
     assert fit.drops[0].drop.channels[0].model.samples == 0
     stated = estimate_uncertainty(fit).standard_deviation
-    expected = expected_of_sensor(fit, drop, noise**2)
+    expected = expected_of_sensors(fit, drop, noise**2)
     for name, value in expected.items():
         assert stated[name] == pytest.approx(value, rel=0.3)
 
 
-@pytest.mark.parametrize("instrument", [INSTRUMENT, replace(INSTRUMENT, load_delay=1e-3)])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene(),
+        # The window then ends with an even or an odd sample.
+        Scene(pulse=0.0182, instrument=replace(INSTRUMENT, load_delay=1e-3)),
+        Scene(pulse=0.0184),
+        Scene(offsets=(0.3, 0.6)),
+    ],
+)
 def test_noise_of_the_load_reaches_the_ground_through_the_model(
-    instrument: Instrument, library: SurrogateLibrary
+    scene: Scene, library: SurrogateLibrary
 ) -> None:
-    drop = record(library, Scene(load_noise=LOAD_NOISE, instrument=instrument, seed=2))
+    drop = record(library, replace(scene, load_noise=LOAD_NOISE, seed=2))
     fit = fit_at_truth((weighted(library, drop),), space())
     (item,), (rows,) = fit.drops, fit.misfit.rows
     prepared = item.drop
@@ -123,9 +146,9 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
         hat = np.zeros(prepared.time.size)
         hat[index] = 1.0
         model = ForwardModel(
-            item.surrogate, instrument, prepared.time, hat, prepared.time[rows], FULL_BAND_HZ
+            item.surrogate, drop.instrument, prepared.time, hat, prepared.time[rows], FULL_BAND_HZ
         )
-        columns.append(model.displacement(grounds())[0, 0])
+        columns.append(model.displacement(grounds())[0, -len(scene.offsets) :].ravel())
     weights = on_parameters(fit) @ np.stack(columns, axis=1)
     values = np.zeros(weights.shape[1])
     known = prepared.load_noise.autocovariance[: values.size]
@@ -137,10 +160,16 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
         assert stated[name] == pytest.approx(value, rel=0.02)
 
 
-def test_a_load_without_a_pre_trigger_adds_nothing(library: SurrogateLibrary) -> None:
+@pytest.mark.parametrize("offsets", [(0.0,), (0.3, 0.6)])
+def test_a_load_without_a_pre_trigger_adds_nothing(
+    offsets: tuple[float, ...], library: SurrogateLibrary
+) -> None:
     quiet, noisy = (
         fit_at_truth((weighted(library, record(library, scene)),), space())
-        for scene in (Scene(pre_trigger=0.0), Scene(pre_trigger=0.0, load_noise=1e-3))
+        for scene in (
+            Scene(pre_trigger=0.0, offsets=offsets),
+            Scene(pre_trigger=0.0, offsets=offsets, load_noise=1e-3),
+        )
     )
     assert noisy.drops[0].drop.load_noise.samples == 0
     first, other = (estimate_uncertainty(fit).standard_deviation for fit in (quiet, noisy))

@@ -23,6 +23,7 @@ from inversion.fitting.parameters import (
     parameter_space,
 )
 from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.forward.surrogate import Surrogate
 from inversion.measured.record import Quantity, prepare
 
 Array = NDArray[np.float64]
@@ -44,7 +45,17 @@ class Scene:
     length: float = 0.05
     seed: int = 0
     peak: float = 8000.0
+    pulse: float = PULSE
+    offsets: tuple[float, ...] = (0.0,)
+    """The centre alone, or any of 0.3 and 0.6 m."""
     instrument: Instrument = INSTRUMENT
+
+
+def surrogate(library: Library, offsets: tuple[float, ...]) -> Surrogate:
+    """One that comes with the package."""
+    if offsets == (0.0,):
+        return library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+    return library.get(PlateProblem("rigid-rough", POISSON_RATIO, (0.0, 2.0, 4.0)), None)
 
 
 def grounds(depth: float = TRUTH[DEPTH]) -> Grounds:
@@ -52,36 +63,42 @@ def grounds(depth: float = TRUTH[DEPTH]) -> Grounds:
     return Grounds(*(np.array([value]) for value in values))
 
 
-def half_sine(time: Array, peak: float) -> Array:
-    inside = (time > 0) & (time < PULSE)
-    return np.where(inside, peak * np.sin(np.pi * time / PULSE), 0.0)
+def half_sine(time: Array, scene: Scene) -> Array:
+    inside = (time > 0) & (time < scene.pulse)
+    return np.where(inside, scene.peak * np.sin(np.pi * time / scene.pulse), 0.0)
 
 
 def record(library: Library, scene: Scene, depth: float = TRUTH[DEPTH]) -> Record:
     """One drop on the ground of TRUTH."""
     time = STEP * np.arange(-round(scene.pre_trigger / STEP), round(scene.length / STEP))
-    load = half_sine(time, scene.peak)
     own = time[time >= -STEP / 2]
-    surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
     model = ForwardModel(
-        surrogate, scene.instrument, own, half_sine(own, scene.peak), own[1:], FULL_BAND_HZ
+        surrogate(library, scene.offsets),
+        scene.instrument,
+        own,
+        half_sine(own, scene),
+        own[1:],
+        FULL_BAND_HZ,
     )
-    moved = np.zeros(time.size)
-    moved[-own.size + 1 :] = model.displacement(grounds(depth))[0, 0]
+    moved = np.zeros((len(scene.offsets), time.size))
+    moved[:, -own.size + 1 :] = model.displacement(grounds(depth))[0, -len(scene.offsets) :]
     if scene.quantity == "velocity":
-        moved = np.gradient(moved, STEP)
+        moved = np.gradient(moved, STEP, axis=1)
     rng = np.random.default_rng(scene.seed)
-    moved = moved + scene.sensor_noise * rng.standard_normal(time.size)
-    load = load + scene.load_noise * rng.standard_normal(time.size)
-    sensor = Sensor(0.0, scene.quantity, moved)
-    return Record(time, load, (sensor,), scene.instrument, POISSON_RATIO)
+    moved = moved + scene.sensor_noise * rng.standard_normal(moved.shape)
+    load = half_sine(time, scene) + scene.load_noise * rng.standard_normal(time.size)
+    sensors = tuple(
+        Sensor(offset, scene.quantity, values)
+        for offset, values in zip(scene.offsets, moved, strict=True)
+    )
+    return Record(time, load, sensors, scene.instrument, POISSON_RATIO)
 
 
 def weighted(library: Library, drop: Record) -> WeightedDrop:
     prepared = prepare(drop)
-    surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+    of_sensors = surrogate(library, tuple(sensor.offset for sensor in drop.sensors))
     floor = model_floor(prepared, drop.model_floor)
-    return WeightedDrop(prepared, surrogate, drop.instrument, prepared.load, floor)
+    return WeightedDrop(prepared, of_sensors, drop.instrument, prepared.load, floor)
 
 
 def space(density: float | None = TRUTH[DENSITY], depth: float | None = None) -> ParameterSpace:

@@ -1,0 +1,142 @@
+"""The model of a drop with effects against the forward model, stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inversion import SurrogateLibrary
+from inversion.diagnosis.model import (
+    INDEPENDENT_HZ,
+    MOST_SAMPLES,
+    DropModel,
+    FitScope,
+    PointRecords,
+)
+from inversion.effects import BY_NAME, Ground
+from inversion.effects.base import forced_motion
+from inversion.forward.contact import PlateProblem
+from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
+
+GROUND = Ground(
+    TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 1 / TRUTH["bedrock_depth"], 10.0
+)
+CONTACT = FitScope(contact_only=True)
+
+
+def made(library: SurrogateLibrary, scene: Scene, largest: float = 8000.0) -> DropModel:
+    drop = record(library, scene)
+    surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+    return DropModel(drop, surrogate, largest, 0, PointRecords("a", (drop,), (1,)))
+
+
+@pytest.fixture(scope="module")
+def model(library: SurrogateLibrary) -> DropModel:
+    return made(library, Scene())
+
+
+def test_without_effects_it_is_the_forward_model(model: DropModel) -> None:
+    found = model.predict(GROUND, [])[:, model.before :]
+    # The record was computed with a wider band.
+    assert found == pytest.approx(model.observed, abs=2e-3 * model.observed.max())
+    assert model.residual_over_peak(found, contact_only=False) < 1e-3
+    assert model.residual_over_peak(2 * found, contact_only=True) == pytest.approx(
+        np.sqrt(np.mean((model.observed[0, _contact(model)] / model.peak[0]) ** 2)), rel=0.01
+    )
+
+
+def _contact(model: DropModel) -> np.ndarray:
+    time = model.context.time
+    return (time >= model.drop.trigger) & (time <= model.drop.contact_end * (1 + 1e-9))
+
+
+def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
+    library: SurrogateLibrary, model: DropModel
+) -> None:
+    assert model.observed.shape == (1, model.rows.size)
+    assert np.abs(model.predict(GROUND, [])[:, : model.before]).max() < 1e-8
+    long = made(library, Scene(length=0.1))
+    assert long.rows.size <= MOST_SAMPLES
+    assert long.rows.size > MOST_SAMPLES / 2
+
+
+def test_a_motion_under_a_force_is_that_of_impulses(model: DropModel) -> None:
+    # The load itself, applied sample by sample, moves the plate as the model says.
+    impulse_motion = model._impulse_response(GROUND, [])
+    found = forced_motion(impulse_motion, model.context.load, model.context.step)
+    expected = model.predict(GROUND, [])[:, model.before :]
+    assert found == pytest.approx(expected, abs=0.01 * expected.max())
+
+
+def test_effects_act_in_their_stage(model: DropModel) -> None:
+    plain = model.predict(GROUND, [])
+    heavy = model.predict(GROUND, [(BY_NAME["plate_inertia"], {"mass": 5.0})])
+    assert heavy == pytest.approx(model.predict(replace(GROUND, plate_mass=15.0), []))
+    rock = model.predict(replace(GROUND, inverse_depth=0.0), [(BY_NAME["bedrock"], {"depth": 1.1})])
+    assert rock == pytest.approx(plain)
+    step = model.context.step
+    late = model.predict(GROUND, [(BY_NAME["sensor_lag"], {"delay": step})])
+    assert late[0, 1:] == pytest.approx(plain[0, :-1], abs=1e-8)
+    rig = {"stiffness": 2e7, "moving_mass": 12.0, "damping_ratio": 0.2}
+    spring = model.predict(GROUND, [(BY_NAME["spring_rig"], rig)])
+    assert spring.max() == pytest.approx(
+        model.predict(replace(GROUND, modulus=3e7), [(BY_NAME["spring_rig"], rig)]).max()
+    )
+
+
+def test_nonlinear_ground_is_counted_and_its_secant_at_the_largest_load_holds(
+    library: SurrogateLibrary,
+) -> None:
+    stress = BY_NAME["stress_dependence"]
+    model = made(library, Scene())
+    plain = model.predict(GROUND, [])
+    assert model.nonlinear_solves == 0
+    bent = model.predict(GROUND, [(stress, {"exponent": 0.3})])
+    assert model.nonlinear_solves == 1
+    # The same again is remembered.
+    model.predict(GROUND, [(stress, {"exponent": 0.3})])
+    assert model.nonlinear_solves == 1
+    assert bent.max() == pytest.approx(plain.max(), rel=0.05)
+    # Of a drop of half the load the ground is softer.
+    low = made(library, Scene(peak=4000.0))
+    soft = low.predict(GROUND, [(stress, {"exponent": 0.3})])
+    assert soft.max() > 1.1 * low.predict(GROUND, []).max()
+
+
+def test_what_is_weighted_counts_independent_samples(library: SurrogateLibrary) -> None:
+    model = made(library, Scene(sensor_noise=2e-6, seed=3))
+    seconds = model.context.step * (model.before + model.rows.size)
+    assert model.independent() == pytest.approx(INDEPENDENT_HZ * seconds, rel=0.02)
+    assert model.independent(CONTACT) < model.independent()
+    assert model.weighted_residual(model.predict(GROUND, [])).size == model.weighted_size()
+    left = model.weighted_residual(model.predict(GROUND, []))
+    # Noise leaves at most what is independent: the model's own error is granted beside it.
+    assert 0.1 * model.independent() < left @ left < model.independent()
+    wrong = model.weighted_residual(1.2 * model.predict(GROUND, []))
+    assert wrong @ wrong > 3 * model.independent()
+
+
+def test_all_alike_counts_from_the_pulse_on_by_the_noise_alone(library: SurrogateLibrary) -> None:
+    model = made(library, Scene(sensor_noise=2e-6, seed=3))
+    scope = FitScope(contact_only=True, plain=True)
+    predicted = model.predict(GROUND, [])
+    window = model.window(contact_only=True)
+    left = (predicted[:, model.before :] - model.observed)[:, window] / model.noise[:, None]
+    share = np.sqrt(model.independent(scope) / left.size)
+    assert model.weighted_residual(predicted, scope) == pytest.approx(share * left.ravel())
+    end = model.context.time[window.stop - 1]
+    assert end <= model.drop.contact_end * (1 + 1e-9) < end + 2 * model.context.step
+
+
+def test_what_effects_may_know_of_a_drop(library: SurrogateLibrary, model: DropModel) -> None:
+    drop = model.context
+    assert (drop.index, drop.count, drop.plate_radius, drop.plate_mass) == (0, 1, 0.15, 10.0)
+    assert drop.peak_load == pytest.approx(8000.0, rel=1e-3)
+    assert not drop.has_bedrock
+    for depth, known in ((np.inf, False), (2.0, True)):
+        declared = replace(record(library, Scene()), bedrock_depth=depth)
+        surrogate = library.get(PlateProblem("rigid-smooth", POISSON_RATIO), None)
+        other = DropModel(declared, surrogate, 8000.0, 0, PointRecords("a", (declared,), (1,)))
+        assert other.context.has_bedrock == known
