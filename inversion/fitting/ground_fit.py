@@ -156,6 +156,7 @@ def _with_tail(fit: GroundFit) -> GroundFit:
         fit = _refined(fit)
         if found[0].cost > fit.best.cost:
             return _polished(fit)
+    before = rough.solves
     profile = _profile_again(fit, rough, found[0].cost)
     return replace(
         fit,
@@ -163,7 +164,7 @@ def _with_tail(fit: GroundFit) -> GroundFit:
         others=found[1:],
         profile=profile,
         converged=bool(polished.converged[polished.best]),
-        solves=fit.solves + fit.misfit.solves,
+        solves=fit.solves + fit.misfit.solves + rough.solves - before,
         misfit=whole,
         drops=longer,
     )
