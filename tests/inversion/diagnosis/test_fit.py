@@ -122,7 +122,7 @@ def test_what_would_go_on_stays_at_the_bound_and_is_named(
     assert found.unit_values[free] == pytest.approx(held, abs=5e-3)
 
 
-def test_a_bound_of_nature_is_no_reason_to_doubt_the_fit() -> None:
+def test_a_bound_of_nature_is_not_named() -> None:
     truth = INSIDE.copy()
     truth[2] = -0.3
     problem = lines((4,), 1, truth)

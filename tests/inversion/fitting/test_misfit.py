@@ -11,8 +11,11 @@ from inversion import Instrument, Record, Sensor, SurrogateLibrary
 from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
 from inversion.fitting.parameters import parameter_space
 from inversion.forward.contact import PlateProblem
+from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.measured.record import prepare
 from tests.inversion.differences import by_differences
+from tests.inversion.synthetic import Scene, record, true_point, weighted
+from tests.inversion.synthetic import space as true_space
 
 INSTRUMENT = Instrument(0.15, 12.0, geophone_natural_frequency=4.5, geophone_damping=0.7)
 POINTS = np.array([[0.5, 0.1, 0.6, 0.4], [0.3, 0.4, 0.2, 0.9], [0.7, 0.02, 0.9, 0.1]])
@@ -56,3 +59,91 @@ def test_derivatives_are_differences(
         for column in range(free.size):
             size = np.abs(right[..., column]).max()
             assert np.max(np.abs(slopes[..., column] - right[..., column])) < 1e-5 * size
+
+
+def test_residuals_are_predicted_less_observed_over_their_error(library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene("velocity", 2e-4, offsets=(0.3, 0.6))))
+    space = true_space(density=None)
+    point = true_point(space)[None]
+    misfit = Misfit((drop,), space, FULL_BAND_HZ, 60)
+    (rows,) = misfit.rows
+    prepared = drop.drop
+    model = drop.model(prepared.time[rows], FULL_BAND_HZ)
+    predicted = model.displacement(space.grounds(point))[0, -2:]
+    scale = np.sqrt(prepared.noise**2 + prepared.quantisation**2 + drop.model_floor**2)
+    expected = (predicted - prepared.displacement[:, rows]) / scale[:, None]
+    assert misfit.residual(point)[0] == pytest.approx(expected.ravel())
+    assert misfit.objective(point) == pytest.approx([np.mean(expected**2)])
+    assert misfit.linearise(point, np.array([0]))[0][0] == pytest.approx(expected.ravel())
+    assert drop.scale == pytest.approx(scale)
+
+
+def test_of_two_drops_the_residuals_stand_one_after_the_other(library: SurrogateLibrary) -> None:
+    first, second = (
+        weighted(library, record(library, Scene(sensor_noise=1e-6, seed=seed, pulse=pulse)))
+        for seed, pulse in ((1, 0.018), (2, 0.015))
+    )
+    space = true_space()
+    points = np.stack([true_point(space), np.full(3, 0.4)])
+    both = Misfit((first, second), space, 640.0, 50)
+    alone = [Misfit((drop,), space, 640.0, 50).residual(points) for drop in (first, second)]
+    assert both.residual(points) == pytest.approx(np.concatenate(alone, axis=1))
+    assert both.seconds == pytest.approx(first.drop.window_end + second.drop.window_end)
+    assert [rows.size for rows in both.rows] == [values.shape[1] for values in alone]
+
+
+@pytest.mark.parametrize("most", [1000, 60, 59, 7])
+def test_so_many_samples_of_the_window_with_its_last(most: int, library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene()))
+    window = drop.drop.window
+    count = window.stop - window.start
+    (rows,) = Misfit((drop,), true_space(), 640.0, most).rows
+    assert rows.size <= most
+    assert rows[-1] == window.stop - 1
+    assert window.start <= rows[0] < window.start + max(1, math.ceil(count / most))
+    assert set(np.diff(rows)) == {math.ceil(count / most)}
+
+
+def test_what_is_computed_is_counted(library: SurrogateLibrary) -> None:
+    space = true_space()
+    misfit = Misfit((weighted(library, record(library, Scene())),), space, 640.0, 50)
+    points = np.full((5, 3), 0.5)
+    assert misfit.solves == 0
+    misfit.objective(points)
+    misfit.linearise(points[:2], np.array([0, 1]))
+    misfit.centre(points[:1])
+    assert misfit.solves == 8
+
+
+def test_the_centre_is_told_in_metres(library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene(offsets=(0.3, 0.6))))
+    space = true_space(density=None)
+    misfit = Misfit((drop, drop), space, FULL_BAND_HZ, 60)
+    observed, predicted = misfit.centre(np.stack([true_point(space)] * 2))
+    assert observed == pytest.approx(drop.drop.displacement[0, misfit.rows[0]])
+    assert predicted.shape == (2, observed.size)
+    assert predicted[1] == pytest.approx(observed, abs=2e-3 * observed.max())
+
+
+def test_single_precision_is_near(library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene()))
+    space = true_space()
+    points = np.full((3, 3), 0.4)
+    double, single = (
+        Misfit((drop,), space, 640.0, 50, single=single).residual(points)
+        for single in (False, True)
+    )
+    assert np.max(np.abs(single - double)) > 0
+    assert single == pytest.approx(double, abs=1e-3 * np.abs(double).max())
+
+
+@pytest.mark.parametrize("granted", [None, 2e-6])
+def test_the_models_error_is_a_part_of_each_peak_but_not_too_small_a_one(
+    granted: float | None, library: SurrogateLibrary
+) -> None:
+    drop = prepare(record(library, Scene(offsets=(0.3, 0.6))))
+    near, far = drop.peak_displacement
+    floor = model_floor(drop, granted)
+    # Three thousandths of the peak; a tenth of the nearest sensor's counts beside it.
+    shares = np.array([np.hypot(near, 0.1 * near), np.hypot(far, 0.1 * near)])
+    assert floor == pytest.approx((0.003 if granted is None else granted / near) * shares)

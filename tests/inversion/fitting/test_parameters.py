@@ -17,7 +17,10 @@ from inversion.fitting.parameters import (
     VISCOSITY,
     Parameter,
     ParameterSpace,
+    depth_parameter,
+    on_bound,
     parameter_space,
+    soil_parameters,
 )
 from inversion.forward.surrogate import SHALLOWEST
 
@@ -34,7 +37,7 @@ def space(
 
 @pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
 @given(unit=st.floats(0, 1))
-def test_places_and_values_are_inverse(parameter: Parameter, unit: float) -> None:
+def test_unit_values_and_values_are_inverse(parameter: Parameter, unit: float) -> None:
     value = float(parameter.value(np.array(unit)))
     assert parameter.lower * (1 - 1e-12) <= value <= parameter.upper * (1 + 1e-12)
     assert parameter.unit_value(value) == pytest.approx(unit, abs=1e-12)
@@ -112,6 +115,53 @@ def test_values_on_a_bound_are_named() -> None:
     found = space()
     assert found.at_bound(np.array([0.5, 0.0, 0.3, 0.99995])) == (VISCOSITY, DEPTH)
     assert found.at_bound(np.full(4, 0.5)) == ()
+
+
+@pytest.mark.parametrize(
+    ("unit_value", "hit"),
+    [(0.0, True), (0.0009, True), (0.0011, False), (0.9989, False), (0.9991, True), (1.0, True)],
+)
+def test_a_thousandth_of_the_range_is_on_the_bound(unit_value: float, hit: bool) -> None:
+    assert on_bound(np.array([unit_value, 0.5])).tolist() == [hit, False]
+
+
+def test_a_deviation_follows_the_slope() -> None:
+    assert PLAIN.deviation(0.3, 0.01) == pytest.approx(4e3)
+    assert LOGARITHMIC.deviation(0.3, 0.01) == pytest.approx(
+        0.01 * float(LOGARITHMIC.value(0.3)) * math.log(60)
+    )
+
+
+def test_soil_is_searched_around_the_peak_method() -> None:
+    modulus, viscosity, density = soil_parameters(50e6)
+    assert (modulus.lower, modulus.upper) == pytest.approx((6e6, 300e6))
+    assert (viscosity.lower, viscosity.upper) == pytest.approx((0.0, 6e5))
+    assert soil_parameters(10e6)[1].upper == pytest.approx(4e5)
+    assert (density.lower, density.upper, density.starts) == (1000.0, 2800.0, (1800.0,))
+    assert [p.logarithmic for p in (modulus, viscosity, density)] == [True, False, True]
+    assert [p.unit for p in (modulus, viscosity, density)] == ["Pa", "Pa s", "kg/m3"]
+
+
+def test_rock_is_searched_where_the_tables_reach() -> None:
+    depth = depth_parameter(0.2)
+    assert (depth.lower, depth.upper) == pytest.approx((1.001 * SHALLOWEST * 0.2, 12.0))
+    assert depth.logarithmic
+    assert (depth.name, depth.unit) == (DEPTH, "m")
+
+
+@pytest.mark.parametrize("columns", [[0, 1, 2, 3], [3], [1, 3], [2, 0]])
+def test_slopes_of_the_ground_are_differences(columns: list[int]) -> None:
+    found = space()
+    points = np.array([[0.3, 0.2, 0.6, 0.4], [0.7, 0.5, 0.1, 0.9]])
+    names, slopes = found.ground_slopes(points, np.array(columns))
+    assert slopes.shape == (2, len(columns))
+    for number, column in enumerate(columns):
+        step = 1e-6 * np.eye(4)[column]
+        high, low = (
+            getattr(found.grounds(points + sign * step), names[number]) for sign in (1, -1)
+        )
+        assert slopes[:, number] == pytest.approx((high - low) / 2e-6, rel=1e-6)
+    assert [name == "inverse_depth" for name in names] == [c == 3 for c in columns]
 
 
 def test_names_and_columns() -> None:

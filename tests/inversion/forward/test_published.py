@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, special
 
-from inversion.errors import ModelError, RecordError
-from inversion.fitting.published_fitness import published_fitness, published_score
+from inversion.errors import ModelError
 from inversion.forward import published
 from tests import reference
 
@@ -280,23 +279,7 @@ def test_bessel_function_is_exact_to_rounding() -> None:
     assert np.max(np.abs(published._bessel_j0(x) - special.j0(x))) < 1e-14
 
 
-# --- fitness, errors, example --------------------------------------------------------------------
-
-
-def test_fitness_takes_a_population() -> None:
-    measured = displacement()[USABLE]
-    moduli = np.array([30e6, 38e6, 41e6, 60e6])
-    predicted = np.array([displacement(modulus=modulus)[USABLE] for modulus in moduli])
-    fitness = published_fitness(measured, predicted)
-    assert fitness.shape == (4,)
-    assert np.argmax(fitness) == 2
-    assert published_score(fitness).max() == 100
-
-
-def test_fitness_floor_bounds_both_halves() -> None:
-    measured = displacement()[USABLE]
-    perfect = published_fitness(measured, measured, relative_floor=1e-3)
-    assert perfect == pytest.approx(2 / (1e-3 * measured.max()))
+# --- errors, example -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -323,15 +306,6 @@ def test_fitness_floor_bounds_both_halves() -> None:
 def test_parameters_out_of_range_are_named(changes: dict[str, float], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         displacement(**changes)
-
-
-def test_records_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(RecordError, match=r"got \(3,\) and \(2, 4\)"):
-        published_fitness(np.ones(3), np.ones((2, 4)))
-    with pytest.raises(RecordError, match="positive peak"):
-        published_fitness(-np.ones(3), np.ones(3))
-    with pytest.raises(ModelError, match="relative_floor > 0"):
-        published_fitness(np.ones(3), np.ones(3), relative_floor=0.0)
 
 
 def test_example_of_the_docstring() -> None:
