@@ -2,11 +2,11 @@
 
 The model of a record goes through five stages, and an effect changes one of them::
 
-    ground    parameters of the ground and the mass on it
-    compliance  displacement over load in the Laplace domain
-    nonlinear stiffness  static resistance that is no straight line
-    motion    what plate and ground do in time
-    record    what sensor and processing make of it
+    ground               parameters of the ground and the mass on it
+    compliance           displacement over load in the Laplace domain
+    nonlinear_stiffness  static resistance that is no straight line
+    motion               what plate and ground do in time
+    record               what sensor and processing make of it
 
 A new effect is one module with one class and one entry in the catalogue. What the search of the
 diagnosis has to know of it (where its fit begins, what it is not tried with, what can hide it) is

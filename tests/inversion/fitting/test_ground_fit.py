@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from inversion.fitting import ground_fit as module
 from inversion.fitting.ground_fit import GroundFit, Method, Minimum, fit_ground
 from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace, parameter_space
+from inversion.search.least_squares import fit_batch
 from tests.inversion.synthetic import (
     RADIUS,
     TRUTH,
@@ -102,14 +105,9 @@ def test_a_tail_that_the_model_explains_is_fitted_too(library: SurrogateLibrary)
 def test_a_tail_that_the_model_does_not_explain_is_left_out(
     library: SurrogateLibrary, counter: Counter
 ) -> None:
-    drop = record(library, QUIET)
-    prepared = weighted(library, drop).drop
-    late = drop.time - prepared.start > 1.02 * prepared.window_end
-    values = drop.sensors[0].values + 0.05 * np.sin(2 * np.pi * 60 * drop.time) * late
-    bumped = replace(drop, sensors=(replace(drop.sensors[0], values=values),))
-    item = weighted(library, bumped)
+    item = disturbed(library, 0.05)
     found = fit_ground((item,), space(density=None), "least-squares", np.random.default_rng(4))
-    assert found.drops[0].drop.window_end == prepared.window_end
+    assert found.drops[0].drop.window_end == item.drop.window_end
     assert abs(off(found)[MODULUS]) < 0.01
     assert found.best.cost < 1.0
     assert found.converged
@@ -143,20 +141,6 @@ def test_the_genetic_search_comes_to_the_same(
     assert genetic.solves == counter.solves > 2 * squares.solves
 
 
-def test_the_published_search_has_no_polish_and_the_papers_size(
-    library: SurrogateLibrary, counter: Counter
-) -> None:
-    found = fitted(library, of=space(depth=TRUTH[DEPTH]), method="published")
-    assert found.solves == counter.solves == 8001
-    assert (found.others, found.profile, found.converged) == ((), (), True)
-    assert abs(off(found)[MODULUS]) < 0.1
-    assert found.best.cost == pytest.approx(
-        float(found.misfit.objective(found.best.point[None])[0])
-    )
-    # Its own window, and every sample of it.
-    assert found.misfit.rows[0].size == found.drops[0].drop.window.stop - 1
-
-
 def test_ground_without_rock_is_found_without_it(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, QUIET, depth=np.inf))
     found = fit_ground(
@@ -166,7 +150,171 @@ def test_ground_without_rock_is_found_without_it(library: SurrogateLibrary) -> N
     assert found.profile == ()
 
 
+# --- what it spends ------------------------------------------------------------------------------
+
+
+@dataclass
+class Log:
+    """The misfits of a fit and the least-squares runs on them."""
+
+    misfits: list[tuple[float, int, bool, bool]] = field(default_factory=list)
+    """Band, most samples, single precision, whole record."""
+    runs: list[tuple[int, int]] = field(default_factory=list)
+    """Points to start from, most iterations."""
+    tried: list[int] = field(default_factory=list)
+    """Points whose misfit alone was asked for."""
+
+
+@pytest.fixture
+def log(monkeypatch: pytest.MonkeyPatch) -> Log:
+    found = Log()
+
+    class Logged(Misfit):
+        def __init__(self, drops, space, band, most_samples, single=False) -> None:
+            whole = all(item.drop.window_end == item.drop.tail_end for item in drops)
+            found.misfits.append((band, most_samples, single, whole))
+            super().__init__(drops, space, band, most_samples, single)
+
+    def objective(self: Misfit, points: Array) -> Array:
+        found.tried.append(points.shape[0])
+        return of_misfit(self, points)
+
+    def run(linearise, points, iterations, **options):
+        found.runs.append((points.shape[0], iterations))
+        return fit_batch(linearise, points, iterations=iterations, **options)
+
+    of_misfit = Misfit.objective
+    monkeypatch.setattr(Misfit, "objective", objective)
+    monkeypatch.setattr(module, "Misfit", Logged)
+    monkeypatch.setattr(module, "fit_batch", run)
+    return found
+
+
+COARSE, TAIL = (640.0, 64, False, False), (640.0, 128, False, True)
+FINE, WHOLE = (1600.0, 400, False, False), (1600.0, 400, False, True)
+
+
+def test_a_known_depth_is_fitted_from_two_starts(log: Log, library: SurrogateLibrary) -> None:
+    for of in (space(depth=TRUTH[DEPTH]), space(density=None, depth=TRUTH[DEPTH])):
+        log.misfits.clear()
+        log.runs.clear()
+        fitted(library, of=of)
+        assert log.misfits == [COARSE, TAIL, WHOLE]
+        # Brought to its minimum, tried on the whole record if there are several, polished.
+        start, (several, steps), polish = log.runs
+        assert start == (2, 12)
+        assert steps == (8 if several > 1 else 0)
+        assert polish == (1, 15)
+
+
+def test_of_an_unknown_depth_what_fits_the_contact_is_tried_on_the_tail(
+    log: Log, library: SurrogateLibrary
+) -> None:
+    drop = weighted(library, record(library, QUIET))
+    of = space(density=None)
+    profile = module._depth_profile(Misfit((drop,), of, 640.0, 64), of)
+    guesses = module._local_minima(profile)
+    allowed = [m for m in (*guesses, *profile) if m.cost <= guesses[0].cost + 1.0]
+    log.runs.clear()
+    fitted(library)
+    assert log.misfits == [COARSE, TAIL, WHOLE]
+    assert log.tried == [len(allowed)]
+    first, tail, polish, again = log.runs
+    assert first == (14, 7)
+    assert tail == (min(5, len(allowed)), 8 if len(allowed) > 1 else 0)
+    assert polish[1] == 15
+    assert again[1] == 7
+
+
+def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> WeightedDrop:
+    """A drop with a vibration, m/s, after the window of the contact or within it."""
+    drop = record(library, QUIET)
+    prepared = weighted(library, drop).drop
+    time = drop.time - prepared.start
+    end = prepared.window_end
+    part = time > 1.02 * end if late else (time > 0.004) & (time < end)
+    wave = size * np.sin(2 * np.pi * (60 if late else 4 / (end - 0.004)) * time) * part
+    return weighted(
+        library,
+        replace(drop, sensors=(replace(drop.sensors[0], values=drop.sensors[0].values + wave),)),
+    )
+
+
+def test_a_hopeless_tail_is_given_up_before_the_polish(log: Log, library: SurrogateLibrary) -> None:
+    found = fit_ground(
+        (disturbed(library, 0.05),), space(density=None), "least-squares", np.random.default_rng(4)
+    )
+    assert log.misfits == [COARSE, TAIL, FINE]
+    assert [iterations for _, iterations in log.runs] == [7, 8, 12, 20]
+    for other in found.others:
+        assert np.max(np.abs(other.point - found.best.point)) > 0.02
+
+
+def test_a_tail_that_is_nearly_explained_is_polished_and_left_out(
+    log: Log, library: SurrogateLibrary
+) -> None:
+    item = disturbed(library, 1.6e-3)
+    found = fit_ground((item,), space(density=None), "least-squares", np.random.default_rng(4))
+    assert WHOLE in log.misfits
+    assert FINE in log.misfits
+    assert found.drops[0].drop.window_end == item.drop.window_end
+    assert found.best.cost < 1.0
+
+
+def test_a_tail_is_kept_where_the_contact_fits_no_better(
+    log: Log, library: SurrogateLibrary
+) -> None:
+    item = disturbed(library, 0.015, late=False)
+    found = fit_ground(
+        (item,), space(depth=TRUTH[DEPTH]), "least-squares", np.random.default_rng(4)
+    )
+    assert 2.25 < found.best.cost < 9.0
+    assert found.drops[0].drop.window_end == item.drop.tail_end
+    assert log.misfits == [COARSE, TAIL, WHOLE]
+
+
+def test_a_record_that_ends_with_its_window_is_fitted_once(
+    log: Log, library: SurrogateLibrary
+) -> None:
+    drop = weighted(library, record(library, replace(QUIET, length=0.0182)))
+    assert drop.drop.window_end == drop.drop.tail_end
+    fit_ground((drop,), space(depth=TRUTH[DEPTH]), "least-squares", np.random.default_rng(4))
+    assert log.misfits == [(640.0, 64, False, True), WHOLE]
+    assert [iterations for _, iterations in log.runs] == [12, 20]
+
+
+def test_the_search_is_in_single_precision(log: Log, library: SurrogateLibrary) -> None:
+    fitted(library, of=space(depth=TRUTH[DEPTH]), method="mpga")
+    assert log.misfits[:2] == [COARSE, (640.0, 64, True, False)]
+    # What it found goes first, the plain starts beside it.
+    assert log.runs[0] == (3, 12)
+
+
+def test_the_published_search_has_no_polish_and_the_papers_size(
+    library: SurrogateLibrary, counter: Counter, log: Log
+) -> None:
+    found = fitted(library, of=space(depth=TRUTH[DEPTH]), method="published")
+    assert found.solves == counter.solves == 8001
+    assert (found.others, found.profile, found.converged) == ((), (), True)
+    assert abs(off(found)[MODULUS]) < 0.1
+    assert found.best.cost == pytest.approx(
+        float(found.misfit.objective(found.best.point[None])[0])
+    )
+    assert log.misfits == [FINE]
+    assert log.runs == []
+    # Its own window, and every sample of it.
+    assert found.misfit.rows[0].size == found.drops[0].drop.window.stop - 1
+
+
 # --- parts ---------------------------------------------------------------------------------------
+
+
+def test_results_are_not_changed_and_are_themselves_alone(library: SurrogateLibrary) -> None:
+    found = fitted(library, of=space(depth=TRUTH[DEPTH]))
+    for thing, name in ((found, "solves"), (found.best, "cost"), (found.drops[0], "drop")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(thing, name, None)
+        assert replace(thing) != thing
 
 
 def minima(*costs: float) -> tuple[Minimum, ...]:
@@ -209,13 +357,11 @@ def test_minima_in_the_same_place_are_one() -> None:
 def test_two_starts_with_little_and_with_much_viscosity() -> None:
     of = space(density=None)
     starts = module._plain_starts(of)
-    by_name = {name: starts[:, column] for column, name in enumerate(of.names)}
-    assert starts.shape == (2, 4)
-    assert by_name[VISCOSITY][0] < 0.1 < by_name[VISCOSITY][1] < 0.4
+    assert of.names == (MODULUS, VISCOSITY, "density", DEPTH)
     # Around the modulus by the peak method, which stands at 0.54 of the box.
-    assert np.abs(by_name[MODULUS] - of.fitted[0].unit_value(40e6)).max() < 0.2
+    assert starts == pytest.approx(np.array([[0.5, 0.06, 0.6, 0.6], [0.4, 0.25, 0.6, 0.6]]))
     elastic = parameter_space(40e6, RADIUS, None, None, elastic=True)
-    assert module._plain_starts(elastic)[:, 0] == pytest.approx(by_name[MODULUS])
+    assert module._plain_starts(elastic)[:, 0] == pytest.approx(starts[:, 0])
 
 
 def test_a_profile_holds_its_depths_and_fits_the_rest(library: SurrogateLibrary) -> None:
@@ -258,3 +404,67 @@ def test_a_profile_over_a_longer_window_keeps_what_can_come_near(
     assert {round(float(m.point[column]), 6) for m in found} <= depths
     for m in found:
         assert m.cost == pytest.approx(float(whole.objective(m.point[None])[0]), rel=1e-6)
+
+
+@dataclass
+class Straight:
+    """A misfit of straight lines over so many seconds: some of each residual cannot be fitted."""
+
+    seconds: float
+    stubborn: Array
+    """Mean square that the other parameters leave, by the depth's unit value times ten."""
+
+    def __post_init__(self) -> None:
+        self.space = space(density=None)
+
+    def linearise(self, points: Array, free: Array) -> tuple[Array, Array]:
+        column = self.space.index(DEPTH)
+        assert column is not None
+        assert column not in free
+        slope = np.zeros((len(points), 8, free.size))
+        slope[:, : free.size] = np.eye(free.size)
+        values = np.full((len(points), 8), 100.0)
+        values[:, free.size :] = 0.0
+        which = np.rint(10 * points[:, column]).astype(int)
+        values[:, -1] = np.sqrt(8 * self.stubborn[which])
+        return values, slope
+
+
+@pytest.mark.parametrize(
+    ("share", "best", "limit"), [(1.0, 0.5, 4.0), (1.0, 2.0, 8.0), (0.5, 0.5, 8.0)]
+)
+def test_depths_that_cannot_come_near_the_best_are_left_out(
+    share: float, best: float, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stubborn = np.zeros(11)
+    # Beyond eight times what may pass (itself four times the best cost, or one) none comes near.
+    most = 8 * 4.0 * max(1.0, best)
+    stubborn[3], stubborn[4] = 0.99 * most, 1.01 * most
+    profile = tuple(
+        Minimum(np.array([0.5, 0.5, 0.5, place / 10]), cost)
+        for place, cost in ((1, 0.99 * limit), (2, 1.01 * limit), (3, 0.1), (4, 0.1))
+    )
+    kept = []
+
+    def run(linearise, points, iterations, tolerance, frozen):
+        assert (iterations, tolerance, frozen) == (7, 1e-3, 3)
+        kept.extend(np.rint(10 * points[:, 3]).astype(int))
+        return SimpleNamespace(points=points, cost=np.arange(1.0, 1.0 + len(points)))
+
+    monkeypatch.setattr(module, "fit_batch", run)
+    contact: Any = Straight(share, stubborn)
+    longer: Any = Straight(1.0, stubborn)
+    fit = GroundFit(profile[0], (), profile, False, 0, contact, ())
+    found = module._profile_again(fit, longer, best)
+    assert kept == [1, 3]
+    assert costs(found) == [1.0, 2.0]
+
+
+def test_where_no_depth_comes_near_there_is_no_profile() -> None:
+    far = (Minimum(np.full(4, 0.5), 9.0),)
+    contact: Any = Straight(1.0, np.full(11, 1e3))
+    fit = GroundFit(far[0], (), far, False, 0, contact, ())
+    assert module._profile_again(fit, contact, 1.0) == ()
+    near = (Minimum(np.full(4, 0.5), 1.0),)
+    fit = GroundFit(near[0], (), near, False, 0, contact, ())
+    assert module._profile_again(fit, contact, 1.0) == ()

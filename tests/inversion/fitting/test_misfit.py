@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -147,3 +148,10 @@ def test_the_models_error_is_a_part_of_each_peak_but_not_too_small_a_one(
     # Three thousandths of the peak; a tenth of the nearest sensor's counts beside it.
     shares = np.array([np.hypot(near, 0.1 * near), np.hypot(far, 0.1 * near)])
     assert floor == pytest.approx((0.003 if granted is None else granted / near) * shares)
+
+
+def test_a_weighted_drop_is_not_changed_and_is_itself_alone(library: SurrogateLibrary) -> None:
+    drop = weighted(library, record(library, Scene()))
+    with pytest.raises(FrozenInstanceError):
+        drop.model_load = drop.model_floor  # type: ignore[misc]
+    assert replace(drop) != drop

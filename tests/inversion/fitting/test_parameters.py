@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -179,3 +180,12 @@ def test_depth_must_be_positive(depth: float) -> None:
         ModelError, match=f"bedrock depth: expected a value > 0 m or inf.*{depth:g}"
     ):
         space(bedrock_depth=depth)
+
+
+def test_a_parameter_is_not_changed() -> None:
+    with pytest.raises(FrozenInstanceError):
+        PLAIN.lower = 1.0  # type: ignore[misc]
+    with pytest.raises(FrozenInstanceError):
+        space().fixed = {}  # type: ignore[misc]
+    assert not PLAIN.natural
+    assert not Parameter("any", "-", 0.0, 1.0).logarithmic

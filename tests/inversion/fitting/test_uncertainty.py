@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -340,6 +340,13 @@ def test_a_depth_that_may_be_anything_is_not_unique(library: SurrogateLibrary) -
     (depth,) = (p for p in deep.misfit.space.fitted if p.name == DEPTH)
     assert reach(found, DEPTH) > 0.25 * np.log(depth.upper / depth.lower)
     assert not found.depth_unique
+
+
+def test_what_is_stated_is_not_changed_and_is_itself_alone(fit: GroundFit) -> None:
+    found = estimate_uncertainty(fit)
+    with pytest.raises(FrozenInstanceError):
+        found.depth_unique = False  # type: ignore[misc]
+    assert replace(found) != found
 
 
 def test_a_given_depth_has_no_interval(library: SurrogateLibrary) -> None:
