@@ -123,8 +123,10 @@ def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
             expected = expected_of_sensors(fit, drop, noise**2)
         stated = estimate_uncertainty(fit).standard_deviation
         ratios.append([(stated[name] / value) ** 2 for name, value in expected.items()])
-    # The roughness of a dozen records of some twenty samples at least.
-    assert np.mean(ratios, axis=0) == pytest.approx(np.ones(len(expected)), rel=0.2)
+    # Known as well as a dozen records of some ninety samples, or of twenty, tell the roughness.
+    assert np.mean(ratios, axis=0) == pytest.approx(
+        np.ones(len(expected)), rel=0.12 if most_samples == 400 else 0.25
+    )
 
 
 @pytest.mark.parametrize(
@@ -161,7 +163,7 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
     stated = estimate_uncertainty(fit).standard_deviation
     for name, value in expected.items():
         assert value > 0
-        assert stated[name] == pytest.approx(value, rel=0.02)
+        assert stated[name] == pytest.approx(value, rel=1e-5)
 
 
 @pytest.mark.parametrize("offsets", [(0.0,), (0.3, 0.6)])
@@ -339,7 +341,9 @@ def test_nothing_is_claimed_outside_of_the_box(fit: GroundFit) -> None:
     assert found.depth_interval == pytest.approx((depth.lower, depth.upper))
 
 
-@pytest.mark.parametrize(("move", "unique"), [(0.09, True), (-0.09, True), (0.12, False)])
+@pytest.mark.parametrize(
+    ("move", "unique"), [(0.105, True), (-0.105, True), (0.109, False), (-0.109, False)]
+)
 def test_a_depth_is_unique_when_what_fits_is_near(
     move: float, unique: bool, fit: GroundFit
 ) -> None:
