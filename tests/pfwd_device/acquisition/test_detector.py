@@ -355,3 +355,22 @@ def test_an_instrument_that_is_too_slow_is_refused(rate):
         SetupError, match=r"expected at least 16 samples in the 0\.12 s of a record"
     ):
         Detector(slow)
+
+
+def test_a_pulse_longer_than_its_record_is_no_rebound_of_itself():
+    # Its record ends at 100 ms while the load is still far above the threshold: nothing triggers
+    # again before the load was gone.
+    load = stream()
+    half_sine(load, 2.0, 8000.0, duration_s=0.150)
+    found = run(load)
+    assert len(drops(found)) == 1
+    assert rebounds(found) == []
+
+
+def test_a_bounce_after_a_pulse_longer_than_its_record_is_a_rebound():
+    load = stream()
+    half_sine(load, 2.0, 8000.0, duration_s=0.150)
+    half_sine(load, 2.5, 2500.0)
+    found = run(load)
+    assert len(drops(found)) == 1
+    assert [one.trigger for one in rebounds(found)] == pytest.approx([25_000], abs=30)

@@ -23,7 +23,7 @@ from pfwd_survey.procedures import (
     judge,
     kind_of,
 )
-from pfwd_survey.procedures.moduli import e_lwd, e_vd, half_width_95, stress_dependence
+from pfwd_survey.procedures.moduli import e_lwd, e_vd, half_width_95, mean, stress_dependence
 
 GERMAN = find_procedure("tp-bf-stb-b8.3")
 MM = 1e-3
@@ -259,3 +259,48 @@ def test_without_a_number_the_marks_of_the_drops_count() -> None:
     assert found.used == (2,)
     assert found.seating_wanted is None
     assert found.next_kind is Kind.MEASURED
+
+
+UNEQUAL = [drop(n, d) for n, d in enumerate((0.6, 0.6, 0.6, 0.3, 0.5, 0.9), 1)]
+
+
+def test_where_a_profile_says_so_the_modulus_is_that_of_the_mean_deflection() -> None:
+    assert GERMAN.average == "deflection"
+    found = judged(UNEQUAL).value
+    assert found is not None
+    of_mean = e_vd(mean([0.3 * MM, 0.5 * MM, 0.9 * MM]), 0.15, 1.5, 100e3)
+    assert found.value == pytest.approx(of_mean)
+    # The mean of the three moduli is larger by a fifth.
+    of_each = mean([e_vd(d * MM, 0.15, 1.5, 100e3) for d in (0.3, 0.5, 0.9)])
+    assert of_each > 1.2 * of_mean
+    other = judged(UNEQUAL, own(average="modulus")).value
+    assert other is not None
+    assert other.value == pytest.approx(of_each)
+
+
+def test_the_surface_modulus_is_averaged_as_its_profile_says() -> None:
+    british = find_procedure("mchw-885")
+    assert british.average == "modulus"
+    found = judged(UNEQUAL, british, poisson_ratio=0.35).value
+    each = [e_lwd(7070.0, d * MM, 0.15, 0.35, 2.0) for d in (0.3, 0.5, 0.9)]
+    assert found is not None
+    assert found.value == pytest.approx(mean(each))
+    of_means = judged(UNEQUAL, dataclasses.replace(british, average="deflection"))
+    assert of_means.value is not None
+    middle = mean([0.3 * MM, 0.5 * MM, 0.9 * MM])
+    assert of_means.value.value == pytest.approx(e_lwd(7070.0, middle, 0.15, 0.35, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "average"),
+    [
+        ("astm-e2583", "deflection"),
+        ("astm-e2835", "deflection"),
+        ("mndot", "deflection"),
+        ("tp-bf-stb-b8.3", "deflection"),
+        ("mchw-885", "modulus"),
+        ("paper", "modulus"),
+    ],
+)
+def test_what_is_averaged_is_what_the_document_says(name: str, average: str) -> None:
+    assert find_procedure(name).average == average

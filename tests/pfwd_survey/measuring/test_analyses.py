@@ -1,0 +1,50 @@
+"""What a session asks of its inversion when answers do not come."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from pfwd_device import Drop
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.worker.tasks import Urgency
+from pfwd_survey.measuring import analyses as module
+from pfwd_survey.measuring.analyses import Analyses
+from pfwd_survey.measuring.events import HandedOn, Notice
+
+
+class SilentWorker:
+    """Takes every task and answers none, as a computer that is far too slow."""
+
+    asked: list[Urgency]
+
+    def __init__(self, _listener: Callable[[Any], None]) -> None:
+        self.asked = []
+
+    def analyse(self, urgency: Urgency, *_task: Any) -> int:
+        self.asked.append(urgency)
+        return len(self.asked)
+
+    def close(self) -> None:
+        """Nothing runs."""
+
+
+def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
+    monkeypatch: pytest.MonkeyPatch, make_drop: Callable[..., Drop]
+) -> None:
+    monkeypatch.setattr(module, "InversionWorker", SilentWorker)
+    told: list[Any] = []
+    analyses = Analyses(AnalysisOptions(), told.append, lambda *_: None)
+    drop = make_drop()
+    setup = Setup(plate_radius=0.15)
+    for number in range(1, 201):
+        handed = HandedOn("1", number, number, "f", drop, setup, Screening("measured"))
+        analyses.ask(handed)
+    asked = analyses._worker.asked  # type: ignore[attr-defined]
+    # Every drop has its first modulus; sixty tasks, that is thirty drops, are waited for in full.
+    assert asked.count(Urgency.QUICK) == 200
+    assert asked.count(Urgency.FULL) == 30
+    notices = [event.text for event in told if isinstance(event, Notice)]
+    assert notices == ["the full searches do not keep up; drops are left without them"]
