@@ -9,8 +9,11 @@ A path that the user set himself (PYTHONPATH) stays: it is his own decision.
 
 import contextlib
 import os
+import signal
+import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 """The option -P of Python 3.11 as a variable, which children of children inherit too."""
@@ -34,6 +37,62 @@ def python_environment() -> dict[str, str]:
     """
     path = os.pathsep.join(part for part in sys.path if part)
     return {**os.environ, "PYTHONPATH": path, _SAFE_PATH: "1"}
+
+
+def start_child(
+    *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
+    """A Python process beside this one that is spoken to through pipes.
+
+    Ctrl+C does not reach it: who started it decides when it ends, by closing its input or by
+    ending it. On Windows it has no window of its own.
+
+    Parameters
+    ----------
+    *arguments : str
+        As on the command line of Python: ``"-m", "package.module"``.
+    stdin : int
+        A pipe, or `subprocess.DEVNULL` for a process that is told nothing.
+    stderr : int
+        `subprocess.DEVNULL`, so that nothing is written over a screen, or a pipe.
+
+    Raises
+    ------
+    OSError
+        If the system starts no more processes.
+    """
+    return subprocess.Popen(python_command(*arguments), **_beside(stdin, stderr))
+
+
+def start_text_child(
+    *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.PIPE
+) -> subprocess.Popen[str]:
+    """The same for a process that speaks in lines of UTF-8."""
+    return subprocess.Popen(
+        python_command(*arguments),
+        **_beside(stdin, stderr),
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+    )
+
+
+def _beside(stdin: int, stderr: int) -> dict[str, Any]:
+    return {
+        "stdin": stdin,
+        "stdout": subprocess.PIPE,
+        "stderr": stderr,
+        "env": python_environment(),
+        "start_new_session": os.name == "posix",
+        # Of Windows alone.
+        "creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)
+        | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+    }
+
+
+def ignore_interrupts() -> None:
+    """For a process that works for another one: who started it decides when to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextlib.contextmanager

@@ -1,10 +1,11 @@
 """Worker processes of `multiprocessing` that take no code from the current folder."""
 
 import os
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 
-from pfwd_device.child_python import children_shielded
+from pfwd_device.child_python import children_shielded, ignore_interrupts
 
 
 class ShieldedProcess(SpawnProcess):
@@ -28,6 +29,14 @@ def spawn_context() -> SpawnContext:
     """
     ensure_tracker()
     return _ShieldedContext()
+
+
+def worker_pool(count: int) -> ProcessPoolExecutor:
+    """A pool of so many processes; Ctrl+C is for the process that started them.
+
+    Its processes are spawned on every platform alike, see `spawn_context`.
+    """
+    return ProcessPoolExecutor(count, spawn_context(), initializer=ignore_interrupts)
 
 
 def ensure_tracker() -> None:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from pfwd_device.child_python import python_command, python_environment
+from pfwd_device.child_python import start_child
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.storage import Storage
 
@@ -181,17 +181,8 @@ class PublishingThread:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
-        return subprocess.Popen(
-            python_command("-m", "pfwd_device.recording.publisher"),
-            env=python_environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            creationflags=flags,
-            # Ctrl+C ends the recording, which then lets the child finish its file.
-            start_new_session=os.name != "nt",
-        )
+        # Ctrl+C ends the recording, which then lets the child finish its file.
+        return start_child("-m", "pfwd_device.recording.publisher")
     except OSError as err:
         raise RecordingError(f"the program that publishes cannot be started: {err}") from err

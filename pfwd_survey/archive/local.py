@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import sys
 from collections import deque
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
+from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.archive.interrupts import interrupts_wait
 from pfwd_survey.archive.work import ONE_THREAD, SourceOutcome, invert_batch, limit_threads
 from pfwd_survey.archive.workers import Batch
@@ -177,7 +177,7 @@ class LocalWorkers:
 
 def _serve(line: Connection, options: AnalysisOptions) -> None:
     """Invert batches until nobody sends any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides when to end
+    ignore_interrupts()
     with contextlib.suppress(EOFError, OSError):  # who started it has gone
         while True:
             line.send(invert_batch(line.recv(), options))

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pfwd_device.child_python import python_command, python_environment
+from pfwd_device.child_python import start_text_child
 from simulators.instrument.checks import ScenarioError
 from simulators.instrument.device import Instrument
 from simulators.instrument.endpoint import EndpointError, open_endpoint
@@ -105,17 +105,9 @@ class SimulatedInstrument:
         self._told = ""
         self._listener: threading.Thread | None = None
         # Its standard input is its lifeline: it ends when this process does, however that ends.
-        self._process = subprocess.Popen(
-            python_command("-m", "simulators.instrument", json.dumps(settings, default=str)),
-            env=python_environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            encoding="utf-8",
-            # Ctrl+C is for the program that shows the drops; it stops this one when it is ready.
-            start_new_session=os.name == "posix",
-            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        # Ctrl+C is for the program that shows the drops; it stops this one when it is ready.
+        self._process = start_text_child(
+            "-m", "simulators.instrument", json.dumps(settings, default=str)
         )
         try:
             self.url = self._first_line()

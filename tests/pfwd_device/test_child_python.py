@@ -1,0 +1,46 @@
+"""How a Python process is started beside this one."""
+
+import os
+import signal
+import subprocess
+
+import pytest
+
+from pfwd_device.child_python import start_child, start_text_child
+
+SAYS_IT = "import os, sys; print(os.getpgid(0) != int(sys.argv[1]), sys.flags.safe_path)"
+
+
+def test_what_is_said_comes_back_and_nothing_is_printed_between() -> None:
+    code = "import sys; print('noise', file=sys.stderr); print(sys.stdin.readline().upper())"
+    child = start_child("-c", code)
+    out, err = child.communicate(b"drop\n", timeout=30)
+    assert (out.strip(), err, child.returncode) == (b"DROP", None, 0)
+
+
+def test_text_that_is_no_utf_8_does_not_end_it() -> None:
+    code = "import sys; sys.stdout.buffer.write(b'a\\xff\\n'); sys.exit('why')"
+    child = start_text_child("-c", code, stdin=subprocess.DEVNULL)
+    out, err = child.communicate(timeout=30)
+    assert (out.strip(), err.strip(), child.returncode) == ("a\ufffd", "why", 1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no process groups of this kind")
+def test_ctrl_c_does_not_reach_it() -> None:
+    child = start_text_child("-c", SAYS_IT, str(os.getpgid(0)), stdin=subprocess.DEVNULL)
+    out, _ = child.communicate(timeout=30)
+    assert out.split() == ["True", "True"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows sends no SIGINT to one process")
+def test_a_process_that_works_for_another_ignores_interrupts() -> None:
+    code = (
+        "from pfwd_device.child_python import ignore_interrupts; ignore_interrupts(); "
+        "print(flush=True); input(); print('done')"
+    )
+    child = start_text_child("-c", code)
+    assert child.stdout is not None
+    child.stdout.readline()
+    child.send_signal(signal.SIGINT)
+    out, _ = child.communicate("\n", timeout=30)
+    assert (out.strip(), child.returncode) == ("done", 0)
