@@ -159,9 +159,9 @@ def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
     done = diagnose_files([str(file) for file in files], jobs=jobs)
     return {
-        Path(diagnosed.file).name: dict(diagnosed.record)
+        Path(diagnosed.file).name: diagnosed.result.to_json()
         for diagnosed in done
-        if diagnosed.record is not None
+        if diagnosed.result is not None
     }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
-from tui.format import result_lines
+from tui.format import printed_results
 from tui.output import clean, say
 from tui.progress import counting
 
@@ -66,9 +66,7 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
         for failure in outcome.failures:
             refused += 1
             say(failure.reason)
-        records = outcome.results
-        lines = map(json_text, records) if args.json else result_lines(records)
-        for line in lines:
+        for line in printed_results(outcome.results, as_json=args.json):
             print(line, flush=True)
     return 1 if refused or _found_none(args, sources) else 0
 

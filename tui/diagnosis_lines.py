@@ -1,9 +1,9 @@
 """A diagnosis in plain words: what was found, how sure, what it did, what to do in the field."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import TypeGuard
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
 from tui.output import clean
 
 _VERDICT = {
@@ -13,78 +13,80 @@ _VERDICT = {
 }
 
 
-def diagnosis_lines(record: Mapping[str, Any]) -> list[str]:
-    """The record of ``pfwd diagnose`` as lines of text, SI made readable.
-
-    Parameters
-    ----------
-    record : mapping
-        With the keys of ``pfwd diagnose --json``.
-    """
-    drops = ", ".join(map(str, record["drops"])) or "none"
-    device = "" if record["device"] is None else f", device {clean(record['device'])}"
-    lines = [f"{clean(record['file'])}{device}, drops {drops}"]
-    lines.append(f"  {_VERDICT[record['verdict']]}")
-    if record["before"] is not None:
+def diagnosis_lines(result: DiagnosisResult) -> list[str]:
+    """The result of ``pfwd diagnose`` as lines of text, SI made readable."""
+    drops = ", ".join(map(str, result.drops or ())) or "none"
+    device = "" if result.device is None else f", device {clean(result.device)}"
+    lines = [f"{clean(result.file)}{device}, drops {drops}"]
+    lines.append(f"  {_VERDICT.get(result.verdict or '', clean(result.verdict))}")
+    if result.before is not None and result.after is not None:
         lines.append(
-            f"  {record['plate']} plate of radius {record['plate_radius_m']:g} m, Poisson's ratio "
-            f"{record['poisson_ratio']:g}"
+            f"  {result.plate} plate of radius {_short(result.plate_radius_m)} m, Poisson's ratio "
+            f"{_short(result.poisson_ratio)}"
         )
-        lines.append(f"  before  {_state(record['before'])}")
-        lines.append(f"  after   {_state(record['after'])}")
-        lines += _change(record)
-    for effect in record["effects"]:
+        lines.append(f"  before  {_state(result.before)}")
+        lines.append(f"  after   {_state(result.after)}")
+        if result.effects:
+            lines += _change(result.before.modulus_pa, result.after.modulus_pa)
+    for effect in result.effects or ():
         lines += _effect(effect)
-    held = record["held_out"]
+    held = result.held_out
     if held is not None:
         lines.append(
-            f"  predicted from other drops or points: off by {_percent(held['before'])} of the "
-            f"peak before, {_percent(held['after'])} after"
+            f"  predicted from other drops or points: off by {_percent(held.before)} of the "
+            f"peak before, {_percent(held.after)} after"
         )
-    lines += [f"  {clean(text)}" for text in record["rejected"]]
-    lines += [f"  warning: {clean(text)}" for text in record["warnings"]]
+    lines += [f"  {clean(text)}" for text in result.rejected or ()]
+    lines += [f"  warning: {clean(text)}" for text in result.warnings or ()]
     return lines
 
 
-def _state(state: Mapping[str, Any]) -> str:
-    modulus, deviation = state["modulus_pa"], state["modulus_sd_pa"]
-    text = "no ground" if _missing(modulus) else f"E {modulus / 1e6:.4g} MPa"
-    if not _missing(modulus) and not _missing(deviation):
+def _state(state: FittedState) -> str:
+    modulus, deviation = state.modulus_pa, state.modulus_sd_pa
+    text = f"E {modulus / 1e6:.4g} MPa" if _is_finite(modulus) else "no ground"
+    if _is_finite(modulus) and _is_finite(deviation):
         text += f" ± {deviation / 1e6:.2g}"
+    over_noise = state.residual_over_noise
+    times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
     return (
-        f"{text}, {state['model']}; residual {_percent(state['residual_rms_over_peak'])} of the "
-        f"peak (contact {_percent(state['contact_residual_rms_over_peak'])}), "
-        f"{state['residual_over_noise']:.1f} times the noise"
+        f"{text}, {state.model}; residual {_percent(state.residual_rms_over_peak)} of the "
+        f"peak (contact {_percent(state.contact_residual_rms_over_peak)}), "
+        f"{times} times the noise"
     )
 
 
-def _change(record: Mapping[str, Any]) -> list[str]:
-    before, after = record["before"]["modulus_pa"], record["after"]["modulus_pa"]
-    if _missing(before) or _missing(after) or not record["effects"]:
+def _change(before: float | None, after: float | None) -> list[str]:
+    if not _is_finite(before) or not _is_finite(after):
         return []
     return [f"  the modulus changes by {100 * (after / before - 1):+.1f} %"]
 
 
-def _effect(effect: Mapping[str, Any]) -> list[str]:
+def _effect(effect: EffectResult) -> list[str]:
     numbers = []
-    for p in effect["parameters"]:
-        unit = "" if p["unit"] == "-" else f" {p['unit']}"
-        drop = f" (drop {p['drop']})" if "drop" in p else ""
-        sd = "" if _missing(p["sd"]) else f" ± {p['sd']:.2g}"
-        numbers.append(f"{p['name'].replace('_', ' ')}{drop} {p['value']:.4g}{sd}{unit}")
-    evidence = effect["evidence"]
-    strength = "shared by the device's points" if _missing(evidence) else f"evidence {evidence:.0f}"
-    lines = [f"  {effect['name']}: {'; '.join(numbers)} [{strength}]"]
-    if effect["alternatives"]:
-        lines.append(f"    could as well be {', '.join(effect['alternatives'])}")
-    if effect.get("advice"):
-        lines.append(f"    {effect['advice']}")
+    for parameter in effect.parameters or ():
+        unit = "" if parameter.unit == "-" else f" {clean(parameter.unit)}"
+        drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
+        sd = f" ± {parameter.sd:.2g}" if _is_finite(parameter.sd) else ""
+        value = f"{parameter.value:.4g}" if _is_finite(parameter.value) else "-"
+        numbers.append(f"{clean(parameter.name).replace('_', ' ')}{drop} {value}{sd}{unit}")
+    evidence = effect.evidence
+    shared = "shared by the device's points"
+    strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
+    lines = [f"  {clean(effect.name)}: {'; '.join(numbers)} [{strength}]"]
+    if effect.alternatives:
+        lines.append(f"    could as well be {', '.join(map(clean, effect.alternatives))}")
+    if effect.advice:
+        lines.append(f"    {clean(effect.advice)}")
     return lines
 
 
 def _percent(value: float | None) -> str:
-    return "-" if _missing(value) else f"{100 * float(value or 0.0):.2g} %"
+    return f"{100 * value:.2g} %" if _is_finite(value) else "-"
 
 
-def _missing(value: Any) -> bool:
-    return value is None or not math.isfinite(value)
+def _short(value: float | None) -> str:
+    return f"{value:g}" if _is_finite(value) else "-"
+
+
+def _is_finite(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)

@@ -2,23 +2,27 @@
 
 import itertools
 import math
-import numbers
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
+from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.inverting.results import DropResult, HalfSinePulse
 from tui.output import clean
 
-Result = Mapping[str, Any]
 NOTHING = "-"
 
 
-def result_lines(results: Sequence[Result]) -> list[str]:
+def printed_results(results: Sequence[DropResult], *, as_json: bool) -> list[str]:
+    """The results of ``pfwd invert`` as they are printed: for machines, or for people."""
+    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results)
+
+
+def result_lines(results: Sequence[DropResult]) -> list[str]:
     """The results of ``pfwd invert`` as lines of text.
 
     Parameters
     ----------
-    results : sequence of mapping
-        One a drop, with the keys of ``pfwd invert --json``, SI units.
+    results : sequence of DropResult
+        One a drop.
 
     Returns
     -------
@@ -27,10 +31,10 @@ def result_lines(results: Sequence[Result]) -> list[str]:
         pulse and the fit, the rejected drops and the warnings. The tables are made for 80 columns.
     """
     lines = []
-    for file, group in itertools.groupby(results, key=lambda result: result.get("file")):
+    for file, group in itertools.groupby(results, key=lambda result: result.file):
         of_file = list(group)
         lines.append(clean(file))
-        used = [result for result in of_file if result.get("status") != "rejected"]
+        used = [result for result in of_file if result.status != "rejected"]
         for settings, same in itertools.groupby(used, key=_settings):
             rows = list(same)
             lines += [f"  {line}" for line in settings]
@@ -38,49 +42,51 @@ def result_lines(results: Sequence[Result]) -> list[str]:
             lines += _table(_PULSE, rows)
             lines += _search_lines(rows)
         lines += [
-            f"  drop {_text(result, 'drop')} rejected: {_text(result, 'reason')}"
+            f"  drop {_text(result.drop)} rejected: {_text(result.reason)}"
             for result in of_file
-            if result.get("status") == "rejected"
+            if result.status == "rejected"
         ]
         lines += _warning_lines(of_file)
     return lines
 
 
-def _settings(result: Result) -> tuple[str, ...]:
+def _settings(result: DropResult) -> tuple[str, ...]:
     """What the numbers of a drop rest on; equal for drops that can share a table."""
     return (
-        f"plate radius {_fixed(_number(result, 'plate_radius_m'), 3)} m, {_text(result, 'plate')}; "
-        f"Poisson's ratio {_short(_number(result, 'poisson_ratio'))}; "
-        f"peak-method factor {_short(_number(result, 'peak_factor'))}",
-        f"model {_text(result, 'model')}, load {_text(result, 'load')}, "
-        f"method {_text(result, 'method')}, seed {_text(result, 'seed')}",
+        f"plate radius {_fixed(_finite(result.plate_radius_m), 3)} m, {_text(result.plate)}; "
+        f"Poisson's ratio {_short(_finite(result.poisson_ratio))}; "
+        f"peak-method factor {_short(_finite(result.peak_factor))}",
+        f"model {_text(result.model)}, load {_text(result.load)}, "
+        f"method {_text(result.method)}, seed {_text(result.seed)}",
     )
 
 
-def _search_lines(rows: Iterable[Result]) -> list[str]:
+def _search_lines(rows: Iterable[DropResult]) -> list[str]:
     """What went wrong with a search; nothing for a drop whose search went well."""
     lines = []
     for row in rows:
-        bounds = ", ".join(map(clean, row.get("at_bound") or ()))
-        faults = [] if row.get("converged") else ["NOT CONVERGED"]
+        bounds = ", ".join(map(clean, row.at_bound or ()))
+        faults = [] if row.converged else ["NOT CONVERGED"]
         faults += [f"AT BOUND: {bounds}"] if bounds else []
         if faults:
-            lines.append(f"  drop {_text(row, 'drop')}: {'; '.join(faults)}")
+            lines.append(f"  drop {_text(row.drop)}: {'; '.join(faults)}")
     return lines
 
 
-def _warning_lines(results: Iterable[Result]) -> list[str]:
+def _warning_lines(results: Iterable[DropResult]) -> list[str]:
     drops: dict[str, list[str]] = {}
     for result in results:
-        for warning in result.get("warnings") or ():
-            drops.setdefault(clean(warning), []).append(_text(result, "drop"))
+        for warning in result.warnings or ():
+            drops.setdefault(clean(warning), []).append(_text(result.drop))
     return [
         f"  warning, drop{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}: {warning}"
         for warning, numbers in drops.items()
     ]
 
 
-def _table(columns: Mapping[str, Callable[[Result], str]], rows: Sequence[Result]) -> list[str]:
+def _table(
+    columns: Mapping[str, Callable[[DropResult], str]], rows: Sequence[DropResult]
+) -> list[str]:
     cells = [list(columns), *([show(row) for show in columns.values()] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
@@ -89,12 +95,12 @@ def _table(columns: Mapping[str, Callable[[Result], str]], rows: Sequence[Result
     ]
 
 
-def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[Result], str]:
+def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropResult], str]:
     """Shows ``<key>_<unit>`` over `scale` with its standard deviation."""
 
-    def show(result: Result) -> str:
-        value = _number(result, f"{key}_{unit}", scale=scale)
-        deviation = _number(result, f"{key}_sd_{unit}", scale=scale)
+    def show(result: DropResult) -> str:
+        value = _finite(getattr(result, f"{key}_{unit}"), scale)
+        deviation = _finite(getattr(result, f"{key}_sd_{unit}"), scale)
         if value is None:
             return NOTHING
         if deviation is None:
@@ -110,63 +116,50 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[Result
     return show
 
 
-def _interval(result: Result) -> str:
-    ends = result.get("modulus_interval_pa")
-    if ends is None or not all(map(_is_number, ends)):
+def _interval(result: DropResult) -> str:
+    ends = result.modulus_interval_pa
+    if ends is None or not all(map(math.isfinite, ends)):
         return NOTHING
     low, high = (end / 1e6 for end in ends)
     decimals = _decimals((high - low) / 2, digits=2)
     return f"{low:.{decimals}f} to {high:.{decimals}f}"
 
 
-def _peak_load(result: Result) -> str:
-    pressure = _number(result, "half_sine", "peak_pressure_pa")
-    radius = _number(result, "plate_radius_m")
-    if pressure is None or radius is None:
-        return NOTHING
-    return _short(pressure * math.pi * radius**2 / 1e3)
+def _peak_load(result: DropResult) -> str:
+    return _short(_finite(result.half_sine_load_n, 1e3))
 
 
-def _value(*path: str, scale: float = 1.0) -> Callable[[Result], str]:
-    return lambda result: _short(_number(result, *path, scale=scale))
+def _pulse(result: DropResult) -> HalfSinePulse:
+    return result.half_sine or HalfSinePulse()
 
 
-_GROUND: dict[str, Callable[[Result], str]] = {
-    "drop": lambda result: _text(result, "drop"),
+_GROUND: dict[str, Callable[[DropResult], str]] = {
+    "drop": lambda result: _text(result.drop),
     "E MPa": _with_deviation("modulus", "pa", 1e6),
     "95 % MPa": _interval,
     "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
     "ρ kg/m³": _with_deviation("density", "kg_m3"),
     "bedrock m": _with_deviation("bedrock_depth", "m"),
 }
-_PULSE: dict[str, Callable[[Result], str]] = {
-    "drop": lambda result: _text(result, "drop"),
-    "kind": lambda result: _text(result, "status"),
+_PULSE: dict[str, Callable[[DropResult], str]] = {
+    "drop": lambda result: _text(result.drop),
+    "kind": lambda result: _text(result.status),
     "kN": _peak_load,
-    "kPa": _value("half_sine", "peak_pressure_pa", scale=1e3),
-    "ms": _value("half_sine", "duration_s", scale=1e-3),
-    "peak E MPa": _value("peak_modulus_pa", scale=1e6),
-    "R²": lambda result: _fixed(_number(result, "r_squared"), 4),
-    "residual %": _value("residual_rms_over_peak", scale=1e-2),
-    "contact %": _value("contact_residual_rms_over_peak", scale=1e-2),
+    "kPa": lambda result: _short(_finite(_pulse(result).peak_pressure_pa, 1e3)),
+    "ms": lambda result: _short(_finite(_pulse(result).duration_s, 1e-3)),
+    "peak E MPa": lambda result: _short(_finite(result.peak_modulus_pa, 1e6)),
+    "R²": lambda result: _fixed(_finite(result.r_squared), 4),
+    "residual %": lambda result: _short(_finite(result.residual_rms_over_peak, 1e-2)),
+    "contact %": lambda result: _short(_finite(result.contact_residual_rms_over_peak, 1e-2)),
 }
 
 
-def _number(result: Result, *path: str, scale: float = 1.0) -> float | None:
-    """A number of the result over `scale`; None when there is none or it is not finite."""
-    value: Any = result
-    for key in path:
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return float(value) / scale if _is_number(value) else None
+def _finite(value: float | None, scale: float = 1.0) -> float | None:
+    """A number over `scale`; None when there is none or it is not finite."""
+    return float(value) / scale if value is not None and math.isfinite(value) else None
 
 
-def _is_number(value: Any) -> bool:
-    # Real and not float: numpy's numbers are welcome.
-    return isinstance(value, numbers.Real) and math.isfinite(value)
-
-
-def _text(result: Result, key: str) -> str:
-    value = result.get(key)
+def _text(value: object) -> str:
     return NOTHING if value is None else clean(value)
 
 
@@ -186,7 +179,7 @@ def _decimals(value: float, digits: int) -> int:
     return min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
 
 
-def drop_line(point: str, number: int, result: Result) -> str:
+def drop_line(point: str, number: int, result: DropResult) -> str:
     """One drop on one line, as it comes from the instrument; the modulus with all it rests on.
 
     Parameters
@@ -194,25 +187,23 @@ def drop_line(point: str, number: int, result: Result) -> str:
     point : str
     number : int
         Of the drop within the point.
-    result : mapping
-        With the keys of ``pfwd invert --json``, SI units.
+    result : DropResult
     """
     name = f"{clean(point)}/{number}"
-    modulus = _number(result, "modulus_pa", scale=1e6)
-    status = _text(result, "status")
+    modulus = _finite(result.modulus_pa, 1e6)
+    status = _text(result.status)
     if modulus is None:
-        reason = result.get("reason")
-        return f"{name}  {status}" + (f": {clean(reason)}" if reason else "")
+        return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
     parts = [
         f"{name}  E {_short(modulus)} MPa ({_interval(result)})",
-        f"{_text(result, 'model')}, {_text(result, 'plate')} plate "
-        f"{_fixed(_number(result, 'plate_radius_m'), 3)} m, "
-        f"ν {_short(_number(result, 'poisson_ratio'))}",
+        f"{_text(result.model)}, {_text(result.plate)} plate "
+        f"{_fixed(_finite(result.plate_radius_m), 3)} m, "
+        f"ν {_short(_finite(result.poisson_ratio))}",
         f"{_peak_load(result)} kN",
-        f"residual {_value('residual_rms_over_peak', scale=1e-2)(result)} %",
-        _text(result, "method"),
+        f"residual {_short(_finite(result.residual_rms_over_peak, 1e-2))} %",
+        _text(result.method),
     ]
     parts += ["seating"] if status == "seating" else []
-    parts += [] if result.get("explained") is not False else ["NOT EXPLAINED"]
-    parts += [f"AT BOUND {clean(name)}" for name in result.get("at_bound") or ()]
+    parts += [] if result.explained is not False else ["NOT EXPLAINED"]
+    parts += [f"AT BOUND {clean(name)}" for name in result.at_bound or ()]
     return "  ".join(parts)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotPublished,
@@ -140,7 +140,7 @@ class SessionLines:
             print("\a", end="", file=sys.stderr, flush=True)
         if not self._analysed or one.screening.status == "rejected":
             analysis = DropAnalysis(one.drop, one.screening, None)
-            self._line(one, result_record(one.file, analysis))
+            self._line(one, drop_result(one.file, analysis))
             self._forget(one)
 
     def _not_published(self, event: DropNotPublished) -> None:
@@ -157,7 +157,7 @@ class SessionLines:
 
     def _analysis(self, event: DropAnalysed) -> None:
         one, result = event.one, event.result
-        modulus = result.get("modulus_pa") or math.nan
+        modulus = result.modulus_pa or math.nan
         self.moduli[one.number] = modulus
         before = self._quick.get((one.point, one.number))
         if not event.final:
@@ -173,11 +173,12 @@ class SessionLines:
         self._quick.pop((one.point, one.number), None)
         self._identical.pop((one.point, one.number), None)
 
-    def _line(self, one: HandedOn, result: Mapping[str, Any], delay: float | None = None) -> None:
+    def _line(self, one: HandedOn, result: DropResult, delay: float | None = None) -> None:
         identical = self._identical.get((one.point, one.number))
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
         log.info("%s%s", drop_line(one.point, one.number, result), after)
         if self._as_json:
+            found = result.to_json()
             line = {
                 "point": one.point,
                 "drop": one.number,
@@ -186,7 +187,7 @@ class SessionLines:
                 **({} if one.spare is None else {"spare": one.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
-                **{key: value for key, value in result.items() if key not in ("point", "drop")},
+                **{key: value for key, value in found.items() if key not in ("point", "drop")},
             }
             print(json_text(line), flush=True)
             return

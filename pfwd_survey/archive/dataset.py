@@ -20,10 +20,13 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
+
+if TYPE_CHECKING:
+    from pfwd_survey.inverting.results import DropResult
 
 TABLES = ("results", "failures", "sources")
 _MARK = {"format": "pfwd-archive", "version": 1}
@@ -113,9 +116,9 @@ _PAIRS = {
 Row = Mapping[str, Any]
 
 
-def result_row(record: Row, digest: str) -> dict[str, Any]:
-    """One record of ``pfwd invert --json`` as a row."""
-    flat = dict(record) | {"source_sha256": digest}
+def result_row(result: DropResult, digest: str) -> dict[str, Any]:
+    """One result as a row."""
+    flat = result.to_json() | {"source_sha256": digest}
     for key, names in _PAIRS.items():
         flat |= dict(zip(names, flat.get(key) or (None, None), strict=True))
     fit = flat.get("half_sine") or {}

@@ -276,7 +276,7 @@ class _Run:
             failures = len(outcome.failures)
             done = _Done(
                 _source_row(source, len(outcome.results), failures, None),
-                [result_row(one, source.digest) for one in outcome.results],
+                [result_row(result, source.digest) for result in outcome.results],
                 [_failure_row(source, failure) for failure in outcome.failures],
             )
             self._buffer.sources.append(done)

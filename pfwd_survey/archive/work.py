@@ -6,8 +6,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 from pfwd_survey.archive.sources import Source, unchanged
 from pfwd_survey.errors import SurveyError, refusal
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pfwd_survey.files.survey_content import SurveyContent
     from pfwd_survey.files.traces import TracePoint
     from pfwd_survey.inverting.options import AnalysisOptions
+    from pfwd_survey.inverting.results import DropResult
 
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 
@@ -54,8 +55,8 @@ class SourceOutcome:
     """What came of one source."""
 
     source: Source
-    results: list[dict[str, Any]] = field(default_factory=list)
-    """A record a drop with the keys of ``pfwd invert --json`` and what is declared of its point."""
+    results: list[DropResult] = field(default_factory=list)
+    """One a drop; what is declared of its point is among the keys that a result does not know."""
     failures: list[Failure] = field(default_factory=list)
     processor_seconds: float = 0.0
     """Time of the processor that it took."""
@@ -85,7 +86,7 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
     from inversion import InversionError
 
     begun = time.process_time()
-    results: list[dict[str, Any]] = []
+    results: list[DropResult] = []
     failures: list[Failure] = []
     try:
         if not unchanged(source) and source.size >= 0:
@@ -94,7 +95,7 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
             if isinstance(found, Failure):
                 failures.append(found)
             else:
-                results += _records(source, found, options)
+                results += _results(source, found, options)
         if not unchanged(source) and source.size >= 0:
             raise _Changed
     except _Changed:
@@ -168,9 +169,9 @@ def _content(source: Source) -> SurveyContent:
     return content
 
 
-def _records(source: Source, point: TracePoint, options: AnalysisOptions) -> list[dict[str, Any]]:
+def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> list[DropResult]:
     from pfwd_survey.inverting.analysis import analyse_point
-    from pfwd_survey.inverting.results import result_record
+    from pfwd_survey.inverting.results import drop_result
 
     setup = point.setup
     declared = {
@@ -183,8 +184,8 @@ def _records(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
     }
     known = {key: value for key, value in declared.items() if value is not None}
     return [
-        result_record(source.path, one, point.warnings, setup.point) | known
-        for one in analyse_point(point, options, _tables())
+        replace(drop_result(source.path, analysis, point.warnings, setup.point), more=known)
+        for analysis in analyse_point(point, options, _tables())
     ]
 
 

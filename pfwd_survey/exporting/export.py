@@ -117,4 +117,4 @@ def _inverted(survey: str, seed: int) -> Results:
     (outcome,) = analyse_files([survey], AnalysisOptions(seed=seed))
     if outcome.error is not None:
         raise SurveyError(outcome.error)
-    return {(str(one["point"]), int(one["drop"])): one for one in outcome.results}
+    return {(str(found.point), int(found.drop or 0)): found for found in outcome.results}

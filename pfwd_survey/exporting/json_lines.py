@@ -14,6 +14,7 @@ def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
         open(draft, "w", encoding="utf-8", newline="\n") as stream,
     ):
         for row in order.rows:
-            more = {"declared": row.declared or {}, "result": row.result}
+            result = None if row.result is None else row.result.to_json()
+            more = {"declared": row.declared or {}, "result": result}
             stream.write(json_text({**row.values, **more}) + "\n")
     return []

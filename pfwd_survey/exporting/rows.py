@@ -10,17 +10,24 @@ from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
-from pfwd_survey.files.survey_content import DropContent, PointContent, Result, SurveyContent
+from pfwd_survey.files.survey_content import DropContent, PointContent, SurveyContent
+from pfwd_survey.inverting.results import DropResult
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
 LONGEST_CELL = 4096
 """Characters; a note may be as long."""
 
+OF_THE_SURVEY = (
+    *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
+    "peak_load_n",
+)
+"""Columns that say what the survey says now, not what was known when the result was found."""
+
 SAME = 1e-9
 """Relative difference up to which two declared values are one."""
 
-Results = Mapping[tuple[str, int], Result]
+Results = Mapping[tuple[str, int], DropResult]
 """By title of the point and number of the drop within it."""
 
 
@@ -35,7 +42,7 @@ class Row:
     survey of many drops would fill the memory."""
     place: Place | None
     peaks: Peaks | None
-    result: Result | None
+    result: DropResult | None
     """None: there is none."""
     values: Mapping[str, Any]
     """By the names of ``COLUMNS``; None: not known."""
@@ -65,7 +72,7 @@ def _row(
     content: SurveyContent, point: PointContent, drop: DropContent, inverted: Results | None
 ) -> Row:
     record, fault = None, None
-    result: Result | None = None
+    result: DropResult | None = None
     try:
         record = drop.read_alone()
     except RecordingError as err:
@@ -75,7 +82,8 @@ def _row(
             result = inverted.get((point.title, drop.drop))
         elif record is not None:
             # Nothing is written over: what was found last counts.
-            result = next(iter(drop.read_results()[::-1]), None)
+            stored = next(iter(drop.read_results()[::-1]), None)
+            result = None if stored is None else DropResult.from_json(stored)
     except RecordingError as err:
         fault = f"damaged: {err}"
     place = place_of(point, drop, record)
@@ -124,13 +132,14 @@ def _facts(
     }
 
 
-def _result(result: Result, point: PointContent, record: DropRecord | None) -> dict[str, Any]:
+def _result(result: DropResult, point: PointContent, record: DropRecord | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
     found: dict[str, Any] = {}
+    said = result.to_json()
     for column in COLUMNS:
-        if column.name not in result:
+        if column.name not in said:
             continue
-        value = result[column.name]
+        value = said[column.name]
         match column.kind:
             case "number":
                 found[column.name] = number(value)
@@ -142,15 +151,19 @@ def _result(result: Result, point: PointContent, record: DropRecord | None) -> d
                 found[column.name] = _text(value)
             case "texts":
                 found[column.name] = _texts(value)
-    for name in ("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"):
-        found.pop(name, None)  # of the survey as it is now, not as it was then
-    for key, unit in (("modulus_interval", "pa"), ("bedrock_depth_interval", "m")):
-        low, high = _pair(result.get(f"{key}_{unit}"))
+    for name in OF_THE_SURVEY:
+        found.pop(name, None)
+    for key, unit, ends in (
+        ("modulus_interval", "pa", result.modulus_interval_pa),
+        ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),
+    ):
+        low, high = (None, None) if ends is None else map(number, ends)
         found[f"{key}_low_{unit}"], found[f"{key}_high_{unit}"] = low, high
-    half_sine = result.get("half_sine")
-    if isinstance(half_sine, Mapping):
-        for key in ("peak_pressure_pa", "duration_s", "rms_over_peak"):
-            found[f"half_sine_{key}"] = number(half_sine.get(key))
+    pulse = result.half_sine
+    if pulse is not None:
+        found["half_sine_peak_pressure_pa"] = number(pulse.peak_pressure_pa)
+        found["half_sine_duration_s"] = number(pulse.duration_s)
+        found["half_sine_rms_over_peak"] = number(pulse.rms_over_peak)
     warnings = found.get("warnings") or []
     warnings += _stale(result, point, record)
     missing = missing_parts(result)
@@ -161,23 +174,23 @@ def _result(result: Result, point: PointContent, record: DropRecord | None) -> d
     return found
 
 
-def missing_parts(result: Result) -> list[str]:
+def missing_parts(result: DropResult) -> list[str]:
     """What a modulus must not be shown without, and this result does not have."""
-    uncertain = (
-        number(result.get("modulus_sd_pa")) is not None
-        or _pair(result.get("modulus_interval_pa"))[0] is not None
+    interval = result.modulus_interval_pa
+    uncertain = number(result.modulus_sd_pa) is not None or (
+        interval is not None and number(interval[0]) is not None
     )
     parts = {
         "an uncertainty": uncertain,
-        "its model": isinstance(result.get("model"), str),
-        "the plate radius": number(result.get("plate_radius_m")) is not None,
-        "Poisson's ratio": number(result.get("poisson_ratio")) is not None,
-        "its warnings": isinstance(result.get("warnings"), list),
+        "its model": result.model is not None,
+        "the plate radius": number(result.plate_radius_m) is not None,
+        "Poisson's ratio": number(result.poisson_ratio) is not None,
+        "its warnings": result.warnings is not None,
     }
     return [name for name, there in parts.items() if not there]
 
 
-def _stale(result: Result, point: PointContent, record: DropRecord | None) -> list[str]:
+def _stale(result: DropResult, point: PointContent, record: DropRecord | None) -> list[str]:
     """What has been declared otherwise since the result was made."""
     now = {**(record.declared if record else {})}
     for edit in point.edits:
@@ -185,19 +198,14 @@ def _stale(result: Result, point: PointContent, record: DropRecord | None) -> li
         if edit.get("what") == "declared" and isinstance(value, Mapping):
             now |= value
     found = []
-    for key in ("plate_radius_m", "poisson_ratio"):
-        then, declared = number(result.get(key)), number(now.get(key))
+    used = {"plate_radius_m": result.plate_radius_m, "poisson_ratio": result.poisson_ratio}
+    for key, value_then in used.items():
+        then, declared = number(value_then), number(now.get(key))
         if then is None or declared is None:
             continue
         if abs(then - declared) > SAME * abs(declared):
             found.append(f"{key} was {then:g} for this result, {declared:g} is declared by now")
     return found
-
-
-def _pair(value: object) -> tuple[float | None, float | None]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        return None, None
-    return number(value[0]), number(value[1])
 
 
 def _text(value: object) -> str | None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import signal
 from collections.abc import Collection, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,10 +29,10 @@ from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.inverting.screening.missing import whole_part
-from pfwd_survey.spawning import spawn_context
+from pfwd_survey.spawning import worker_pool
 
 ASSUMED_POISSON_RATIO = 0.35
 """Where none is declared: the usual value of subgrades; said so in every result."""
@@ -170,13 +168,13 @@ def load_surrogate(
 
 def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
     """Results of one file or survey; a refused one comes back with the reason."""
-    results: list[dict[str, Any]] = []
+    results: list[DropResult] = []
     inversions: list[InversionResult | None] = []
     try:
         for point in _read(path, options):
-            for one in analyse_point(point, options, library):
-                results.append(result_record(path, one, point.warnings, point.setup.point))
-                inversions.append(one.result)
+            for analysis in analyse_point(point, options, library):
+                results.append(drop_result(path, analysis, point.warnings, point.setup.point))
+                inversions.append(analysis.result)
     except (SurveyError, InversionError) as error:
         return FileOutcome(path, error=str(error))
     return FileOutcome(path, results=results, inversions=inversions)
@@ -222,15 +220,8 @@ def analyse_files(
     # Built here once, so that the workers find them in the cache instead of each building them.
     for path in paths:
         _build_surrogate_of(path, options, library)
-    # Spawned on every platform alike: a forked copy of a threaded process may hang.
-    with ProcessPoolExecutor(
-        min(jobs, len(paths)), spawn_context(), initializer=_leave_interrupts_to_the_parent
-    ) as pool:
+    with worker_pool(min(jobs, len(paths))) as pool:
         yield from pool.map(partial(_analyse_in_worker, options=options), paths)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _worker_library: SurrogateLibrary | None = None

@@ -1,7 +1,7 @@
 """What a measuring procedure has to know of a drop, from its record and its result."""
 
+import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import CENTRE, Screening
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
@@ -30,7 +31,7 @@ def point_drop(
     drop: Drop,
     setup: Setup,
     screening: Screening,
-    result: Mapping[str, Any] | None = None,
+    result: DropResult | None = None,
     discarded: str | None = None,
 ) -> PointDrop:
     """A drop as a procedure sees it.
@@ -42,8 +43,7 @@ def point_drop(
         Its declared geophone response is taken out of the peak: uncorrected, a geophone of 4.5 Hz
         lowers the peak of a 17 ms pulse by 18 %.
     screening : Screening
-    result : mapping, optional
-        With the keys of ``pfwd invert --json``.
+    result : DropResult, optional
     discarded : str, optional
         Why a person discarded it; "" without a reason, None: nobody did.
 
@@ -64,12 +64,17 @@ def point_drop(
     centre = [one for one in whole.channels if one.offset < CENTRE]
     if centre and duration:
         facts |= _deflection(whole, centre[0], setup, start, duration)
-    if result is not None and result.get("modulus_pa") is not None:
-        facts["modulus"] = float(result["modulus_pa"])
-        interval = result.get("modulus_interval_pa")
-        if isinstance(interval, list | tuple) and len(interval) == 2 and None not in interval:
-            facts["modulus_interval"] = (float(interval[0]), float(interval[1]))
-    return PointDrop(drop.number, kind, reason=discarded or None, **facts)
+    found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
+    return found if result is None else with_modulus(found, result)
+
+
+def with_modulus(facts: PointDrop, result: DropResult) -> PointDrop:
+    """The same drop with the modulus of a result, where that has one."""
+    if result.modulus_pa is None:
+        return facts
+    return dataclasses.replace(
+        facts, modulus=result.modulus_pa, modulus_interval=result.modulus_interval_pa
+    )
 
 
 def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:

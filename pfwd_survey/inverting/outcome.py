@@ -1,7 +1,9 @@
 """What the analysis of one file hands back."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pfwd_survey.inverting.results import DropResult
 
 if TYPE_CHECKING:
     # Only for the annotation: a file can be refused without loading the inversion.
@@ -16,7 +18,7 @@ class FileOutcome:
     """The file, as the caller named it."""
     error: str | None = None
     """Why the file was refused, on one line; None when it was not."""
-    results: list[dict[str, Any]] = field(default_factory=list)
-    """One record a drop, with the keys of ``pfwd invert --json``, SI units."""
+    results: list[DropResult] = field(default_factory=list)
+    """One a drop."""
     inversions: list["InversionResult | None"] = field(default_factory=list, repr=False)
     """The inversion of each drop with its histories, for plots; None for a rejected drop."""

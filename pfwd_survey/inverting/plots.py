@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.matplotlib_start import start_matplotlib
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
     return target
 
 
-def _write_pages(shown: Sequence[tuple[dict[str, Any], InversionResult]], target: Path) -> None:
+def _write_pages(shown: Sequence[tuple[DropResult, InversionResult]], target: Path) -> None:
     start_matplotlib()
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -65,7 +66,7 @@ def _write_pages(shown: Sequence[tuple[dict[str, Any], InversionResult]], target
             pages.savefig(_figure([item]))
 
 
-def _figure(shown: Sequence[tuple[dict[str, Any], InversionResult]]) -> Figure:
+def _figure(shown: Sequence[tuple[DropResult, InversionResult]]) -> Figure:
     # Without pyplot: no window system is asked for, and figures go when they are dropped.
     start_matplotlib()
     from matplotlib.figure import Figure
@@ -79,7 +80,7 @@ def _figure(shown: Sequence[tuple[dict[str, Any], InversionResult]]) -> Figure:
     return figure
 
 
-def _draw(axes: Any, record: dict[str, Any], result: InversionResult) -> None:
+def _draw(axes: Any, record: DropResult, result: InversionResult) -> None:
     history = result.history
     time = 1e3 * history.time
     load, deflection, residual = axes
@@ -121,13 +122,13 @@ def _draw(axes: Any, record: dict[str, Any], result: InversionResult) -> None:
     load.set_title(_title(record, result), fontsize=8, parse_math=False)
 
 
-def _title(record: dict[str, Any], result: InversionResult) -> str:
+def _title(record: DropResult, result: InversionResult) -> str:
     ground = result.subgrade
     low, high = (1e-6 * value for value in result.modulus_interval)
     depth = ground.bedrock_depth.value
-    base = "half-space" if record["model"] == "half-space" else f"bedrock {depth:.3g} m"
+    base = "half-space" if record.model == "half-space" else f"bedrock {depth:.3g} m"
     return (
-        f"{Path(record['file']).name}, drop {record['drop']}\n"
+        f"{Path(record.file or '').name}, drop {record.drop}\n"
         f"E {1e-6 * ground.modulus.value:.4g} MPa, 95 % {low:.4g} to {high:.4g}; {base}; "
         f"η {1e-3 * ground.viscosity.value:.3g} kPa s\n"
         f"{result.plate} plate {result.plate_radius:g} m, ν {result.poisson_ratio:g}; residual "

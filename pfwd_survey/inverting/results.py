@@ -1,58 +1,22 @@
-"""The machine-readable record of one analysed drop, without loading what analysed it."""
+"""The result of one drop, without loading what found it."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pfwd_device import Drop
-from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.screening.drops import Screening, Status
+from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.screening.signals import remove_offset
+from pfwd_survey.inverting.stored import Interval, StoredRecord
 
 if TYPE_CHECKING:
     # Only for annotations: a logger shows results without loading the inversion.
     from inversion import InversionResult
-
-# Keys of a result that has no analysis, in the order they are printed.
-_EMPTY: dict[str, Any] = dict.fromkeys(
-    (
-        "method",
-        "model",
-        "modulus_pa",
-        "modulus_sd_pa",
-        "viscosity_pa_s",
-        "viscosity_sd_pa_s",
-        "density_kg_m3",
-        "density_sd_kg_m3",
-        "bedrock_depth_m",
-        "bedrock_depth_sd_m",
-        "modulus_interval_pa",
-        "bedrock_depth_interval_m",
-        "modulus_depth_correlation",
-        "poisson_ratio",
-        "plate_radius_m",
-        "plate",
-        "load",
-        "half_sine",
-        "half_sine_equal_area",
-        "peak_modulus_pa",
-        "peak_factor",
-        "r_squared",
-        "noise_rms_m",
-        "residual_rms_over_peak",
-        "contact_residual_rms_over_peak",
-        "contact_end_s",
-        "window_end_s",
-        "explained",
-        "converged",
-        "at_bound",
-        "forward_solves",
-        "elapsed_s",
-        "seed",
-    )
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,52 +32,174 @@ class DropAnalysis:
     fault: str | None = None
 
 
-def result_record(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HalfSinePulse(StoredRecord):
+    """A half-sine that stands for the load."""
+
+    peak_pressure_pa: float | None = None
+    """Over the plate, Pa."""
+    duration_s: float | None = None
+    rms_over_peak: float | None = None
+    """How far the load is from it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DropResult(StoredRecord):
+    """What is known of one drop: the keys of ``pfwd invert --json``, in their order.
+
+    None: not known, or not in the model. A deviation that is None while its value is not: the value
+    was given, not fitted.
+    """
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"point", "reason", "refit"})
+
+    file: str | None = None
+    """That the drop is from."""
+    point: str | int | float | None = None
+    """Name of its test point."""
+    drop: int | None = None
+    """Number within the point."""
+    status: Status | None = None
+    reason: str | None = None
+    """Why it was rejected."""
+    method: str | None = None
+    """That ran: mpga, least-squares or published."""
+    model: str | None = None
+    """layer (on rock) or half-space."""
+    modulus_pa: float | None = None
+    """Young's modulus of the ground, Pa."""
+    modulus_sd_pa: float | None = None
+    """Its standard deviation from the noise, Pa."""
+    viscosity_pa_s: float | None = None
+    viscosity_sd_pa_s: float | None = None
+    density_kg_m3: float | None = None
+    density_sd_kg_m3: float | None = None
+    bedrock_depth_m: float | None = None
+    bedrock_depth_sd_m: float | None = None
+    modulus_interval_pa: Interval | None = None
+    """95 %, the model's own error included, Pa."""
+    bedrock_depth_interval_m: Interval | None = None
+    """95 %, m."""
+    modulus_depth_correlation: float | None = None
+    """Of the two as fitted, -1 to 1."""
+    poisson_ratio: float | None = None
+    """Of the ground; given."""
+    plate_radius_m: float | None = None
+    plate: str | None = None
+    """How the plate presses: rigid-rough, rigid-smooth or published."""
+    load: str | None = None
+    """What the model was loaded with: measured, or half-sine and how it was read."""
+    peak_load_n: float | None = None
+    """Of the measured load, less its offset, N; None in results of earlier versions."""
+    half_sine: HalfSinePulse | None = None
+    """By least squares."""
+    half_sine_equal_area: HalfSinePulse | None = None
+    """With the measured peak and area."""
+    peak_modulus_pa: float | None = None
+    """Of the peak method, for comparison, Pa."""
+    peak_factor: float | None = None
+    """Shape factor of the peak method."""
+    r_squared: float | None = None
+    noise_rms_m: float | None = None
+    """Noise, quantisation or the model's error, the largest, m."""
+    residual_rms_over_peak: float | None = None
+    """From the trigger to the end of the record."""
+    contact_residual_rms_over_peak: float | None = None
+    """To the end of the contact."""
+    contact_end_s: float | None = None
+    """The load has gone, s after the trigger."""
+    window_end_s: float | None = None
+    """Last sample of the fit, s after the trigger."""
+    explained: bool | None = None
+    """Whether the residual is within the noise."""
+    converged: bool | None = None
+    at_bound: tuple[str, ...] | None = None
+    """Names of the parameters that stopped at a bound."""
+    forward_solves: int | None = None
+    elapsed_s: float | None = None
+    """Of the analysis, without the start of the program, s."""
+    seed: int | None = None
+    """Of the search."""
+    warnings: tuple[str, ...] | None = None
+    """What should be known of the result; None: the record does not say."""
+    refit: str | None = None
+    """Settings of a trial that somebody made; the result before it counts. None: no trial."""
+
+    @property
+    def is_trial(self) -> bool:
+        """Whether somebody made it with other settings, so that it does not count."""
+        return self.refit is not None or "refit" in self.more
+
+    @property
+    def half_sine_load_n(self) -> float | None:
+        """Peak of the half-sine, N."""
+        pressure = None if self.half_sine is None else self.half_sine.peak_pressure_pa
+        if pressure is None or self.plate_radius_m is None:
+            return None
+        return pressure * math.pi * self.plate_radius_m**2
+
+    @property
+    def known_peak_load_n(self) -> float | None:
+        """Peak of the measured load, N; what its half-sine says where that was not kept."""
+        return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
+
+
+def drop_result(
     path: str | os.PathLike[str],
-    one: DropAnalysis,
+    analysis: DropAnalysis,
     point_warnings: Sequence[str] = (),
-    point: object = None,
-) -> dict[str, Any]:
-    """One drop as the machine-readable record of ``pfwd invert --json`` (SI units).
+    point: Any = None,
+) -> DropResult:
+    """The result of one drop, with the keys of ``pfwd invert --json``.
 
     Parameters
     ----------
     path : of the file that the drop is from
-    one : DropAnalysis
+    analysis : DropAnalysis
     point_warnings : sequence of str
         What should be known of the point as a whole.
     point : optional
         Its name, where it has one.
     """
-    status, reason = one.screening.status, one.screening.reason
-    if one.fault is not None:
-        status, reason = "rejected", one.fault
-    record: dict[str, Any] = {
-        "file": os.fspath(path),
-        **({} if point is None else {"point": point}),
-        "drop": one.drop.number,
-        "status": status,
-        **({"reason": reason} if status == "rejected" else {}),
-        **_EMPTY,
-    }
-    warnings = [*point_warnings, *one.screening.warnings]
-    if one.result is not None:
-        record |= _analysis_record(one.result)
-        warnings += one.result.warnings
-    record["warnings"] = warnings
-    return record
+    status, reason = analysis.screening.status, analysis.screening.reason
+    if analysis.fault is not None:
+        status, reason = "rejected", analysis.fault
+    warnings = [*point_warnings, *analysis.screening.warnings]
+    found: dict[str, Any] = {}
+    if analysis.result is not None:
+        found = _found(analysis.result)
+        warnings += analysis.result.warnings
+    return DropResult(
+        file=os.fspath(path),
+        point=point,
+        drop=analysis.drop.number,
+        status=status,
+        reason=reason if status == "rejected" else None,
+        peak_load_n=_peak_load(analysis.drop),
+        warnings=tuple(warnings),
+        **found,
+    )
 
 
-def _analysis_record(result: InversionResult) -> Mapping[str, Any]:
+def _peak_load(drop: Drop) -> float | None:
+    """Of the load less its offset, N; None where samples around the trigger are missing."""
+    whole, missing, _ = whole_part(drop)
+    if missing is not None or not whole.load.size:
+        return None
+    peak = float(remove_offset(whole.time, whole.load).max())
+    return peak if math.isfinite(peak) else None
+
+
+def _found(result: InversionResult) -> dict[str, Any]:
     ground = result.subgrade
     area = math.pi * result.plate_radius**2
 
-    def half_sine(fit: Any) -> dict[str, float]:
-        return {
-            "peak_pressure_pa": fit.peak_load / area,
-            "duration_s": fit.duration,
-            "rms_over_peak": fit.rms_over_peak,
-        }
+    def pulse(fit: Any) -> HalfSinePulse:
+        return HalfSinePulse(
+            peak_pressure_pa=fit.peak_load / area,
+            duration_s=fit.duration,
+            rms_over_peak=fit.rms_over_peak,
+        )
 
     return {
         "method": result.method,
@@ -126,15 +212,15 @@ def _analysis_record(result: InversionResult) -> Mapping[str, Any]:
         "density_sd_kg_m3": ground.density.deviation,
         "bedrock_depth_m": _finite(ground.bedrock_depth.value),
         "bedrock_depth_sd_m": ground.bedrock_depth.deviation,
-        "modulus_interval_pa": list(result.modulus_interval),
-        "bedrock_depth_interval_m": result.depth_interval and list(result.depth_interval),
+        "modulus_interval_pa": result.modulus_interval,
+        "bedrock_depth_interval_m": result.depth_interval,
         "modulus_depth_correlation": result.modulus_depth_correlation,
         "poisson_ratio": result.poisson_ratio,
         "plate_radius_m": result.plate_radius,
         "plate": result.plate,
         "load": result.load,
-        "half_sine": half_sine(result.half_sine),
-        "half_sine_equal_area": half_sine(result.half_sine_equal_area),
+        "half_sine": pulse(result.half_sine),
+        "half_sine_equal_area": pulse(result.half_sine_equal_area),
         "peak_modulus_pa": result.peak.modulus,
         "peak_factor": result.peak.factor,
         "r_squared": result.r_squared,
@@ -145,7 +231,7 @@ def _analysis_record(result: InversionResult) -> Mapping[str, Any]:
         "window_end_s": result.history.window_end,
         "explained": result.explained,
         "converged": result.converged,
-        "at_bound": list(result.at_bound),
+        "at_bound": result.at_bound,
         "forward_solves": result.forward_solves,
         "elapsed_s": result.elapsed,
         "seed": result.seed,

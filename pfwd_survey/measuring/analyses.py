@@ -3,9 +3,8 @@
 import contextlib
 import queue
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice, TableBuilding
@@ -51,7 +50,7 @@ class Analyses:
         self,
         options: AnalysisOptions,
         tell: Callable[[DropAnalysed | Notice | TableBuilding], None],
-        keep_result: Callable[[int, Mapping[str, Any]], object],
+        keep_result: Callable[[int, DropResult], object],
     ) -> None:
         self._options = options
         self._tell = tell
@@ -143,6 +142,6 @@ class Analyses:
         self._tell(DropAnalysed(one, delay, result, answer.curves, full, asked.final))
 
 
-def _failed(one: HandedOn, fault: str) -> dict[str, Any]:
+def _failed(one: HandedOn, fault: str) -> DropResult:
     """The result of a drop that could not be inverted, with all its keys."""
-    return result_record(one.file, DropAnalysis(one.drop, one.screening, None, fault))
+    return drop_result(one.file, DropAnalysis(one.drop, one.screening, None, fault))

@@ -15,6 +15,7 @@ from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter,
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next
 from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
 from pfwd_survey.measuring.events import HandedOn
@@ -22,10 +23,6 @@ from pfwd_survey.measuring.setup_file import setup_of
 
 LARGEST_RESULT = 1_000_000
 """Bytes; a result takes two thousand."""
-
-
-REFIT_KEY = "refit"
-"""In a result that somebody tried with other settings: which; the result before it counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +35,8 @@ class DropContents:
     """Number within the survey."""
     discarded: bool
     notes: tuple[str, ...]
-    result: Mapping[str, Any] | None
-    """The last one, with the keys of ``pfwd invert --json``; None: it has none."""
+    result: DropResult | None
+    """The last one that is no trial; None: it has none."""
     results: int
     """How many there are."""
 
@@ -103,32 +100,32 @@ def _drop(one: SurveyDrop) -> DropContents:
     )
 
 
-def _result_that_counts(one: SurveyDrop) -> dict[str, Any] | None:
+def _result_that_counts(one: SurveyDrop) -> DropResult | None:
     """The last one that is no trial with other settings."""
     for path in reversed(one.results):
         found = _read_result(path)
-        if found is not None and REFIT_KEY not in found:
+        if found is not None and not found.is_trial:
             return found
     return None
 
 
-def _read_result(path: Path) -> dict[str, Any] | None:
+def _read_result(path: Path) -> DropResult | None:
     """A result as it was saved; None where it is damaged: the drop can be inverted again."""
     try:
         with open(path, encoding="utf-8") as stream:
-            value = json.loads(stream.read(LARGEST_RESULT))
-    except (OSError, ValueError, RecursionError):
+            said = json.loads(stream.read(LARGEST_RESULT))
+        return DropResult.from_json(said, str(path))
+    except (OSError, ValueError, RecursionError, SurveyError):
         return None
-    return value if isinstance(value, dict) else None
 
 
-def stored_results(folder: str | os.PathLike[str], record: int) -> list[dict[str, Any]]:
+def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
     """All results of a drop, by its number within the survey, in the order they were saved."""
     one = _find(read_survey(folder), record)
     return [found for path in one.results if (found := _read_result(path)) is not None]
 
 
-def add_result(folder: str | os.PathLike[str], record: int, result: Mapping[str, Any]) -> None:
+def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
     """Keep another result of a drop of a survey that nobody writes now; the others stay.
 
     Raises
@@ -140,7 +137,7 @@ def add_result(folder: str | os.PathLike[str], record: int, result: Mapping[str,
     with SurveyWriter.open(
         folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
     ) as writer:
-        writer.save_result(record, result)
+        writer.save_result(record, result.to_json())
 
 
 def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
@@ -196,7 +193,6 @@ def _largest(values: Any) -> float:
 
 
 __all__ = [
-    "REFIT_KEY",
     "DropContents",
     "PointContents",
     "RecordingError",

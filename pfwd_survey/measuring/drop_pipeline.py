@@ -2,10 +2,9 @@
 
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from pfwd_device.drop import Drop
 from pfwd_device.recording.layout import Layout
@@ -15,6 +14,7 @@ from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
@@ -186,7 +186,7 @@ class DropPipeline:
         found = screen_point(TracePoint("", setup, earlier))
         return sum(one.status == "rejected" for one in found)
 
-    def _keep_result(self, record: int, result: Mapping[str, Any]) -> None:
+    def _keep_result(self, record: int, result: DropResult) -> None:
         if self.recorder is not None:
             self.recorder.keep_result(record, result)
 

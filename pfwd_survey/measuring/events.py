@@ -10,6 +10,7 @@ from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
 
@@ -151,8 +152,7 @@ class DropAnalysed:
     one: HandedOn
     delay: float | None
     """From the last sample of the drop to now, s; None: in a replay."""
-    result: Mapping[str, Any]
-    """With the keys of ``pfwd invert --json``."""
+    result: DropResult
     curves: Curves | None
     """For a display; None when the analysis failed."""
     full: bool

@@ -10,7 +10,7 @@ import datetime
 import math
 import queue
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from pfwd_device.recording.record import DropRecord, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
 from pfwd_survey.files.editing import Edit
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
@@ -158,7 +159,7 @@ class Session:
         self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
         self._tell(Edited(edit.what, edit.value, point, number))
 
-    def keep_result(self, number: int, result: Mapping[str, Any]) -> None:
+    def keep_result(self, number: int, result: DropResult) -> None:
         """Save another result of a drop, by its number within the survey; the others stay."""
         if self._recorder is not None:
             self._recorder.keep_result(number, result)

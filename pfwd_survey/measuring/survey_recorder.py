@@ -16,6 +16,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.events import (
     DropNotPublished,
     DropNotSaved,
@@ -190,10 +191,10 @@ class SurveyRecorder:
         """Save that something happened."""
         self._attempt(lambda: self.writer.note_event(kind, details), f"the event {kind}")
 
-    def keep_result(self, number: int, result: Mapping[str, Any]) -> Path | None:
+    def keep_result(self, number: int, result: DropResult) -> Path | None:
         """Save a result."""
         path: Path | None = self._attempt(
-            lambda: self.writer.save_result(number, result), "a result"
+            lambda: self.writer.save_result(number, result.to_json()), "a result"
         )
         return path
 

@@ -22,7 +22,7 @@ the headless logger, the report and a script use the same two calls::
     progress.verdict            # Verdict.PASS, FAIL, UNDECIDED or NONE, with verdict_reason
     progress.notes              # what the profile says but is not verified, hence not enforced
 
-`pfwd_survey.inverting.screening.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, its
+`pfwd_survey.inverting.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, its
 declared geophone response taken out of the peak. ``judge`` is called anew after every drop with all
 drops of the point; it keeps nothing. ``kind_of`` says which kind the next drop is when only the
 rejected ones are known. ``None`` in a field of `PointDrop` means: not known (yet); a check that

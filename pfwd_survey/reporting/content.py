@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import PointDrop, PointProgress, Procedure, Quantity
 
@@ -29,8 +31,8 @@ class ReportDrop:
     """Within the survey."""
     facts: PointDrop
     """As the procedure sees it."""
-    result: Mapping[str, Any] | None
-    """With the keys of ``pfwd invert --json``; None for a rejected or discarded drop."""
+    result: DropResult | None
+    """None for a rejected or discarded drop."""
     stored: bool
     """Whether the result was kept with the survey; otherwise it was found for this report."""
     curves: Curves | None
@@ -58,8 +60,8 @@ class ReportPoint:
     """latitude, longitude in degrees, and how it is known; None: not known."""
     notes: tuple[str, ...]
     discarded: bool
-    diagnosis: Mapping[str, Any] | None
-    """With the keys of ``pfwd diagnose --json``; None: not asked for, or none."""
+    diagnosis: DiagnosisResult | None
+    """None: not asked for, or none."""
     warnings: tuple[str, ...]
     """Of the point as a whole."""
 

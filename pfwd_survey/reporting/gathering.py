@@ -19,9 +19,9 @@ from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.survey_content import read_result
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
+from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import result_record
-from pfwd_survey.inverting.screening.drop_facts import point_drop
+from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.procedures import (
     Procedure,
@@ -282,8 +282,8 @@ class _Gatherer:
                 analysis = analyse_drop(
                     record.drop, setup, screening, self._analysis, self._library
                 )
-                result = result_record(str(one.file or self._survey.folder), analysis)
-            warnings += [text for text in result.get("warnings") or () if text not in warnings]
+                result = drop_result(str(one.file or self._survey.folder), analysis)
+            warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
         if result is not None:
             curves = curves_of(record.drop, setup, screening, result, self._library)
@@ -322,15 +322,15 @@ def _reason(drop: SurveyDrop) -> str:
     return str(said[-1]) if said and said[-1] else ""
 
 
-def _stored(drop: SurveyDrop) -> dict[str, Any] | None:
+def _stored(drop: SurveyDrop) -> DropResult | None:
     """The last result that was kept with a drop."""
     for path in reversed(drop.results):
         try:
-            result = read_result(path)
-        except RecordingError:
+            result = DropResult.from_json(read_result(path), str(path))
+        except (RecordingError, SurveyError):
             continue  # an older one, or a new fit, does as well
         if is_sound(result):
-            return dict(result)
+            return result
     return None
 
 
@@ -392,7 +392,7 @@ def _diagnosed(folder: str, points: list[ReportPoint], tell: Progress) -> list[R
     for one in diagnose_files([folder]):
         if one.error is not None:
             tell(f"diagnosis: {one.error}")
-        records.append(one.record)
+        records.append(one.result)
     if len(records) != len(kept):
         tell("diagnosis: its points are not those of the report; it is left out")
         return points

@@ -6,6 +6,8 @@ from functools import partial
 from typing import Any
 
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO
+from pfwd_survey.inverting.diagnosis.result import EffectResult
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import Quantity
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import (
@@ -27,6 +29,8 @@ from pfwd_survey.reporting.point_facts import (
     verdict_of,
 )
 from pfwd_survey.reporting.texts import Texts
+
+_NO_RESULT = DropResult()
 
 MOST_TRACES = 6
 """Drops in one picture of traces: the averaged ones, then the last before them."""
@@ -165,7 +169,7 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
     kinds = dict(point.progress.kinds)
     rows = []
     for drop in point.drops:
-        facts, result = drop.facts, drop.result or {}
+        facts, result = drop.facts, drop.result or _NO_RESULT
         kind = str(kinds.get(drop.number, facts.kind))
         rows.append(
             (
@@ -175,24 +179,25 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
                 shown.scaled(facts.peak_deflection, 1e6, ""),
                 shown.scaled(facts.pulse_duration, 1e3, ""),
                 shown.modulus_of(drop.result, texts, unit=""),
-                _with_given(result, "viscosity", "pa_s", 1e-3),
-                _with_given(result, "density", "kg_m3", 1.0),
-                _with_given(result, "bedrock_depth", "m", 1.0),
-                shown.scaled(result.get("residual_rms_over_peak"), 1e2, "", 2),
-                shown.scaled(result.get("peak_modulus_pa"), 1e-6, ""),
+                shown.with_deviation(result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, ""),
+                shown.with_deviation(result.density_kg_m3, result.density_sd_kg_m3, 1.0, ""),
+                shown.with_deviation(result.bedrock_depth_m, result.bedrock_depth_sd_m, 1.0, ""),
+                shown.scaled(result.residual_rms_over_peak, 1e2, "", 2),
+                shown.scaled(result.peak_modulus_pa, 1e-6, ""),
             )
         )
     columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS)
     table = Table(columns, tuple(rows), (0, *range(2, len(columns))))
     basis: dict[str, list[str]] = {}
     for drop in point.drops:
-        if drop.result is not None and drop.result.get("modulus_pa") is not None:
+        found = drop.result
+        if found is not None and found.modulus_pa is not None:
             where = texts["stored" if drop.stored else "fitted"]
             text = (
-                f"{shown.basis_of({**drop.result, 'bedrock_depth_m': None})}; "
-                f"{drop.result.get('method')}, {texts['load']}: {drop.result.get('load')}; "
-                f"{texts['seed']} {drop.result.get('seed')}; {where}; "
-                f"{texts['peak_method']}: k = {drop.result.get('peak_factor') or math.nan:.4g}, "
+                f"{shown.basis_of(found, with_depth=False)}; "
+                f"{found.method}, {texts['load']}: {found.load}; "
+                f"{texts['seed']} {found.seed}; {where}; "
+                f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}, "
                 f"{texts['peak_note']}"
             )
             basis.setdefault(text, []).append(str(drop.number))
@@ -204,34 +209,19 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
     ]
 
 
-def _with_given(result: Mapping[str, Any], name: str, unit: str, scale: float) -> str:
-    return shown.with_deviation(
-        result.get(f"{name}_{unit}"), result.get(f"{name}_sd_{unit}"), scale, ""
-    )
-
-
 def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
-    record = point.diagnosis
-    if record is None:
+    found = point.diagnosis
+    if found is None:
         return [Paragraph(texts["no_diagnosis"], "note")]
-    verdict = str(record.get("verdict"))
+    verdict = str(found.verdict)
     known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
     blocks: list[Block] = [Paragraph(texts[f"verdict_{verdict}"] if known else verdict)]
     rows = []
-    for when in ("before", "after"):
-        state = record.get(when)
-        if isinstance(state, Mapping):
-            modulus = shown.with_deviation(
-                state.get("modulus_pa"), state.get("modulus_sd_pa"), 1e-6, "MPa"
-            )
-            rows.append(
-                (
-                    texts[when],
-                    modulus,
-                    str(state.get("model")),
-                    shown.percent(state.get("residual_rms_over_peak")),
-                )
-            )
+    for when, state in (("before", found.before), ("after", found.after)):
+        if state is not None:
+            modulus = shown.with_deviation(state.modulus_pa, state.modulus_sd_pa, 1e-6, "MPa")
+            residual = shown.percent(state.residual_rms_over_peak)
+            rows.append((texts[when], modulus, str(state.model), residual))
     if rows:
         columns = ("", f"{texts['modulus']} ± s", texts["model"], texts["residual"])
         blocks.append(Table(columns, tuple(rows), (1, 3)))
@@ -239,17 +229,15 @@ def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
         ratio = ASSUMED_POISSON_RATIO if ratio is None else ratio
         basis = f"rigid-rough {point.setup.plate_radius:g} m, ν {ratio:g}"
         blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
-    effects = [_effect(effect) for effect in record.get("effects") or ()]
+    effects = [_effect(effect) for effect in found.effects or ()]
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
-    warnings = tuple(map(str, record.get("warnings") or ()))
+    warnings = found.warnings or ()
     return [*blocks, Listing(warnings, "warning")] if warnings else blocks
 
 
-def _effect(effect: Mapping[str, Any]) -> str:
-    value = shown.with_deviation(
-        effect.get("value"), effect.get("sd"), 1.0, str(effect.get("unit") or "")
-    )
-    text = f"{str(effect.get('name')).replace('_', ' ')}: {value}"
-    others = ", ".join(str(one).replace("_", " ") for one in effect.get("alternatives") or ())
+def _effect(effect: EffectResult) -> str:
+    value = shown.with_deviation(effect.value, effect.sd, 1.0, effect.unit or "")
+    text = f"{str(effect.name).replace('_', ' ')}: {value}"
+    others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
     return text + (f" (or: {others})" if others else "")

@@ -1,8 +1,6 @@
 """What several parts of a report say of a point."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import Verdict, judge
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.content import NO_PROCEDURE, ReportDrop, ReportPoint
@@ -19,10 +17,10 @@ def used_drops(point: ReportPoint) -> list[ReportDrop]:
     return [drop for drop in point.drops if drop.number in point.progress.used]
 
 
-def first_result(point: ReportPoint) -> Mapping[str, Any] | None:
+def first_result(point: ReportPoint) -> DropResult | None:
     """The first result with a modulus, of an averaged drop where there is one."""
     for drop in (*used_drops(point), *point.drops):
-        if drop.result is not None and drop.result.get("modulus_pa") is not None:
+        if drop.result is not None and drop.result.modulus_pa is not None:
             return drop.result
     return None
 

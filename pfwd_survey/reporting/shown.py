@@ -1,9 +1,9 @@
 """Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import PointValue, Quantity
 from pfwd_survey.reporting.texts import Texts
 
@@ -69,26 +69,28 @@ def with_deviation(value: Any, deviation: Any, scale: float, unit: str) -> str:
     return f"{shown:.{decimals}f} ±{around} {unit}".rstrip()
 
 
-def modulus_of(result: Mapping[str, Any] | None, texts: Texts, unit: str = "MPa") -> str:
+def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> str:
     """The modulus of a result with its interval, MPa; the unit may stand above it."""
-    if result is None or not _is_finite(result.get("modulus_pa")):
-        return NOTHING if result is None else texts["no_result"]
-    interval = result.get("modulus_interval_pa")
-    ends = [end / 1e6 for end in interval] if interval and all(map(_is_finite, interval)) else None
-    return with_interval(result["modulus_pa"] / 1e6, ends, unit, texts)
-
-
-def basis_of(result: Mapping[str, Any] | None) -> str:
-    """What a modulus rests on: model, plate and Poisson's ratio."""
-    if result is None or result.get("model") is None:
+    if result is None:
         return NOTHING
-    depth, known = result.get("bedrock_depth_m"), result.get("bedrock_depth_sd_m")
-    model = str(result["model"])
-    if depth is not None:
-        model += f" {with_deviation(depth, known, 1.0, 'm')}"
+    if not _is_finite(result.modulus_pa):
+        return texts["no_result"]
+    interval = result.modulus_interval_pa
+    ends = None if interval is None else [end / 1e6 for end in interval]
+    return with_interval(result.modulus_pa / 1e6, ends, unit, texts)
+
+
+def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
+    """What a modulus rests on: model, plate and Poisson's ratio."""
+    if result is None or result.model is None:
+        return NOTHING
+    model = result.model
+    if with_depth and result.bedrock_depth_m is not None:
+        depth = with_deviation(result.bedrock_depth_m, result.bedrock_depth_sd_m, 1.0, "m")
+        model += f" {depth}"
     return (
-        f"{model}, {result.get('plate')} {_plain(result.get('plate_radius_m'))} m, "
-        f"ν {_plain(result.get('poisson_ratio'))}"
+        f"{model}, {result.plate} {_plain(result.plate_radius_m)} m, "
+        f"ν {_plain(result.poisson_ratio)}"
     )
 
 
@@ -147,5 +149,5 @@ def _plain(value: Any) -> str:
     return f"{value:g}" if _is_finite(value) else NOTHING
 
 
-def _is_finite(value: Any) -> bool:
+def _is_finite(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

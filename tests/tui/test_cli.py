@@ -8,6 +8,7 @@ import textwrap
 import time
 import types
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,14 @@ import pytest
 
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd_survey.inverting.results import DropResult
 from tui.cli import build_parser, main
 from tui.commands import bench
 from tui.commands.invert import options_from
 
 TOP = Path(__file__).resolve().parents[2]
-RESULT = {"file": "a.csv", "drop": 1, "status": "measured", "modulus_pa": 4e7, "r_squared": 0.99}
-REJECTED = {"file": "a.csv", "drop": 2, "status": "rejected", "reason": "no pulse", "warnings": []}
+RESULT = DropResult(file="a.csv", drop=1, status="measured", modulus_pa=4e7, r_squared=0.99)
+REJECTED = DropResult(file="a.csv", drop=2, status="rejected", reason="no pulse", warnings=())
 
 
 class FakeAnalysis(types.ModuleType):
@@ -162,13 +164,13 @@ def test_json_is_one_object_a_line_and_nothing_else(
 ) -> None:
     fake = analysis(
         monkeypatch,
-        FileOutcome("a.csv", None, [{**RESULT, "modulus_sd_pa": float("nan")}, REJECTED]),
+        FileOutcome("a.csv", None, [replace(RESULT, modulus_sd_pa=float("nan")), REJECTED]),
     )
     assert main(["invert", "a.csv", "--json", "--jobs", "2"]) == 0
     output = capsys.readouterr()
     assert [json.loads(line) for line in output.out.splitlines()] == [
-        {**RESULT, "modulus_sd_pa": None},
-        REJECTED,
+        RESULT.to_json(),
+        REJECTED.to_json(),
     ]
     assert output.err == ""
     assert fake.asked == (["a.csv"], AnalysisOptions(), 2)
@@ -248,12 +250,13 @@ def test_a_developer_may_see_the_traceback(monkeypatch: pytest.MonkeyPatch) -> N
 ENDLESS = textwrap.dedent("""
     import sys, time, types
     from pfwd_survey.inverting.outcome import FileOutcome
+    from pfwd_survey.inverting.results import DropResult
     from tui.cli import main
 
     def analyse_files(paths, options, jobs):
         try:
             while True:
-                yield FileOutcome("a.csv", None, [{"file": "a.csv", "drop": 1}])
+                yield FileOutcome("a.csv", None, [DropResult(file="a.csv", drop=1)])
                 time.sleep(0.02)
         finally:
             print("closed", file=sys.stderr)
@@ -272,7 +275,7 @@ def endless() -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-c", ENDLESS]
     with subprocess.Popen(command, cwd=TOP, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout is not None
-        assert json.loads(process.stdout.readline()) == {"file": "a.csv", "drop": 1}
+        assert json.loads(process.stdout.readline())["drop"] == 1
         yield process
         process.kill()
 

@@ -167,7 +167,7 @@ from pfwd_survey import AnalysisOptions, analyse_files
 if __name__ == "__main__":
     options = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
     for outcome in analyse_files(sys.argv[1:], options, jobs=2):
-        print(outcome.results[0]["modulus_pa"])
+        print(outcome.results[0].modulus_pa)
 """
 
 

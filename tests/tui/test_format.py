@@ -1,53 +1,58 @@
 """Results as text: units, deviations, what is given and what is missing, and hostile names."""
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pfwd_survey.inverting.results import DropResult
 from tui.format import result_lines
 
-RESULT: dict[str, Any] = {
-    "file": "point.csv",
-    "drop": 1,
-    "status": "measured",
-    "method": "mpga",
-    "model": "layer",
-    "modulus_pa": 35.123e6,
-    "modulus_sd_pa": 0.21e6,
-    "viscosity_pa_s": 20.1e3,
-    "viscosity_sd_pa_s": 412.0,
-    "density_kg_m3": 1993.2,
-    "density_sd_kg_m3": 12.3,
-    "bedrock_depth_m": 0.7021,
-    "bedrock_depth_sd_m": 0.0041,
-    "modulus_interval_pa": [34.2e6, 35.9e6],
-    "poisson_ratio": 0.35,
-    "plate_radius_m": 0.15,
-    "plate": "rigid-rough",
-    "load": "measured",
-    "half_sine": {"peak_pressure_pa": 137932.0, "duration_s": 0.0182, "rms_over_peak": 0.03},
-    "peak_modulus_pa": 38.2e6,
-    "peak_factor": 1.5708,
-    "r_squared": 0.99983,
-    "residual_rms_over_peak": 0.0041,
-    "contact_residual_rms_over_peak": 0.0032,
-    "converged": True,
-    "at_bound": [],
-    "seed": 0,
-    "warnings": ["plate_mass_kg is not declared: taken as 0"],
-}
-REJECTED = {
-    "file": "point.csv",
-    "drop": 3,
-    "status": "rejected",
-    "reason": "false trigger: peak load 1.1 kN, less than 1.5 kN",
-    "warnings": [],
-}
+RESULT = DropResult.from_json(
+    {
+        "file": "point.csv",
+        "drop": 1,
+        "status": "measured",
+        "method": "mpga",
+        "model": "layer",
+        "modulus_pa": 35.123e6,
+        "modulus_sd_pa": 0.21e6,
+        "viscosity_pa_s": 20.1e3,
+        "viscosity_sd_pa_s": 412.0,
+        "density_kg_m3": 1993.2,
+        "density_sd_kg_m3": 12.3,
+        "bedrock_depth_m": 0.7021,
+        "bedrock_depth_sd_m": 0.0041,
+        "modulus_interval_pa": [34.2e6, 35.9e6],
+        "poisson_ratio": 0.35,
+        "plate_radius_m": 0.15,
+        "plate": "rigid-rough",
+        "load": "measured",
+        "half_sine": {"peak_pressure_pa": 137932.0, "duration_s": 0.0182, "rms_over_peak": 0.03},
+        "peak_modulus_pa": 38.2e6,
+        "peak_factor": 1.5708,
+        "r_squared": 0.99983,
+        "residual_rms_over_peak": 0.0041,
+        "contact_residual_rms_over_peak": 0.0032,
+        "converged": True,
+        "at_bound": [],
+        "seed": 0,
+        "warnings": ["plate_mass_kg is not declared: taken as 0"],
+    }
+)
+REJECTED = DropResult.from_json(
+    {
+        "file": "point.csv",
+        "drop": 3,
+        "status": "rejected",
+        "reason": "false trigger: peak load 1.1 kN, less than 1.5 kN",
+        "warnings": [],
+    }
+)
 
 
 def test_a_point_is_shown_with_its_units() -> None:
-    second = {**RESULT, "drop": 2, "status": "seating", "modulus_pa": 30.0e6}
+    second = replace(RESULT, drop=2, status="seating", modulus_pa=30.0e6)
     assert result_lines([RESULT, second, REJECTED]) == [
         "point.csv",
         "  plate radius 0.150 m, rigid-rough; Poisson's ratio 0.350; peak-method factor 1.57",
@@ -63,9 +68,9 @@ def test_a_point_is_shown_with_its_units() -> None:
     ]
 
 
-def cell(result: dict[str, Any], column: str) -> str:
+def cell(result: DropResult, column: str) -> str:
     """The text under a column of the table of a single drop; columns are two blanks apart."""
-    lines = result_lines([{**result, "warnings": []}])
+    lines = result_lines([replace(result, warnings=())])
     head = next(index for index, line in enumerate(lines) if column in line)
     names, cells = (
         [part.strip() for part in lines[i].split("  ") if part] for i in (head, head + 1)
@@ -74,18 +79,18 @@ def cell(result: dict[str, Any], column: str) -> str:
 
 
 def test_a_given_value_has_no_deviation() -> None:
-    given = {**RESULT, "bedrock_depth_sd_m": None, "density_sd_kg_m3": None}
+    given = replace(RESULT, bedrock_depth_sd_m=None, density_sd_kg_m3=None)
     assert cell(given, "bedrock m") == "0.702 given"
     assert cell(given, "ρ kg/m³") == "1993 given"
 
 
 def test_a_modulus_without_deviation_is_not_called_given() -> None:
-    assert cell({**RESULT, "modulus_sd_pa": None}, "E MPa") == "35.1"
+    assert cell(replace(RESULT, modulus_sd_pa=None), "E MPa") == "35.1"
 
 
 @pytest.mark.parametrize("missing", [None, float("nan"), float("inf")])
 def test_what_is_not_in_the_model_is_a_dash(missing: float | None) -> None:
-    half_space = {**RESULT, "bedrock_depth_m": missing, "viscosity_pa_s": missing}
+    half_space = replace(RESULT, bedrock_depth_m=missing, viscosity_pa_s=missing)
     assert cell(half_space, "bedrock m") == "-"
     assert cell(half_space, "η kPa s") == "-"
 
@@ -101,22 +106,22 @@ def test_what_is_not_in_the_model_is_a_dash(missing: float | None) -> None:
     ],
 )
 def test_the_deviation_decides_the_digits(value: float, deviation: float, text: str) -> None:
-    assert cell({**RESULT, "modulus_pa": value, "modulus_sd_pa": deviation}, "E MPa") == text
+    assert cell(replace(RESULT, modulus_pa=value, modulus_sd_pa=deviation), "E MPa") == text
 
 
 def test_tables_fit_80_columns() -> None:
-    wide = {**RESULT, "modulus_pa": 135.1e6, "viscosity_pa_s": 120e3, "drop": 10}
+    wide = replace(RESULT, modulus_pa=135.1e6, viscosity_pa_s=120e3, drop=10)
     tables = [line for line in result_lines([RESULT, wide]) if "drop" in line or "±" in line]
     assert max(map(len, tables)) <= 80
 
 
 def test_a_failed_search_is_told() -> None:
-    failed = {**RESULT, "converged": False, "at_bound": ["density", "bedrock_depth"]}
+    failed = replace(RESULT, converged=False, at_bound=("density", "bedrock_depth"))
     assert "  drop 1: NOT CONVERGED; AT BOUND: density, bedrock_depth" in result_lines([failed])
 
 
 def test_drops_that_rest_on_other_settings_get_a_table_of_their_own() -> None:
-    other = {**RESULT, "drop": 2, "poisson_ratio": 0.25}
+    other = replace(RESULT, drop=2, poisson_ratio=0.25)
     text = "\n".join(result_lines([RESULT, other]))
     assert text.count("bedrock m") == 2
     assert "Poisson's ratio 0.350" in text
@@ -124,12 +129,12 @@ def test_drops_that_rest_on_other_settings_get_a_table_of_their_own() -> None:
 
 
 def test_files_follow_each_other() -> None:
-    lines = result_lines([RESULT, {**RESULT, "file": "other.csv"}])
+    lines = result_lines([RESULT, replace(RESULT, file="other.csv")])
     assert [line for line in lines if not line.startswith(" ")] == ["point.csv", "other.csv"]
 
 
 def test_a_result_with_next_to_nothing_is_shown_all_the_same() -> None:
-    lines = result_lines([{"file": "a.csv", "drop": 1, "status": "measured"}])
+    lines = result_lines([DropResult(file="a.csv", drop=1, status="measured")])
     assert "  plate radius - m, -; Poisson's ratio -; peak-method factor -" in lines
 
 
@@ -140,9 +145,9 @@ def test_nothing_printed_nothing_wrong() -> None:
 @pytest.mark.parametrize("hostile", ["\x1b[2J", "a\nb", "\x9b31m", "\u202egnp", "[/red]", "[bold]"])
 def test_text_from_a_file_can_not_steer_the_terminal(hostile: str) -> None:
     results = [
-        {**RESULT, "file": hostile, "model": hostile, "plate": hostile, "warnings": [hostile]},
-        {**REJECTED, "file": hostile, "reason": hostile},
-        {**RESULT, "file": hostile, "at_bound": [hostile], "drop": hostile, "status": hostile},
+        replace(RESULT, file=hostile, model=hostile, plate=hostile, warnings=(hostile,)),
+        replace(REJECTED, file=hostile, reason=hostile),
+        replace(RESULT, file=hostile, at_bound=(hostile,)),
     ]
     for line in result_lines(results):
         assert line.isprintable()

@@ -3,6 +3,7 @@
 import json
 import logging
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.measuring.events import (
     DropAnalysed,
@@ -40,7 +42,6 @@ RESULT = {
     "residual_rms_over_peak": 0.01,
     "explained": True,
     "at_bound": [],
-    "modulus_sd_pa": float("inf"),
 }
 
 
@@ -56,7 +57,8 @@ def one(make_drop: Callable[..., Drop]) -> Callable[..., HandedOn]:
 
 def analysed(one: HandedOn, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
     result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "least-squares"} | more
-    return DropAnalysed(one, 0.123, result, None, full, full)
+    found = replace(DropResult.from_json(result), modulus_sd_pa=float("inf"))
+    return DropAnalysed(one, 0.123, found, None, full, full)
 
 
 def test_two_lines_a_drop_for_machines_and_nothing_else(
@@ -157,16 +159,18 @@ def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_drop_on_one_line() -> None:
-    assert drop_line("A", 3, RESULT) == (
+    assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
         "A/3  E 40.0 MPa (39.0 to 41.0)  layer, rigid-rough plate 0.150 m, ν 0.350  7.07 kN  "
         "residual 1.00 %  least-squares"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
-    assert drop_line("A", 3, seating).endswith("seating  NOT EXPLAINED  AT BOUND viscosity")
-    assert drop_line("a\x1b[2J", 1, {"status": "rejected", "reason": "b\nc"}) == (
+    assert drop_line("A", 3, DropResult.from_json(seating)).endswith(
+        "seating  NOT EXPLAINED  AT BOUND viscosity"
+    )
+    assert drop_line("a\x1b[2J", 1, DropResult(status="rejected", reason="b\nc")) == (
         "a\ufffd[2J/1  rejected: b\ufffdc"
     )
-    assert drop_line("A", 1, {"status": "measured"}) == "A/1  measured"
+    assert drop_line("A", 1, DropResult(status="measured")) == "A/1  measured"
 
 
 @pytest.fixture

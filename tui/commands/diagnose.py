@@ -2,11 +2,10 @@
 
 import argparse
 import os
-from collections.abc import Mapping
-from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.diagnosis_lines import diagnosis_lines
 from tui.output import say
@@ -38,8 +37,8 @@ def run(args: argparse.Namespace) -> int:
     for one in found:
         if one.error is not None:
             say(one.error)
-        elif one.record is not None:
-            _show(one.record, as_json=args.json)
+        elif one.result is not None:
+            _show(one.result, as_json=args.json)
     if args.write_device:
         write_device_file(args.write_device, found, name)
         say(f"device effects written to {args.write_device}")
@@ -51,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if any(one.error for one in found) else 0
 
 
-def _show(record: Mapping[str, Any], *, as_json: bool) -> None:
-    lines = [json_text(record)] if as_json else diagnosis_lines(record)
+def _show(result: DiagnosisResult, *, as_json: bool) -> None:
+    lines = [json_text(result.to_json())] if as_json else diagnosis_lines(result)
     for line in lines:
         print(line, flush=True)

@@ -5,10 +5,9 @@ import contextlib
 import os
 
 from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
-from tui.format import result_lines
+from tui.format import printed_results
 from tui.output import say
 
 
@@ -78,6 +77,5 @@ def show(outcome: FileOutcome, *, as_json: bool) -> None:
     """Print the results of a file to standard output, and why it was refused to standard error."""
     if outcome.error is not None:
         say(outcome.error)
-    lines = map(json_text, outcome.results) if as_json else result_lines(outcome.results)
-    for line in lines:
+    for line in printed_results(outcome.results, as_json=as_json):
         print(line, flush=True)

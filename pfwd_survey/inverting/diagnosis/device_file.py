@@ -25,7 +25,7 @@ def device_of(diagnosed: Sequence[Diagnosed]) -> str | None:
     OptionError
         If they are of several.
     """
-    names = {str(one.record["device"]) for one in diagnosed if one.record and one.record["device"]}
+    names = {found.result.device for found in diagnosed if found.result and found.result.device}
     if len(names) > 1:
         raise OptionError(
             refusal("--write-device", "files of one device", f"of {', '.join(sorted(names))}")

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import signal
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 from inversion import InversionError, SurrogateLibrary
 from inversion.diagnosis import (
@@ -23,9 +20,10 @@ from inversion.diagnosis import (
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.entries import Entry, entries_of
-from pfwd_survey.inverting.diagnosis.record import diagnosis_record
+from pfwd_survey.inverting.diagnosis.record import diagnosis_result
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.spawning import spawn_context
+from pfwd_survey.spawning import worker_pool
 
 DeviceValues = dict[str, dict[str, float]]
 
@@ -35,8 +33,7 @@ class Diagnosed:
     """What came of one point, or why a file was refused."""
 
     file: str
-    record: Mapping[str, Any] | None = None
-    """With the keys of ``pfwd diagnose --json``."""
+    result: DiagnosisResult | None = None
     diagnosis: PointDiagnosis | None = None
     error: str | None = None
 
@@ -80,7 +77,7 @@ def diagnose_files(
         if isinstance(diagnosis, str):
             yield Diagnosed(one.file, error=f"{one.file}: {diagnosis}")
             continue
-        yield Diagnosed(one.file, diagnosis_record(one, diagnosis), diagnosis)
+        yield Diagnosed(one.file, diagnosis_result(one, diagnosis), diagnosis)
 
 
 def _diagnose_all(
@@ -99,14 +96,8 @@ def _diagnose_all(
             _diagnose(one, values, names, library)
             for one, values, names in zip(records, devices, first, strict=True)
         ]
-    with ProcessPoolExecutor(
-        min(jobs, len(records)), spawn_context(), initializer=_leave_interrupts
-    ) as pool:
+    with worker_pool(min(jobs, len(records))) as pool:
         return list(pool.map(_diagnose, records, devices, first))
-
-
-def _leave_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _diagnose(
@@ -184,9 +175,7 @@ def _left_out_errors(
     if jobs <= 1 or len(work) < 2:
         found = list(map(left_out_error, *columns))
     else:
-        with ProcessPoolExecutor(
-            min(jobs, len(work)), spawn_context(), initializer=_leave_interrupts
-        ) as pool:
+        with worker_pool(min(jobs, len(work))) as pool:
             found = list(pool.map(left_out_error, *columns))
     for index, error in zip(indices, found, strict=True):
         errors[index] = error

@@ -7,14 +7,14 @@ when the input ends, so does it: it never outlives the program that started it.
 
 import os
 import pickle
-import signal
 import struct
 import sys
 import traceback
 from typing import IO, TYPE_CHECKING, Any
 
+from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.files.header import setup_warnings
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, drop_result
 from pfwd_survey.inverting.worker.tasks import Building, Curves, Outcome, Task, Urgency
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _exactly(stream: IO[bytes], length: int) -> bytes:
 
 def main() -> None:
     """Answer until there is nothing more to come."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides when to end
+    ignore_interrupts()
     source = sys.stdin.buffer
     # Whatever a library prints must not come between the answers.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as target:
@@ -88,7 +88,7 @@ def outcome_of(task: Task, library: "SurrogateLibrary") -> Outcome:
             rehearse(task.drop, task.setup, task.options, library)
             return Outcome()
         found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
-        result = result_record(task.file, found, setup_warnings(task.setup))
+        result = drop_result(task.file, found, setup_warnings(task.setup))
         return Outcome(result, _curves_of(found))
     except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"

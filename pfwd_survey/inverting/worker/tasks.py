@@ -1,9 +1,7 @@
 """What the worker and its process say to each other."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +9,7 @@ from numpy.typing import NDArray
 from pfwd_device import Drop
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 
 
@@ -66,9 +65,8 @@ class Curves:
 class Outcome:
     """What the process says of a task."""
 
-    result: Mapping[str, Any] | None = None
-    """With the keys of ``pfwd invert --json``; None when it failed, and for a task that only
-    prepares."""
+    result: DropResult | None = None
+    """None when it failed, and for a task that only prepares."""
     curves: Curves | None = None
     """None when there is no result."""
     fault: str | None = None

@@ -7,17 +7,16 @@ who asks waits for a pipe. When the process dies, another one is given the task 
 
 import contextlib
 import itertools
-import os
 import subprocess
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pfwd_device import Drop
-from pfwd_device.child_python import python_command, python_environment
+from pfwd_device.child_python import start_child
 from pfwd_survey.files.header import Setup
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Building, Curves, Task, Urgency
 
@@ -33,7 +32,7 @@ class Answer:
     """What came of a task."""
 
     task: Task
-    result: Mapping[str, Any] | None = None
+    result: DropResult | None = None
     """As in `Outcome`, like the following."""
     curves: Curves | None = None
     fault: str | None = None
@@ -178,16 +177,7 @@ def _order(task: Task) -> tuple[int, int]:
 
 
 def _start() -> "subprocess.Popen[bytes]":
-    return subprocess.Popen(
-        python_command("-m", "pfwd_survey.inverting.worker.process"),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,  # it answers; a screen must not be written over
-        env=python_environment(),
-        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        # Ctrl+C is for who started it.
-        start_new_session=os.name == "posix",
-    )
+    return start_child("-m", "pfwd_survey.inverting.worker.process")
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

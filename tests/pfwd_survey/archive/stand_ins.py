@@ -10,6 +10,7 @@ from pfwd_survey.archive.sources import Source
 from pfwd_survey.archive.work import SourceOutcome, invert_batch
 from pfwd_survey.archive.workers import Batch
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
 
 
 class HereWorkers:
@@ -38,8 +39,8 @@ class QuickWorkers(HereWorkers):
         return [SourceOutcome(source, [invented(source)]) for source in batch.sources]
 
 
-def invented(source: Source) -> dict[str, Any]:
-    return {"file": source.path, "drop": 1, "status": "measured", "modulus_pa": 4e7}
+def invented(source: Source) -> DropResult:
+    return DropResult(file=source.path, drop=1, status="measured", modulus_pa=4e7)
 
 
 def rows(archive: Path, table: str = "results") -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, drop_result
 from pfwd_survey.inverting.screening.drops import Screening
 
 RESULT: dict[str, Any] = {
@@ -45,7 +45,7 @@ BELONGS = ("modulus_sd_pa", "model", "plate_radius_m", "poisson_ratio", "warning
 
 def result_of(drop: Drop, **more: Any) -> dict[str, Any]:
     """A stored result with all its keys."""
-    empty = result_record("f", DropAnalysis(drop, Screening("measured"), None))
+    empty = drop_result("f", DropAnalysis(drop, Screening("measured"), None)).to_json()
     return empty | RESULT | more
 
 

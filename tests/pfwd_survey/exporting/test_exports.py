@@ -13,7 +13,7 @@ from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.formats import FORMATS
 from pfwd_survey.exporting.trace_files import safe_name
-from pfwd_survey.inverting.results import DropAnalysis, result_record
+from pfwd_survey.inverting.results import DropAnalysis, drop_result
 from pfwd_survey.inverting.screening.drops import Screening
 from tests.pfwd_survey.exporting.conftest import BELONGS, result_of, rows_of
 from tui.parser import EXPORT_FORMATS
@@ -152,7 +152,9 @@ def test_the_example_of_the_documentation_runs(
 
 def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
     drop = read_survey(survey).drops[0].read().drop
-    rejected = result_record("f", DropAnalysis(drop, Screening("rejected", "no pulse"), None))
+    rejected = drop_result(
+        "f", DropAnalysis(drop, Screening("rejected", "no pulse"), None)
+    ).to_json()
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_result(1, rejected)
     export_survey(survey, "table", tmp_path / "t.csv")

@@ -324,9 +324,9 @@ def test_a_survey_gives_the_numbers_of_its_trace_file(
     for path in (tmp_path / "t.csv", tmp_path / "s"):
         outcome = analyse_file(str(path), options, library)
         assert outcome.error is None
-        found.append([{**one, "file": "", "elapsed_s": 0.0} for one in outcome.results])
+        found.append([{**one.to_json(), "file": "", "elapsed_s": 0.0} for one in outcome.results])
     assert found[0] == found[1]
     assert all(one["modulus_pa"] > 0 for one in found[0])
     single = analyse_file(str(tmp_path / "s/drops/drop-000002.h5"), options, library)
     (one,) = single.results
-    assert one["modulus_pa"] == found[0][1]["modulus_pa"]
+    assert one.modulus_pa == found[0][1]["modulus_pa"]

@@ -140,7 +140,7 @@ def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
         assert [one.final for one in told].count(True) == 2
         assert all(one.delay is None for one in told)
         found = sorted(told, key=lambda one: (one.one.number, one.full))
-        return [{**one.result, "elapsed_s": None} for one in found]
+        return [{**one.result.to_json(), "elapsed_s": None} for one in found]
 
     first = results()
     assert [one["method"] for one in first] == ["least-squares", "mpga"] * 2

@@ -10,8 +10,8 @@ import pytest
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.editing import Edit
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.contents import (
-    REFIT_KEY,
     RecordingError,
     add_result,
     peaks_of,
@@ -157,21 +157,21 @@ def test_the_pace_is_changed_on_the_way() -> None:
 def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
-    add_result(folder, 1, {"modulus_pa": 1e7})
-    add_result(folder, 1, {"modulus_pa": 2e7})
-    add_result(folder, 1, {"modulus_pa": 9e7, REFIT_KEY: "half-space"})
+    add_result(folder, 1, DropResult(modulus_pa=1e7))
+    add_result(folder, 1, DropResult(modulus_pa=2e7))
+    add_result(folder, 1, DropResult(modulus_pa=9e7, refit="half-space"))
     (point,) = survey_contents(folder)
     first, second = point.drops
     assert (first.drop, first.record, first.results) == (1, 1, 3)
-    assert first.result == {"modulus_pa": 2e7}
+    assert first.result == DropResult(modulus_pa=2e7)
     assert second.result is None
-    assert [one["modulus_pa"] for one in stored_results(folder, 1)] == [1e7, 2e7, 9e7]
+    assert [one.modulus_pa for one in stored_results(folder, 1)] == [1e7, 2e7, 9e7]
 
 
 def test_a_damaged_result_is_none(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
-    add_result(folder, 1, {"modulus_pa": 1e7})
+    add_result(folder, 1, DropResult(modulus_pa=1e7))
     (file,) = (folder / "results").glob("*.json")
     file.write_text("{")
     assert survey_contents(folder)[0].drops[0].result is None

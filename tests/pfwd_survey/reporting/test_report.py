@@ -17,8 +17,9 @@ from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import result_record
+from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import fonts
@@ -62,7 +63,7 @@ def test_stored_results_are_used_the_last_one(survey: Path) -> None:
     assert [point.name for point in report.points] == ["A", "B"]
     drops = report.points[0].drops
     assert all(drop.stored for drop in drops)
-    assert [drop.result and drop.result["modulus_pa"] for drop in drops] == [
+    assert [drop.result and drop.result.modulus_pa for drop in drops] == [
         45.1e6,
         45.2e6,
         45.3e6,
@@ -105,7 +106,7 @@ def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOpti
     assert analysis.result is not None
     history = analysis.result.history
     # As it comes back from the disk.
-    result = json.loads(json.dumps(result_record("x", analysis)))
+    result = DropResult.from_json(json.loads(json.dumps(drop_result("x", analysis).to_json())))
     curves = curves_of(drop, SETUP, screening, result, library)
     assert curves is not None
     np.testing.assert_allclose(curves.observed, history.observed, rtol=1e-12)
@@ -125,7 +126,7 @@ def test_what_is_missing_or_stale_is_inverted(survey: Path) -> None:
     assert sum("is inverted" in text for text in told) == 4
     changed = report.points[0].drops[1]
     assert changed.result is not None
-    assert changed.result["poisson_ratio"] == 0.4
+    assert changed.result.poisson_ratio == 0.4
     assert "declared values were changed since: inverted anew" in changed.warnings
 
 
@@ -327,7 +328,7 @@ def test_strange_results_do_not_end_a_report(survey: Path, strange: dict[str, An
     assert used is not None
     # The older one that is sound, where the strange one says nonsense.
     harmless = "window_end_s" in strange or strange == {"warnings": None}
-    assert used["modulus_pa"] == (45e6 if harmless else 45.1e6)
+    assert used.modulus_pa == (45e6 if harmless else 45.1e6)
     write_report(survey, survey.parent / "r.pdf")
 
 
@@ -366,13 +367,13 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         "warnings": [],
     }
     found = [
-        diagnosis.Diagnosed("x", {**record, "verdict": verdict})
+        diagnosis.Diagnosed("x", DiagnosisResult.from_json({**record, "verdict": verdict}))
         for verdict in ("explained", "clean")
     ]
     monkeypatch.setattr(diagnosis, "diagnose_files", lambda *_args, **_more: iter(found))
     text, page, report = page_of(survey, diagnose=True)
     assert report.points[0].diagnosis is not None
-    assert report.points[0].diagnosis["verdict"] == "explained"
+    assert report.points[0].diagnosis.verdict == "explained"
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
     assert "clean: the base model leaves only noise" in text
 

@@ -15,6 +15,7 @@ from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import (
@@ -98,7 +99,7 @@ def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:
     return DropSaved(handed_on(number, point, **more), marks)
 
 
-def result(modulus: float | None = 47.3e6, **more: Any) -> dict[str, Any]:
+def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
     known: dict[str, Any] = {
         "status": "measured",
         "method": "least-squares",
@@ -136,7 +137,7 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> dict[str, Any]:
         "seed": 0,
         "warnings": [],
     }
-    return known | more
+    return DropResult.from_json(known | more)
 
 
 def curves() -> Curves:
@@ -165,7 +166,7 @@ def analysed(
 ) -> DropAnalysed:
     one = handed_on(number, point, record=record, status=kind)
     found = result(**more)
-    drawn = curves() if found["modulus_pa"] is not None else None
+    drawn = curves() if found.modulus_pa is not None else None
     return DropAnalysed(one, 0.2, found, drawn, full, full)
 
 

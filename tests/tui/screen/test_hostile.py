@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import PointContents
 from pfwd_survey.measuring.events import InstrumentLost, Notice
 from tests.tui.screen.scripted import (
@@ -84,7 +85,7 @@ def events(text: str) -> list[Any]:
         saved(2, status="rejected", reason=text),
         ContentsRead((point,), drops=True),
         Refitted("7", 1, text, result(refit=text), None),
-        Diagnosed("survey", (record,)),
+        Diagnosed("survey", (DiagnosisResult.from_json(record),)),
         Notice(text, serious=True),
         InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
         SessionEnded(None, text, 2.0, no_device=True),

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from textual.widgets import Input, Label, Select
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import DropNotSaved, Notice, PointBegan, Ready
 from pfwd_survey.measuring.pace import Pace
@@ -291,7 +292,7 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         await pilot.press("4")
         await pilot.pause(0.1)
         assert "Enter diagnoses" in app.text
-        await told(app, pilot, Diagnosed(str(tmp_path), (RECORD,)))
+        await told(app, pilot, Diagnosed(str(tmp_path), (DiagnosisResult.from_json(RECORD),)))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")

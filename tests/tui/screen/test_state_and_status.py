@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import (
     BatteryLow,
@@ -154,7 +155,7 @@ def test_another_point_begins_empty_and_the_first_one_stays() -> None:
 
 
 def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
-    kept = DropContents(1, 11, False, ("old",), {"modulus_pa": 30e6, "status": "measured"}, 1)
+    kept = DropContents(1, 11, False, ("old",), DropResult(modulus_pa=30e6, status="measured"), 1)
     other = DropContents(2, 12, True, (), None, 0)
     contents = PointContents("7", "km 3", False, (), (1.0, 2.0), 45e6, {}, (kept, other))
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
@@ -166,7 +167,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
 
 
 def test_in_a_replay_drops_come_one_by_one() -> None:
-    kept = DropContents(1, 11, True, (), {"modulus_pa": 30e6}, 1)
+    kept = DropContents(1, 11, True, (), DropResult(modulus_pa=30e6), 1)
     contents = PointContents("7", "7", False, (), None, None, {}, (kept,))
     state = state_after(ContentsRead((contents,), drops=False))
     assert state.current.drops == {}

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.contents import REFIT_KEY
 from tests.tui.screen.scripted import handed_on
 from tui.screen.session.diagnosing import Diagnoser
 from tui.screen.session.refits import Refits, label_of
@@ -42,8 +41,8 @@ def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
         refits.close()
     assert (found.point, found.number, found.fault) == ("7", 4, "")
     assert found.label == "half-space, least-squares"
-    assert found.result[REFIT_KEY] == found.label
-    assert found.result["model"] == "half-space"
+    assert found.result.refit == found.label
+    assert found.result.model == "half-space"
     assert found.curves is not None
     assert refits.busy == 0
 
@@ -60,7 +59,7 @@ def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:
     diagnoser = Diagnoser(told)
     assert diagnoser.start(str(tmp_path / "none"))
     found = told.last()
-    assert found.records == ()
+    assert found.results == ()
     assert "none failed:" in found.error
     assert "\n" not in found.error
     assert diagnoser.file == ""

@@ -1,12 +1,11 @@
 """The plots of a drop: load with half-sine, deflection with the fitted curve, residual."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
@@ -49,15 +48,13 @@ def drop_figures(
     """
     curves, result = curves_of(drop, refit)
     if curves is not None:
-        return _fitted(drop, curves, result or {}, units, span, sensor)
+        return _fitted(drop, curves, result or DropResult(), units, span, sensor)
     if drop.one is not None:
         return _raw(drop.one, units, span, sensor)
     return []
 
 
-def curves_of(
-    drop: DropState, refit: Refitted | None
-) -> tuple[Curves | None, Mapping[str, Any] | None]:
+def curves_of(drop: DropState, refit: Refitted | None) -> tuple[Curves | None, DropResult | None]:
     """The curves and the result of a drop, or of one of its refits."""
     return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
 
@@ -72,7 +69,7 @@ def default_span(curves: Curves) -> tuple[float, float]:
 def _fitted(
     drop: DropState,
     curves: Curves,
-    result: Mapping[str, Any],
+    result: DropResult,
     units: Units,
     span: tuple[float, float] | None,
     sensor: int,
@@ -114,14 +111,14 @@ def _fitted(
 
 
 def _residual(
-    result: Mapping[str, Any],
+    result: DropResult,
     time: Array,
     residual: Array,
     units: Units,
     span: tuple[float, float],
 ) -> Figure:
-    part = percent(result.get("residual_rms_over_peak"))
-    noise = units.value("deflection", result.get("noise_rms_m")) or 0.0
+    part = percent(result.residual_rms_over_peak)
+    noise = units.value("deflection", result.noise_rms_m) or 0.0
     return Figure(
         "residual",
         units.unit("deflection"),
@@ -133,13 +130,12 @@ def _residual(
     )
 
 
-def half_sine_of(result: Mapping[str, Any], curves: Curves) -> tuple[Array, float] | None:
+def half_sine_of(result: DropResult, curves: Curves) -> tuple[Array, float] | None:
     """The half-sine fitted to the load, N, and its duration, s."""
-    pulse, radius = result.get("half_sine"), result.get("plate_radius_m")
-    if not isinstance(pulse, Mapping) or not radius:
+    peak = result.half_sine_load_n
+    duration = result.half_sine and result.half_sine.duration_s
+    if peak is None or not duration:
         return None
-    peak = pulse["peak_pressure_pa"] * math.pi * radius**2
-    duration = pulse["duration_s"]
     # The pulse is placed where the measured peak is: its start is no part of the result.
     centre = float(curves.time[int(np.nanargmax(curves.load))])
     return half_sine(curves.time, peak, duration, centre - duration / 2), duration

@@ -1,11 +1,12 @@
 """The diagnosis page: the ladder of the survey, effects of the device over the points."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.blocks import Column, Row, exactly, table_lines, window
 from tui.screen.drawing.lines import Line, Role, cell, line, shorten, wrap
@@ -58,10 +59,10 @@ class DiagnosisPage(Page):
         self.first = 0
 
     @property
-    def records(self) -> Sequence[Mapping[str, Any]]:
+    def results(self) -> Sequence[DiagnosisResult]:
         """Of the survey, one a point; none before it has run."""
         found = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
-        return found.records if found is not None else ()
+        return found.results if found is not None else ()
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
         """The page."""
@@ -72,8 +73,8 @@ class DiagnosisPage(Page):
         return [title, *exactly(body, height - 2), key_line(self.KEYS, width)]
 
     def _body(self, width: int, room: int) -> list[Line]:
-        records = self.records
-        if not records:
+        results = self.results
+        if not results:
             found = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
             if found is not None and found.error:
                 return [(), *[line(" ", cell(one, "bad")) for one in wrap(found.error, width - 2)]]
@@ -82,13 +83,13 @@ class DiagnosisPage(Page):
                 "seconds a point and runs beside the measurement."
             )
             return [(), *[line(" ", one) for one in wrap(hint, width - 2)]]
-        self.place = min(self.place, len(records) - 1)
-        names = self.pfwd.diagnoses.names_of_records(len(records))
-        device = device_lines(records, self.pfwd.units, width)
+        self.place = min(self.place, len(results) - 1)
+        names = self.pfwd.diagnoses.names_of_results(len(results))
+        device = device_lines(results, self.pfwd.units, width)
         table_room = max(3, (room - len(device)) // 2)
-        shown = window(len(records), self.place, table_room - 1)
+        shown = window(len(results), self.place, table_room - 1)
         rows = [
-            record_row(records[at], names[at], self.pfwd.units, chosen=at == self.place)
+            result_row(results[at], names[at], self.pfwd.units, chosen=at == self.place)
             for at in shown
         ]
         unit = self.pfwd.units.unit("modulus")
@@ -98,7 +99,7 @@ class DiagnosisPage(Page):
         ]
         ladder = table_lines(columns, rows, width)
         text: list[Line] = [(), line(cell(f" point {names[self.place]}", "strong"))]
-        for one in diagnosis_lines(records[self.place])[1:]:
+        for one in diagnosis_lines(results[self.place])[1:]:
             text += [line(" ", part) for part in wrap(one.strip(), width - 2)]
         left = room - len(ladder) - len(device)
         self.first = max(0, min(self.first, len(text) - left))
@@ -119,7 +120,7 @@ class DiagnosisPage(Page):
 
     def action_choose(self, step: int) -> None:
         """Another point."""
-        self.place = max(0, min(self.place + step, len(self.records) - 1))
+        self.place = max(0, min(self.place + step, len(self.results) - 1))
         self.first = 0
         self.draw()
 
@@ -132,19 +133,19 @@ class DiagnosisPage(Page):
 _ROLE: dict[str, Role] = {"clean": "good", "explained": "good", "unexplained": "warn"}
 
 
-def record_row(record: Mapping[str, Any], name: str, units: Units, *, chosen: bool) -> Row:
+def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> Row:
     """A point as a row of the ladder."""
-    before, after = record.get("before") or {}, record.get("after") or {}
-    verdict = str(record.get("verdict"))
-    effects = ", ".join(str(one["name"]) for one in record.get("effects") or ())
+    before, after = result.before or FittedState(), result.after or FittedState()
+    verdict = str(result.verdict)
+    effects = ", ".join(str(effect.name) for effect in result.effects or ())
     return Row(
         (
             shorten(cell(name).text, 24),
             verdict.upper(),
-            units.text("modulus", before.get("modulus_pa")),
-            units.text("modulus", after.get("modulus_pa")),
-            percent(before.get("residual_rms_over_peak")),
-            percent(after.get("residual_rms_over_peak")),
+            units.text("modulus", before.modulus_pa),
+            units.text("modulus", after.modulus_pa),
+            percent(before.residual_rms_over_peak),
+            percent(after.residual_rms_over_peak),
             cell(effects).text or NOTHING,
         ),
         _ROLE.get(verdict, "text"),
@@ -152,19 +153,19 @@ def record_row(record: Mapping[str, Any], name: str, units: Units, *, chosen: bo
     )
 
 
-def device_lines(records: Sequence[Mapping[str, Any]], units: Units, width: int) -> list[Line]:
+def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -> list[Line]:
     """Effects of the device with their value at every point that shows them."""
     values: dict[str, list[str]] = {}
-    for record in records:
-        for effect in record.get("effects") or ():
-            if effect.get("scope") != "device":
+    for result in results:
+        for effect in result.effects or ():
+            if effect.scope != "device":
                 continue
-            value, sd, unit = effect.get("value"), effect.get("sd"), effect.get("unit")
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            value, sd = effect.value, effect.sd
+            if value is None or not math.isfinite(value):
                 continue
-            sure = f" ± {sd:.2g}" if isinstance(sd, int | float) and math.isfinite(sd) else ""
-            shown = "" if unit == "-" else f" {unit}"
-            values.setdefault(str(effect["name"]), []).append(f"{value:.4g}{sure}{shown}")
+            sure = f" ± {sd:.2g}" if sd is not None and math.isfinite(sd) else ""
+            shown = "" if effect.unit == "-" else f" {effect.unit}"
+            values.setdefault(str(effect.name), []).append(f"{value:.4g}{sure}{shown}")
     if not values:
         return []
     lines: list[Line] = [(), line(cell(" effects of the device over the points", "strong"))]

@@ -1,9 +1,8 @@
 """A drop and a point in words: for tables, verdicts and summaries on every page."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import Quantity, Verdict
 from tui.screen.drawing.blocks import Column, Row
 from tui.screen.drawing.lines import Line, Role, cell, fit, piece
@@ -21,12 +20,10 @@ def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
     return units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
 
 
-def uncertainty_of(result: Mapping[str, Any]) -> float | None:
+def uncertainty_of(result: DropResult) -> float | None:
     """Half of the 95 % interval, model error included, Pa; None when there is no interval."""
-    ends = result.get("modulus_interval_pa")
-    if not isinstance(ends, list | tuple) or len(ends) != 2:
-        return None
-    if not all(isinstance(end, int | float) and math.isfinite(end) for end in ends):
+    ends = result.modulus_interval_pa
+    if ends is None or not all(map(math.isfinite, ends)):
         return None
     return float(ends[1] - ends[0]) / 2
 
@@ -34,12 +31,6 @@ def uncertainty_of(result: Mapping[str, Any]) -> float | None:
 def plain(value: object) -> str:
     """Two decimals of whatever is a number."""
     return f"{value:.2f}" if isinstance(value, int | float) else NOTHING
-
-
-def number_of(result: Mapping[str, Any], key: str) -> float | None:
-    """A finite number of a result, or None."""
-    value = result.get(key)
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, Role]:
@@ -55,17 +46,17 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, Role]:
     result = drop.result
     if result is None:
         return "computing", "dim"
-    bounds = result.get("at_bound") or ()
-    warning = f"; AT BOUND: {', '.join(map(str, bounds))}" if bounds else ""
-    if not result.get("converged", True):
+    bounds = result.at_bound or ()
+    warning = f"; AT BOUND: {', '.join(bounds)}" if bounds else ""
+    if result.converged is False:
         warning += "; NOT CONVERGED"
-    part = percent(number_of(result, "residual_rms_over_peak"))
+    part = percent(result.residual_rms_over_peak)
     if diagnosed:
         return f"fit {diagnosed}{warning}", "warn" if bounds else "text"
-    if result.get("explained"):
+    if result.explained:
         text = f"fit CLEAN: residual {part} of the peak, noise only"
         return text + warning, "warn" if warning else "good"
-    contact = percent(number_of(result, "contact_residual_rms_over_peak"))
+    contact = percent(result.contact_residual_rms_over_peak)
     text = f"fit UNEXPLAINED: residual {part} of the peak ({contact} in contact); 4 asks why"
     return text + warning, "warn"
 
@@ -97,7 +88,7 @@ def drop_columns(units: Units) -> tuple[Column, ...]:
 def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "") -> Row:
     """A drop as a row; `left_out` says why it takes no part in the mean."""
     value, error = modulus_text(drop, units)
-    result = drop.result or {}
+    residual = None if drop.result is None else drop.result.residual_rms_over_peak
     kind = "DISCARDED" if drop.discarded else drop.status if drop.safe else "NOT SAFE"
     role: Role = "text"
     if drop.discarded or drop.status == "seating":
@@ -112,7 +103,7 @@ def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "")
             units.text("deflection", drop.peak_deflection),
             "..." if drop.waits else value,
             error or ("" if drop.waits else NOTHING),
-            percent(number_of(result, "residual_rms_over_peak")),
+            percent(residual),
             cell(f"{left_out}; {remark(drop, units)}" if left_out else remark(drop, units)).text,
         ),
         role,
@@ -131,7 +122,7 @@ def remark(drop: DropState, units: Units) -> str:
     elif drop.results and not drop.final:
         parts.append("refining")
     parts += drop.marks
-    if drop.results and drop.result and drop.result.get("explained") is False:
+    if drop.results and drop.result and drop.result.explained is False:
         parts.append("unexplained")
     parts += [f"note: {note}" for note in drop.notes]
     if drop.identical is False:

@@ -1,13 +1,13 @@
 """The drop page as lines of text."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pfwd_survey.inverting.results import DropResult
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.axes import Figure, plot_lines
 from tui.screen.drawing.blocks import beside, exactly
@@ -19,7 +19,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, Units, figures, percent
+from tui.screen.units import NOTHING, Quantity, Units, figures, percent
 
 PANELS = ("load", "deflection", "residual", "spectrum")
 WIDE = 100
@@ -46,10 +46,10 @@ class DropView:
     busy: str = ""
 
     @property
-    def result(self) -> Mapping[str, Any]:
+    def result(self) -> DropResult:
         """The result that is shown."""
         found = self.refit.result if self.refit is not None else self.drop and self.drop.result
-        return found or {}
+        return found or DropResult()
 
 
 def drop_lines(view: DropView, width: int, height: int) -> list[Line]:
@@ -109,7 +109,7 @@ def _verdict(view: DropView, drop: DropState, width: int) -> Line:
     return line(" ", cell(shorten(text, width - 1), role))
 
 
-def replace_result(drop: DropState, result: Mapping[str, Any]) -> DropState:
+def replace_result(drop: DropState, result: DropResult) -> DropState:
     """The drop as if a result were the one that counts."""
     return replace(drop, results=[result])
 
@@ -172,7 +172,7 @@ def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
     lines: list[Line] = []
     if drop.status == "rejected":
         lines += _paragraph(f"rejected: {drop.reason or 'no result'}", width, "bad")
-    if result.get("modulus_pa") is not None:
+    if result.modulus_pa is not None:
         lines += _parameters(view, result, width)
         lines += _fit_lines(view, result, width)
     lines += _warnings(result, width)
@@ -202,85 +202,83 @@ def _paragraph(text: str, width: int, role: Role = "text") -> list[Line]:
     return [line(cell(one, role)) for one in wrap(text, width)]
 
 
-_PARAMETERS = (
-    ("viscosity", "viscosity_pa_s", "viscosity_sd_pa_s", "viscosity"),
-    ("density", "density_kg_m3", "density_sd_kg_m3", "density"),
-    ("bedrock", "bedrock_depth_m", "bedrock_depth_sd_m", "depth"),
-)
-
-
-def _parameters(view: DropView, result: Mapping[str, Any], width: int) -> list[Line]:
+def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
     units = view.units
     unit = units.unit("modulus")
-    value, error = units.measured("modulus", result["modulus_pa"], uncertainty_of(result))
-    noise = units.text("modulus", result.get("modulus_sd_pa"), 2)
+    value, error = units.measured("modulus", result.modulus_pa, uncertainty_of(result))
+    noise = units.text("modulus", result.modulus_sd_pa, 2)
     lines = _heading("parameters")
     lines += _paragraph(f"modulus    {value} ± {error or NOTHING} {unit} (95 %)", width, "strong")
-    ends = result.get("modulus_interval_pa") or ()
+    ends = result.modulus_interval_pa or ()
     if len(ends) == 2:
         low, high = (units.text("modulus", end, 4) for end in ends)
         lines += _paragraph(f"           {low} to {high}; noise alone ± {noise}"[11:], width)
-    bounds = result.get("at_bound") or ()
-    for name, key, sd, quantity in _PARAMETERS:
-        amount, deviation = units.measured(quantity, result.get(key), result.get(sd))  # type: ignore[arg-type]
+    bounds = result.at_bound or ()
+    others: tuple[tuple[str, Quantity, float | None, float | None], ...] = (
+        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
+        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
+        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
+    )
+    for name, quantity, found, sd in others:
+        amount, deviation = units.measured(quantity, found, sd)
         if amount == NOTHING:
             continue
         given = f"± {deviation}" if deviation else "(given)"
-        bound = "  AT BOUND" if any(name in str(one) for one in bounds) else ""
-        lines.append(line(f"{name:10} {amount} {given} {units.unit(quantity)}", cell(bound, "bad")))  # type: ignore[arg-type]
-    correlation = result.get("modulus_depth_correlation")
-    if isinstance(correlation, int | float) and math.isfinite(correlation):
+        mark = "  AT BOUND" if any(name in bound for bound in bounds) else ""
+        lines.append(line(f"{name:10} {amount} {given} {units.unit(quantity)}", cell(mark, "bad")))
+    correlation = result.modulus_depth_correlation
+    if correlation is not None and math.isfinite(correlation):
         lines += _paragraph(f"correlation of modulus and depth {correlation:+.2f}", width)
-    peak = units.with_unit("modulus", result.get("peak_modulus_pa"))
-    factor = figures(result.get("peak_factor"), 3)
+    peak = units.with_unit("modulus", result.peak_modulus_pa)
+    factor = figures(result.peak_factor, 3)
     lines += _paragraph(f"peak method {peak} (factor {factor})", width)
     return lines
 
 
-def _fit_lines(view: DropView, result: Mapping[str, Any], width: int) -> list[Line]:
+def _fit_lines(view: DropView, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    ratio = figures(result.get("poisson_ratio"), 2)
-    radius = units.with_unit("length", result.get("plate_radius_m"))
+    ratio = figures(result.poisson_ratio, 2)
+    radius = units.with_unit("length", result.plate_radius_m)
     lines = _heading("model and fit")
     lines += _paragraph(
-        f"{result.get('model')}, {result.get('plate')} plate of radius {radius}, Poisson's ratio "
-        f"{ratio}, {result.get('load')} load, {result.get('method')}, seed {result.get('seed')}",
+        f"{result.model}, {result.plate} plate of radius {radius}, Poisson's ratio "
+        f"{ratio}, {result.load} load, {result.method}, seed {result.seed}",
         width,
     )
     lines += _paragraph(
-        f"residual {percent(result.get('residual_rms_over_peak'))} of the peak, "
-        f"{percent(result.get('contact_residual_rms_over_peak'))} in contact; R² "
-        f"{figures(result.get('r_squared'), 5)}; noise "
-        f"{units.with_unit('deflection', result.get('noise_rms_m'), 2)}",
+        f"residual {percent(result.residual_rms_over_peak)} of the peak, "
+        f"{percent(result.contact_residual_rms_over_peak)} in contact; R² "
+        f"{figures(result.r_squared, 5)}; noise "
+        f"{units.with_unit('deflection', result.noise_rms_m, 2)}",
         width,
     )
-    pulse = result.get("half_sine")
-    if isinstance(pulse, Mapping):
-        pressure = units.with_unit("pressure", pulse.get("peak_pressure_pa"))
-        duration = figures(1e3 * float(pulse.get("duration_s") or math.nan))
-        rms = percent(pulse.get("rms_over_peak"))
+    pulse = result.half_sine
+    if pulse is not None:
+        pressure = units.with_unit("pressure", pulse.peak_pressure_pa)
+        duration = figures(1e3 * (pulse.duration_s or math.nan))
+        rms = percent(pulse.rms_over_peak)
         lines += _paragraph(f"half-sine {pressure}, {duration} ms, {rms} off the load", width)
-    done = "converged" if result.get("converged") else "NOT CONVERGED"
-    seconds = figures(result.get("elapsed_s"), 2)
-    solves = result.get("forward_solves")
+    done = "converged" if result.converged else "NOT CONVERGED"
+    seconds = figures(result.elapsed_s, 2)
+    solves = result.forward_solves
     lines += _paragraph(f"{done}; {solves} forward solves in {seconds} s", width)
     return lines
 
 
-def _warnings(result: Mapping[str, Any], width: int) -> list[Line]:
+def _warnings(result: DropResult, width: int) -> list[Line]:
     lines: list[Line] = []
-    for text in result.get("warnings") or ():
+    for text in result.warnings or ():
         lines += _paragraph(f"warning: {text}", width, "warn")
     return lines
 
 
 def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
     lines = _heading("results")
-    everything = [("counts", one) for one in drop.results[-1:]]
-    earlier = [("before it", one) for one in drop.results[:-1]]
+    counts = [("counts", result) for result in drop.results[-1:]]
+    earlier = [("before it", result) for result in drop.results[:-1]]
     units = view.units
-    for kind, one in [*everything, *earlier]:
-        lines += _paragraph(f"{_short_result(one, units)}, {one.get('method')} ({kind})", width)
+    for kind, result in [*counts, *earlier]:
+        lines += _paragraph(f"{_short_result(result, units)}, {result.method} ({kind})", width)
     for refit in drop.refits:
         if refit.result is not None:
             mark: Role = "strong" if refit is view.refit else "text"
@@ -288,12 +286,12 @@ def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
     return lines if len(lines) > 1 else []
 
 
-def _short_result(result: Mapping[str, Any], units: Units) -> str:
-    modulus = result.get("modulus_pa")
+def _short_result(result: DropResult, units: Units) -> str:
+    modulus = result.modulus_pa
     if modulus is None:
-        return str(result.get("reason") or "no result")
+        return result.reason or "no result"
     value, error = units.measured("modulus", modulus, uncertainty_of(result))
-    part = percent(result.get("residual_rms_over_peak"))
+    part = percent(result.residual_rms_over_peak)
     return f"{value} ± {error or NOTHING} {units.unit('modulus')}, residual {part}"
 
 
@@ -304,7 +302,7 @@ def _effects(view: DropView, drop: DropState, width: int) -> list[Line]:
         return [*lines, *_paragraph("v asks for them; it takes some seconds", width, "dim")]
     if found.error:
         return [*lines, *_paragraph(found.error, width, "bad")]
-    for record in found.records:
-        for text in diagnosis_lines(record)[1:]:
+    for result in found.results:
+        for text in diagnosis_lines(result)[1:]:
             lines += _paragraph(text.strip(), width)
     return lines

@@ -30,7 +30,6 @@ from tui.screen.pages.drop_texts import (
     drop_columns,
     drop_row,
     modulus_text,
-    number_of,
     plain,
     point_summary,
     verdict_of,
@@ -353,25 +352,22 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         return []
     units = view.units
     lines = []
-    noise = number_of(result, "modulus_sd_pa")
+    noise = result.modulus_sd_pa
     value, error = units.measured("modulus", drop.modulus, noise)
     lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NOTHING}")
-    peak = units.with_unit("modulus", number_of(result, "peak_modulus_pa"))
-    factor, ratio = result.get("peak_factor"), result.get("poisson_ratio")
+    peak = units.with_unit("modulus", result.peak_modulus_pa)
+    factor, ratio = result.peak_factor, result.poisson_ratio
     lines.append(f"peak method {peak} (f {plain(factor)}, ν {plain(ratio)})")
-    for name, key, sd, quantity in (
-        ("viscosity", "viscosity_pa_s", "viscosity_sd_pa_s", "viscosity"),
-        ("bedrock", "bedrock_depth_m", "bedrock_depth_sd_m", "depth"),
-        ("density", "density_kg_m3", "density_sd_kg_m3", "density"),
-    ):
-        amount, error = units.measured(
-            quantity,  # type: ignore[arg-type]
-            number_of(result, key),
-            number_of(result, sd),
-        )
+    others: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
+        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
+        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
+        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
+    )
+    for name, quantity, found, sd in others:
+        amount, error = units.measured(quantity, found, sd)
         if amount != NOTHING:
             given = f" ± {error}" if error else " (given)"
-            lines.append(f"{name:9} {amount}{given} {units.unit(quantity)}")  # type: ignore[arg-type]
+            lines.append(f"{name:9} {amount}{given} {units.unit(quantity)}")
     return lines
 
 
@@ -383,16 +379,16 @@ def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
 def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
     """What the modulus rests on."""
     result = drop.result if drop is not None else None
-    if result is None or result.get("modulus_pa") is None:
+    if result is None or result.modulus_pa is None:
         return ()
     units = view.units
-    radius = units.with_unit("length", number_of(result, "plate_radius_m"))
+    radius = units.with_unit("length", result.plate_radius_m)
     pieces = [
-        piece(0, cell(f" {result.get('model')}", "dim")),
-        piece(0, cell(f"{result.get('plate')} plate, radius {radius}", "dim")),
-        piece(0, cell(f"Poisson's ratio {plain(result.get('poisson_ratio'))}", "dim")),
-        piece(1, cell(f"{result.get('method')}", "dim")),
-        piece(2, cell(f"{result.get('load')} load", "dim")),
+        piece(0, cell(f" {result.model}", "dim")),
+        piece(0, cell(f"{result.plate} plate, radius {radius}", "dim")),
+        piece(0, cell(f"Poisson's ratio {plain(result.poisson_ratio)}", "dim")),
+        piece(1, cell(f"{result.method}", "dim")),
+        piece(2, cell(f"{result.load} load", "dim")),
     ]
     return flow(pieces, width, 1, ", ")[0]
 

@@ -53,8 +53,8 @@ class Diagnoses:
         """End it."""
         self._diagnoser.stop()
 
-    def names_of_records(self, count: int) -> list[str]:
-        """Names of the points that a diagnosis of the survey has records of."""
+    def names_of_results(self, count: int) -> list[str]:
+        """Names of the points that a diagnosis of the survey has results of."""
         points = self._points()
         if len(points) == count:
             return [point.shown_name for point in points]
@@ -69,9 +69,9 @@ class Diagnoses:
         if event.file != str(self._source.survey):
             return
         points = self._points()
-        if len(points) == len(event.records):
-            for point, record in zip(points, event.records, strict=True):
-                self.verdicts[point.name] = verdict_text(record, units)
+        if len(points) == len(event.results):
+            for point, result in zip(points, event.results, strict=True):
+                self.verdicts[point.name] = verdict_text(result, units)
 
     def _points(self) -> list[PointState]:
         return [one for one in self._state.points.values() if one.drops and not one.discarded]

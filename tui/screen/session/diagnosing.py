@@ -2,12 +2,13 @@
 
 import contextlib
 import json
-import os
 import subprocess
 import threading
 from collections.abc import Callable
 
-from pfwd_survey.processes import python_command, python_environment
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.processes import start_text_child
 from tui.screen.session.screen_events import Diagnosed
 
 _COMMAND = "from tui.cli import main; raise SystemExit(main())"
@@ -46,41 +47,28 @@ class Diagnoser:
                 process.kill()
 
     def _run(self, file: str) -> None:
-        command = python_command("-c", _COMMAND, "diagnose", file, "--json")
+        command = ("-c", _COMMAND, "diagnose", file, "--json")
         try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,  # nothing may be written over the screen
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                env=python_environment(),
-                start_new_session=os.name == "posix",
-            )
+            self._process = start_text_child(*command, stdin=subprocess.DEVNULL)
             out, err = self._process.communicate()
             status = self._process.returncode
         except OSError as error:
             out, err, status = "", str(error), 1
         finally:
             self._process, self.file = None, ""
-        records, bad = _records(out)
+        results, bad = _results(out)
         fault = ""
-        if bad or (status != 0 and not records):
+        if bad or (status != 0 and not results):
             said = [text for text in err.strip().splitlines() if text]
             fault = f"the diagnosis of {file} failed: {said[-1] if said else f'status {status}'}"
-        self._tell(Diagnosed(file, tuple(records), fault))
+        self._tell(Diagnosed(file, tuple(results), fault))
 
 
-def _records(text: str) -> tuple[list[dict[str, object]], bool]:
-    records, bad = [], False
-    for one in text.splitlines():
+def _results(text: str) -> tuple[list[DiagnosisResult], bool]:
+    results, bad = [], False
+    for printed in text.splitlines():
         try:
-            value = json.loads(one)
-        except ValueError:
+            results.append(DiagnosisResult.from_json(json.loads(printed)))
+        except (ValueError, SurveyError):
             bad = True
-            continue
-        if isinstance(value, dict):
-            records.append(value)
-    return records, bad
+    return results, bad

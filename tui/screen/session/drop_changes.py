@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
-from pfwd_survey.inverting.screening.drop_facts import point_drop
-from pfwd_survey.measuring.contents import REFIT_KEY, DropContents, peaks_of
+from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.measuring.contents import DropContents, peaks_of
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
 from pfwd_survey.procedures import Kind, PointDrop
 from tui.screen.session.drop_state import DropState, PointState
@@ -41,7 +40,7 @@ def _look_at(drop: DropState, one: HandedOn) -> None:
 
 def add_answer(drop: DropState, event: DropAnalysed) -> None:
     """A result has come while it is measured."""
-    failed = event.result.get("modulus_pa") is None
+    failed = event.result.modulus_pa is None
     if failed and drop.results:
         # The quick answer stands: a search that failed takes nothing back.
         drop.final = drop.final or event.final
@@ -52,7 +51,7 @@ def add_answer(drop: DropState, event: DropAnalysed) -> None:
         drop.delay = event.delay
     if failed:
         drop.status = "rejected"
-        drop.reason = str(event.result.get("reason") or "the analysis failed")
+        drop.reason = event.result.reason or "the analysis failed"
     if event.curves is not None:
         drop.curves = event.curves
 
@@ -62,13 +61,13 @@ def add_read(drop: DropState, event: DropRead) -> None:
     one = event.one
     drop.one, drop.record = one, one.record if one.record is not None else drop.record
     _look_at(drop, one)
-    main = [result for result in event.results if REFIT_KEY not in result]
+    main = [result for result in event.results if not result.is_trial]
     if not drop.results:
         drop.status, drop.reason = one.screening.status, one.screening.reason or ""
         drop.results = main
     known = {refit.label for refit in drop.refits}
     for result in event.results:
-        label = str(result.get(REFIT_KEY) or "")
+        label = result.refit or ""
         if label and label not in known:
             drop.refits.append(Refitted(one.point, one.number, label, result, None))
 
@@ -95,23 +94,14 @@ def add_kept(point: PointState, kept: DropContents, *, shown: bool) -> None:
     drop.record, drop.discarded, drop.notes = kept.record, kept.discarded, kept.notes
     if kept.result is not None and not drop.results:
         drop.results = [kept.result]
-        drop.status = str(kept.result.get("status") or "measured")
-        drop.reason = str(kept.result.get("reason") or "")
-        drop.peak_load = _load_of(kept.result)
-        load = drop.peak_load if math.isfinite(drop.peak_load) else None
+        drop.status = kept.result.status or "measured"
+        drop.reason = kept.result.reason or ""
+        load = kept.result.known_peak_load_n
+        drop.peak_load = math.nan if load is None else load
         drop.facts = PointDrop(drop.number, Kind(drop.status), load)
     elif kept.result is None and drop.one is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
     point.drops = dict(sorted(point.drops.items()))
-
-
-def _load_of(result: Mapping[str, Any]) -> float:
-    """Peak load of a result, N; NaN when it has none."""
-    pulse, radius = result.get("half_sine"), result.get("plate_radius_m")
-    if not isinstance(pulse, Mapping) or not isinstance(radius, int | float):
-        return math.nan
-    pressure = pulse.get("peak_pressure_pa")
-    return pressure * math.pi * radius**2 if isinstance(pressure, int | float) else math.nan
 
 
 def edit_drop(drop: DropState, event: Edited) -> None:

@@ -1,12 +1,12 @@
 """Traces, curves and further fits of single drops, beside the session."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.contents import add_result, recorded_drop, stored_results
 from pfwd_survey.measuring.events import HandedOn, Notice
 from tui.screen.session.drop_state import DropState
@@ -88,16 +88,14 @@ class DropFits:
         self._say(f"fitting drop {one.number}: {label}")
         self._refits.ask(one, options, label)
 
-    def on_refitted(
-        self, number: int, label: str, result: Mapping[str, Any] | None, units: Units
-    ) -> None:
+    def on_refitted(self, number: int, label: str, result: DropResult | None, units: Units) -> None:
         """Say what a further fit has found, and keep it."""
         if not label or result is None:
             return
-        if result.get("modulus_pa") is None:
-            self._say(f"drop {number} could not be fitted so: {result.get('reason')}")
+        if result.modulus_pa is None:
+            self._say(f"drop {number} could not be fitted so: {result.reason}")
             return
-        shown = units.with_unit("modulus", result["modulus_pa"])
+        shown = units.with_unit("modulus", result.modulus_pa)
         self._say(f"drop {number}, {label}: {shown}; m goes through the results")
         drop = next(
             (one for one in self._state.drops_in_order() if _has_refit(one, number, result)), None
@@ -105,19 +103,18 @@ class DropFits:
         record = drop.record if drop is not None else None
         if record is None:
             return
-        kept = dict(result)
-        if self._source.writes and self._runner.ask(lambda it: it.keep_result(record, kept)):
+        if self._source.writes and self._runner.ask(lambda it: it.keep_result(record, result)):
             return
         folder = self._source.survey
         if folder is not None:
-            self._in_thread(lambda: self._keep_result(folder, record, kept), "result")
+            self._in_thread(lambda: self._keep_result(folder, record, result), "result")
 
-    def _keep_result(self, folder: Path, record: int, result: Mapping[str, Any]) -> None:
+    def _keep_result(self, folder: Path, record: int, result: DropResult) -> None:
         try:
             add_result(folder, record, result)
         except (SurveyError, DeviceError, OSError) as err:
             self._runner.put(Notice(f"the new result could not be kept: {err}", serious=True))
 
 
-def _has_refit(drop: DropState, number: int, result: Mapping[str, Any]) -> bool:
+def _has_refit(drop: DropState, number: int, result: DropResult) -> bool:
     return drop.number == number and any(one.result is result for one in drop.refits)

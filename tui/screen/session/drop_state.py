@@ -1,10 +1,9 @@
 """Drops and points as the screen shows them."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.procedures import PointDrop
@@ -29,7 +28,7 @@ class DropState:
     """With its traces; None: they are read when it is opened."""
     curves: Curves | None = None
     """Measured and fitted, of the last answer; None: they are computed when it is opened."""
-    results: list[Mapping[str, Any]] = field(default_factory=list)
+    results: list[DropResult] = field(default_factory=list)
     """Every answer, in order; the first is never lost."""
     refits: list[Refitted] = field(default_factory=list)
     """With other settings; the point's mean knows nothing of them."""
@@ -48,15 +47,15 @@ class DropState:
     """s from its last sample to the first modulus."""
 
     @property
-    def result(self) -> Mapping[str, Any] | None:
+    def result(self) -> DropResult | None:
         """The last answer."""
         return self.results[-1] if self.results else None
 
     @property
     def modulus(self) -> float | None:
         """Pa."""
-        value = self.result.get("modulus_pa") if self.result else None
-        return value if isinstance(value, int | float) and math.isfinite(value) else None
+        value = self.result.modulus_pa if self.result else None
+        return value if value is not None and math.isfinite(value) else None
 
     @property
     def waits(self) -> bool:

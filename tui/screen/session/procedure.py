@@ -1,9 +1,10 @@
 """How a point is judged while it is measured: by a procedure, or by three drops and three."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
+from pfwd_survey.inverting.drop_facts import with_modulus
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import (
     Kind,
     Number,
@@ -35,19 +36,14 @@ def plain_procedure(seating: int = SEATING, measured: int = MEASURED) -> Procedu
 
 
 def with_result(
-    facts: PointDrop, status: str, discarded: bool, result: Mapping[str, Any] | None
+    facts: PointDrop, status: str, discarded: bool, result: DropResult | None
 ) -> PointDrop:
     """What a procedure has to know of a drop, with its newest modulus."""
     kind = Kind(status)
     if discarded and kind is not Kind.REJECTED:
         kind = Kind.DISCARDED
-    more: dict[str, Any] = {}
-    if result is not None and result.get("modulus_pa") is not None:
-        more["modulus"] = float(result["modulus_pa"])
-        ends = result.get("modulus_interval_pa")
-        if ends and all(end is not None for end in ends):
-            more["modulus_interval"] = (float(ends[0]), float(ends[1]))
-    return dataclasses.replace(facts, kind=kind, **more)
+    facts = dataclasses.replace(facts, kind=kind)
+    return facts if result is None else with_modulus(facts, result)
 
 
 def progress_of(

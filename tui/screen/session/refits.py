@@ -2,12 +2,11 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.contents import REFIT_KEY
 from pfwd_survey.measuring.events import HandedOn, TableBuilding
 from tui.screen.session.screen_events import Refitted
 
@@ -63,7 +62,7 @@ class Refits:
         label = asked.label
         result = answer.result
         if result is not None and label:
-            result = {**result, REFIT_KEY: label}
+            result = replace(result, refit=label)
         fault = answer.fault or ""
         point, number = asked.one.point, asked.one.number
         self._tell(Refitted(point, number, label, result, answer.curves, fault))

@@ -1,9 +1,10 @@
 """What the screen is told besides the events of the session: its begin and end, what was read."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.contents import PointContents
 from pfwd_survey.measuring.events import HandedOn, SessionEvent
@@ -46,7 +47,7 @@ class DropRead:
     """A drop of the survey with its traces and all its results."""
 
     one: HandedOn
-    results: tuple[Mapping[str, Any], ...]
+    results: tuple[DropResult, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -57,7 +58,7 @@ class Refitted:
     number: int
     label: str
     """Which settings; empty: for the curves."""
-    result: Mapping[str, Any] | None
+    result: DropResult | None
     curves: Curves | None
     fault: str = ""
     """Why there is no result."""
@@ -68,8 +69,8 @@ class Diagnosed:
     """What the diagnosis of a file has found."""
 
     file: str
-    records: tuple[Mapping[str, Any], ...]
-    """With the keys of ``pfwd diagnose --json``, one a point."""
+    results: tuple[DiagnosisResult, ...]
+    """One a point."""
     error: str = ""
 
 

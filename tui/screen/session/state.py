@@ -189,8 +189,8 @@ class SessionState:
         for one in reversed(drops):
             if one.one is not None:
                 return one.one.setup.plate_radius, one.one.setup.poisson_ratio
-            if one.result and one.result.get("plate_radius_m"):
-                return float(one.result["plate_radius_m"]), one.result.get("poisson_ratio")
+            if one.result and one.result.plate_radius_m:
+                return one.result.plate_radius_m, one.result.poisson_ratio
         if self.setup is not None:
             return self.setup.plate_radius, self.setup.poisson_ratio
         return USUAL_RADIUS, None

@@ -1,18 +1,16 @@
 """A diagnosis in one sentence."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from tui.screen.units import Units, percent
 
 
-def verdict_text(record: Mapping[str, Any], units: Units) -> str:
+def verdict_text(result: DiagnosisResult, units: Units) -> str:
     """The diagnosis of a point in one sentence."""
-    before, after = record.get("before") or {}, record.get("after") or {}
-    old, new = (units.text("modulus", state.get("modulus_pa")) for state in (before, after))
-    part = percent(after.get("residual_rms_over_peak"))
-    effects = ", ".join(str(one["name"]).replace("_", " ") for one in record.get("effects") or ())
-    match record.get("verdict"):
+    before, after = result.before or FittedState(), result.after or FittedState()
+    old, new = (units.text("modulus", state.modulus_pa) for state in (before, after))
+    part = percent(after.residual_rms_over_peak)
+    effects = ", ".join(str(one.name).replace("_", " ") for one in result.effects or ())
+    match result.verdict:
         case "clean":
             return f"CLEAN: residual {part} of the peak, noise only"
         case "explained":

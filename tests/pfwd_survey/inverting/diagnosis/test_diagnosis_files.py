@@ -15,6 +15,7 @@ from pfwd_survey.inverting.diagnosis.device_file import (
     write_device_file,
 )
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 from tui.diagnosis_lines import diagnosis_lines
@@ -60,21 +61,21 @@ def found(files: list[str]) -> list[Diagnosed]:
 def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> None:
     values = set()
     for one, modulus in zip(found, (40e6, 70e6), strict=True):
-        assert one.record is not None
-        assert one.record["verdict"] == "explained"
-        assert one.record["corrected"] is True
-        lag = next(e for e in one.record["effects"] if e["name"] == "sensor_lag")
-        values.add(lag["value"])
-        assert lag["value"] == pytest.approx(DELAY, abs=2e-5)
-        assert one.record["after"]["modulus_pa"] == pytest.approx(modulus, rel=0.012)
-        before, after = one.record["before"], one.record["after"]
-        assert before["residual_over_noise"] > 3 * after["residual_over_noise"]
+        assert one.result is not None
+        assert one.result.verdict == "explained"
+        assert one.result.corrected is True
+        lag = next(e for e in one.result.effects or () if e.name == "sensor_lag")
+        values.add(lag.value)
+        assert lag.value == pytest.approx(DELAY, abs=2e-5)
+        assert one.result.after.modulus_pa == pytest.approx(modulus, rel=0.012)
+        before, after = one.result.before, one.result.after
+        assert before.residual_over_noise > 3 * after.residual_over_noise
     assert len(values) == 1
 
 
 def test_the_keys_are_those_of_the_contract(found: list[Diagnosed]) -> None:
-    record = found[0].record
-    assert record is not None
+    assert found[0].result is not None
+    record = found[0].result.to_json()
     keys = "file device drops verdict corrected noise_rms_m before effects after held_out warnings"
     assert set(keys.split()) <= set(record)
     state = (
@@ -89,7 +90,7 @@ def test_the_keys_are_those_of_the_contract(found: list[Diagnosed]) -> None:
     assert set(effect.split()) <= set(record["effects"][0])
     # The two files are one device's: each was predicted with what the other says of it.
     assert record["held_out"]["after"] < 0.1 * record["held_out"]["before"]
-    text = "\n".join(diagnosis_lines(record))
+    text = "\n".join(diagnosis_lines(found[0].result))
     assert "EXPLAINED" in text
     assert "sensor_lag" in text
 
@@ -103,16 +104,16 @@ def test_device_effects_are_kept_and_applied(
     values = read_device_file(path)
     assert values["sensor_lag"]["delay"] == pytest.approx(DELAY, abs=2e-5)
     (again,) = diagnose_files(files[:1], device=values)
-    assert again.record is not None
-    assert again.record["after"]["modulus_pa"] == pytest.approx(40e6, rel=0.012)
-    assert [effect["name"] for effect in again.record["effects"]] == ["sensor_lag"]
-    assert found[0].record is not None
-    before = found[0].record["before"]["modulus_pa"]
-    assert again.record["before"]["modulus_pa"] == pytest.approx(before)
+    assert again.result is not None
+    assert again.result.after.modulus_pa == pytest.approx(40e6, rel=0.012)
+    assert [effect.name for effect in again.result.effects or ()] == ["sensor_lag"]
+    assert found[0].result is not None
+    before = found[0].result.before.modulus_pa
+    assert again.result.before.modulus_pa == pytest.approx(before)
 
 
 def test_files_of_two_devices_cannot_be_one_calibration() -> None:
-    two = [Diagnosed("a", {"device": "one"}), Diagnosed("b", {"device": "two"})]
+    two = [Diagnosed(name, DiagnosisResult(device=f"device {name}")) for name in ("a", "b")]
     with pytest.raises(OptionError, match=r"--write-device: expected files of one device"):
         device_of(two)
 
@@ -146,7 +147,7 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
     path = tmp_path / "quiet.csv"
     write_traces(path, TracePoint(str(path), Setup(plate_radius=RADIUS), (drop,)))
     (one, other) = diagnose_files([str(path), str(tmp_path / "none.csv")])
-    assert one.record is not None
-    assert one.record["drops"] == []
-    assert one.record["effects"][0]["name"] == "false_trigger"
+    assert one.result is not None
+    assert one.result.drops == ()
+    assert (one.result.effects or ())[0].name == "false_trigger"
     assert other.error is not None

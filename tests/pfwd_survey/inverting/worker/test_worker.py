@@ -92,8 +92,8 @@ def test_a_quick_answer_then_the_full_one(
     quick, full = by_number[third].result, by_number[second].result
     assert quick is not None
     assert full is not None
-    assert (quick["method"], full["method"]) == ("least-squares", "mpga")
-    assert quick["modulus_pa"] == pytest.approx(full["modulus_pa"], rel=1e-3)
+    assert (quick.method, full.method) == ("least-squares", "mpga")
+    assert quick.modulus_pa == pytest.approx(full.modulus_pa, rel=1e-3)
     curves = by_number[third].curves
     assert curves is not None
     assert np.isfinite(curves.predicted).all()
@@ -258,8 +258,8 @@ def test_what_is_not_answered_in_time_is_said_and_has_its_keys(drop: Drop) -> No
         analyses.close()
     (one,) = [event for event in told if isinstance(event, DropAnalysed)]
     assert one.final
-    assert one.result["reason"].startswith("the analysis did not end in time")
-    assert one.result["modulus_pa"] is None
+    assert one.result.reason.startswith("the analysis did not end in time")
+    assert one.result.modulus_pa is None
     assert [event.serious for event in told if isinstance(event, Notice)] == [True]
 
 

@@ -1,0 +1,108 @@
+"""What a diagnosis says of a point, without loading what found it."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pfwd_survey.inverting.stored import Interval, StoredRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedState(StoredRecord):
+    """The point before or after the effects were added."""
+
+    model: str | None = None
+    """half-space or layer; rig where there is no ground."""
+    modulus_pa: float | None = None
+    """Pa; None without ground."""
+    modulus_sd_pa: float | None = None
+    """Pa."""
+    modulus_interval_pa: Interval | None = None
+    """95 %, and all that effects give which would do as well, Pa."""
+    residual_rms_m: float | None = None
+    """m."""
+    residual_over_noise: float | None = None
+    residual_rms_over_peak: float | None = None
+    """From the trigger to the end of the record."""
+    contact_residual_rms_over_peak: float | None = None
+    """To the end of the contact."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectParameter(StoredRecord):
+    """One number of an effect."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop"})
+
+    name: str | None = None
+    value: float | None = None
+    """In the unit."""
+    sd: float | None = None
+    """Its standard deviation; None: not known."""
+    unit: str | None = None
+    """SI; - for none."""
+    drop: int | None = None
+    """Number of the drop that it belongs to; None: to all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectResult(StoredRecord):
+    """An effect that the residual asks for."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"scope", "advice"})
+
+    name: str | None = None
+    scope: str | None = None
+    """What shares it: device, point or drop."""
+    value: float | None = None
+    """Of its first parameter, the middle over the drops."""
+    sd: float | None = None
+    """Its standard deviation; None: not known."""
+    unit: str | None = None
+    """SI; - for none."""
+    parameters: tuple[EffectParameter, ...] | None = None
+    evidence: float | None = None
+    """Drop of the Bayesian information criterion; None: shared by the points of the device."""
+    alternatives: tuple[str, ...] | None = None
+    """Effects that would do in its place."""
+    advice: str | None = None
+    """What to do in the field."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut(StoredRecord):
+    """How well drops or points are predicted that were not fitted; residual over peak."""
+
+    before: float | None = None
+    after: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisResult(StoredRecord):
+    """What is behind the residual of a point: the keys of ``pfwd diagnose --json``, in order."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"plate", "plate_radius_m", "poisson_ratio"})
+
+    file: str | None = None
+    device: str | None = None
+    """Name of the device that measured it."""
+    drops: tuple[int, ...] | None = None
+    """Numbers of the drops that were fitted."""
+    rejected: tuple[str, ...] | None = None
+    """Drops that were not, and why."""
+    plate: str | None = None
+    plate_radius_m: float | None = None
+    poisson_ratio: float | None = None
+    verdict: str | None = None
+    """clean, explained or unexplained."""
+    corrected: bool | None = None
+    """Whether the modulus after may be taken for corrected."""
+    noise_rms_m: float | None = None
+    """m."""
+    before: FittedState | None = None
+    """None: no drop was measured."""
+    effects: tuple[EffectResult, ...] | None = None
+    """Strongest first."""
+    after: FittedState | None = None
+    held_out: HeldOut | None = None
+    """None: nothing was held out."""
+    warnings: tuple[str, ...] | None = None

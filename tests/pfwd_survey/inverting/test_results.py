@@ -1,0 +1,238 @@
+"""Results as classes and as JSON: the order of the keys, what strangers wrote, earlier versions."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pfwd_device import Channel, Drop
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.inverting.diagnosis.result import (
+    DiagnosisResult,
+    EffectParameter,
+    EffectResult,
+    FittedState,
+    HeldOut,
+)
+from pfwd_survey.inverting.results import DropAnalysis, DropResult, HalfSinePulse, drop_result
+from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.inverting.stored import StoredRecord, is_number
+
+STORED = Path(__file__).parents[2] / "data" / "stored-results-v1"
+
+DOCUMENTED = [
+    "file",
+    "drop",
+    "status",
+    "reason",
+    "method",
+    "model",
+    "modulus_pa",
+    "modulus_sd_pa",
+    "viscosity_pa_s",
+    "viscosity_sd_pa_s",
+    "density_kg_m3",
+    "density_sd_kg_m3",
+    "bedrock_depth_m",
+    "bedrock_depth_sd_m",
+    "modulus_interval_pa",
+    "modulus_depth_correlation",
+    "poisson_ratio",
+    "plate_radius_m",
+    "plate",
+    "load",
+    "half_sine",
+    "peak_modulus_pa",
+    "peak_factor",
+    "r_squared",
+    "residual_rms_over_peak",
+    "contact_residual_rms_over_peak",
+    "converged",
+    "at_bound",
+    "forward_solves",
+    "elapsed_s",
+    "seed",
+    "warnings",
+]
+"""The documented keys of ``pfwd invert --json``, in the documented order."""
+
+DIAGNOSIS_DOCUMENTED = [
+    "file",
+    "device",
+    "drops",
+    "verdict",
+    "corrected",
+    "noise_rms_m",
+    "before",
+    "effects",
+    "after",
+    "held_out",
+    "warnings",
+]
+
+numbers = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
+texts = st.text(max_size=5)
+
+
+def maybe(strategy: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    return st.none() | strategy
+
+
+def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
+    """Records of a kind with anything that its fields may hold."""
+    by_hint: dict[Any, st.SearchStrategy[Any]] = {
+        float | None: numbers,
+        int | None: st.integers(-(10**12), 10**12),
+        str | None: texts,
+        str | int | float | None: texts | numbers,
+        bool | None: st.booleans(),
+        tuple[float, float] | None: st.tuples(numbers, numbers),
+        tuple[str, ...] | None: st.lists(texts, max_size=3).map(tuple),
+        tuple[int, ...] | None: st.lists(st.integers(0, 99), max_size=3).map(tuple),
+    }
+
+    hints = get_type_hints(kind)
+    names = [field.name for field in dataclasses.fields(kind) if field.name != "more"]
+    fields = {
+        name: special[name] if name in special else maybe(by_hint[hints[name]]) for name in names
+    }
+    unknown = texts.filter(lambda key: key not in names)
+    more = st.dictionaries(unknown, maybe(numbers | texts | st.lists(texts)), max_size=2)
+    return st.builds(kind, **fields, more=more)
+
+
+pulses = maybe(records(HalfSinePulse))
+drops = records(
+    DropResult,
+    status=maybe(st.sampled_from(["measured", "seating", "rejected"])),
+    half_sine=pulses,
+    half_sine_equal_area=pulses,
+)
+effects = records(
+    EffectResult,
+    parameters=maybe(st.lists(records(EffectParameter), max_size=2).map(tuple)),
+)
+diagnoses = records(
+    DiagnosisResult,
+    before=maybe(records(FittedState)),
+    after=maybe(records(FittedState)),
+    held_out=maybe(records(HeldOut)),
+    effects=maybe(st.lists(effects, max_size=2).map(tuple)),
+)
+
+
+@given(drops | diagnoses)
+def test_a_record_comes_back_from_its_json(record: StoredRecord) -> None:
+    said = json.loads(json.dumps(record.to_json()))
+    assert type(record).from_json(said) == record
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | numbers | texts | st.just(10**400),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+KEYS = [field.name for field in dataclasses.fields(DropResult) if field.name != "more"]
+
+
+@given(st.dictionaries(st.sampled_from(KEYS) | texts, JSON, max_size=8))
+def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[str, Any]) -> None:
+    found = DropResult.from_json(said)
+    again = found.to_json()
+    for key, value in said.items():
+        if isinstance(value, dict) and key in ("half_sine", "half_sine_equal_area"):
+            assert {**again[key], **value} == again[key]
+        elif value is not None or key not in DropResult.LEFT_OUT:
+            assert again[key] == value
+    for name, value in dataclasses.asdict(found).items():
+        if name.endswith(("_pa", "_m", "_s")) and not name.startswith(("modulus_interval", "bed")):
+            assert value is None or is_number(value)
+
+
+def test_the_documented_keys_are_all_there_in_their_order() -> None:
+    rejected = DropResult(status="rejected", reason="no pulse").to_json()
+    assert [key for key in rejected if key in DOCUMENTED] == DOCUMENTED
+    keys = list(DiagnosisResult().to_json())
+    assert [key for key in keys if key in DIAGNOSIS_DOCUMENTED] == DIAGNOSIS_DOCUMENTED
+    state = [
+        "model",
+        "modulus_pa",
+        "modulus_sd_pa",
+        "residual_rms_m",
+        "residual_over_noise",
+        "residual_rms_over_peak",
+        "contact_residual_rms_over_peak",
+    ]
+    assert [key for key in FittedState().to_json() if key in state] == state
+    effect = ["name", "value", "sd", "unit", "parameters", "evidence", "alternatives"]
+    assert [key for key in EffectResult().to_json() if key in effect] == effect
+    assert list(EffectParameter().to_json()) == ["name", "value", "sd", "unit"]
+    assert list(HeldOut().to_json()) == ["before", "after"]
+
+
+@pytest.mark.parametrize("name", ["least-squares", "mpga"])
+def test_a_result_of_the_version_before_is_read_whole(name: str) -> None:
+    said = json.loads((STORED / f"{name}.json").read_text(encoding="utf-8"))
+    found = DropResult.from_json(said)
+    assert not found.more
+    assert found.method == name
+    assert found.status == "measured"
+    # Of what was not kept then the half-sine tells.
+    assert found.peak_load_n is None
+    expected = said["half_sine"]["peak_pressure_pa"] * math.pi * said["plate_radius_m"] ** 2
+    assert found.known_peak_load_n == pytest.approx(expected)
+    assert found.to_json() == said | {"peak_load_n": None}
+
+
+def test_a_diagnosis_of_the_version_before_is_read_whole() -> None:
+    said = json.loads((STORED / "diagnosis.json").read_text(encoding="utf-8"))
+    found = DiagnosisResult.from_json(said)
+    assert found.verdict == "explained"
+    assert [effect.name for effect in found.effects or ()][:1] == ["bedrock"]
+    again = found.to_json()
+    assert again == said
+    assert list(again) == list(said)
+    assert [list(effect) for effect in again["effects"]] == [list(e) for e in said["effects"]]
+
+
+@pytest.mark.parametrize("said", [None, 3, "text", [1, 2], True])
+def test_what_is_no_record_is_refused_in_one_line(said: object) -> None:
+    with pytest.raises(SurveyError, match=r"x\.json: expected a record with its keys, came "):
+        DropResult.from_json(said, "x.json")
+
+
+def test_values_of_another_type_are_kept_and_not_used() -> None:
+    said = {"modulus_pa": "a lot", "converged": 1, "drop": 2.5, "status": "fell", "seed": True}
+    found = DropResult.from_json(said)
+    assert (found.modulus_pa, found.converged, found.drop, found.status) == (None,) * 4
+    assert found.unreadable == set(said)
+    assert {key: found.to_json()[key] for key in said} == said
+
+
+def pulse_of(peak: float, offset: float = 0.0) -> Drop:
+    time = np.arange(-50, 400) / 1e4
+    inside = (time > 0) & (time < 0.018)
+    load = offset + np.where(inside, peak * np.sin(np.pi * time / 0.018), 0.0)
+    return Drop(3, time, load, (Channel(0.0, "displacement", 1e-8 * load),))
+
+
+def test_the_peak_load_is_that_of_the_record_less_its_offset() -> None:
+    analysis = DropAnalysis(pulse_of(8000.0, offset=70.0), Screening("measured"), None)
+    found = drop_result("x.csv", analysis)
+    assert found.peak_load_n == pytest.approx(8000.0, rel=1e-3)
+    rejected = DropAnalysis(pulse_of(100.0), Screening("rejected", "no pulse"), None)
+    assert drop_result("x.csv", rejected).peak_load_n == pytest.approx(100.0, rel=1e-3)
+
+
+def test_there_is_no_peak_load_where_the_pulse_is_missing() -> None:
+    drop = pulse_of(8000.0)
+    missing = (drop.time > 5e-3) & (drop.time < 9e-3)
+    drop = dataclasses.replace(drop, load=np.where(missing, np.nan, drop.load))
+    analysis = DropAnalysis(drop, Screening("rejected", "damaged record"), None)
+    assert drop_result("x.csv", analysis).peak_load_n is None
