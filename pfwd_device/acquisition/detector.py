@@ -77,6 +77,7 @@ class Detector:
         self._channels = len(identity.channels)
         self._load = load_channel(identity)
         per_newton = abs(counts_per_unit(identity.channels[self._load], identity))
+        self._per_newton = per_newton
         self._least = settings.threshold * per_newton
         self._full = 1 << (identity.adc_bits - 1)
         self._quantum = max(1, round(rate / QUANTA_PER_SECOND))
@@ -115,6 +116,13 @@ class Detector:
     def ready(self) -> bool:
         """Whether a drop would be found now: the load at rest is known."""
         return self._rest is not None
+
+    @property
+    def drop_load(self) -> float:
+        """Load above rest that starts a drop now, N: as set, or raised by the noise."""
+        if self._rest is None or not self._per_newton:
+            return self.settings.threshold
+        return self._threshold(self._rest) / self._per_newton
 
     @property
     def at_rest(self) -> AtRest | None:

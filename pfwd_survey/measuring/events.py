@@ -51,6 +51,8 @@ class LiveSamples:
 
     samples: Samples
     identity: Identity
+    drop_load: float
+    """Load above rest that starts a drop, N."""
 
 
 @dataclass(frozen=True, slots=True)

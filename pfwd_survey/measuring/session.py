@@ -409,7 +409,7 @@ class Session:
         self._last_samples = item
         self._sampled += len(item.counts)  # whatever number of its run the instrument gives
         self._found(self._detector.feed(item))
-        self._tell(LiveSamples(item, self._identity))
+        self._tell(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
         checking = self._checker is not None and self._checker.due
         if self._feed.live and self._detector.ready and not checking and not self._was_ready:

@@ -374,3 +374,14 @@ def test_a_bounce_after_a_pulse_longer_than_its_record_is_a_rebound():
     found = run(load)
     assert len(drops(found)) == 1
     assert [one.trigger for one in rebounds(found)] == pytest.approx([25_000], abs=30)
+
+
+@pytest.mark.parametrize("threshold", [100.0, 400.0, 2000.0])
+def test_the_load_that_starts_a_drop_is_told_in_newtons(threshold):
+    quiet, rough = (Detector(IDENTITY, DetectionSettings(threshold=threshold)) for _ in range(2))
+    assert quiet.drop_load == threshold
+    run(stream(seconds=1.0), detector=quiet)
+    assert quiet.drop_load == threshold
+    run(stream(seconds=1.0, noise=500.0), detector=rough)
+    # Eight times the noise, where that is more.
+    assert rough.drop_load == pytest.approx(max(threshold, 8 * 500.0), rel=0.05)

@@ -15,7 +15,7 @@ STEP = round(INTERVAL * RATE)
 
 
 def event(counts: np.ndarray, first: int, stream: int = 7, *, shunt: bool = False) -> LiveSamples:
-    return LiveSamples(Samples(stream, first, counts, shunt, 0.0, UTC), IDENTITY)
+    return LiveSamples(Samples(stream, first, counts, shunt, 0.0, UTC), IDENTITY, 400.0)
 
 
 def noise(count: int) -> np.ndarray:

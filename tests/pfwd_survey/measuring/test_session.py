@@ -13,6 +13,7 @@ from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.wire.messages import Event, EventKind
 from pfwd_survey.measuring.events import (
     DropSaved,
+    LiveSamples,
     Ready,
     Rebounded,
     SensorCheck,
@@ -216,3 +217,9 @@ def test_an_unused_channel_is_recorded_and_not_inverted(log: Log, writer: Any) -
     assert record.counts.shape == (1200, 3)
     assert len(record.drop.channels) == 1
     assert RATE == record.drop.sampling_rate == pytest.approx(10_000)
+
+
+def test_the_display_is_told_what_load_starts_a_drop(log: Log, writer: Any) -> None:
+    setup = parse_setup("[detection]\nthreshold_n = 2000", "s.toml")
+    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, setup=setup)
+    assert {told.drop_load for told in log.of(LiveSamples)} == {2000.0}

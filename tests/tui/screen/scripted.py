@@ -61,12 +61,14 @@ def status(lost: float = 0, battery: float | None = 7.4) -> InstrumentStatus:
     return InstrumentStatus(said, {"samples_lost": lost, "instrument_overruns": 0, "drift": None})
 
 
-def samples(peak: float = 0.0, first: int = 0, *, shunt: bool = False) -> LiveSamples:
+def samples(
+    peak: float = 0.0, first: int = 0, *, shunt: bool = False, drop_load: float = 400.0
+) -> LiveSamples:
     """0.1 s; the load of one sample in their middle has a peak of so many N."""
     counts = np.zeros((1000, 2), np.int32)
     counts[500, 0] = round(peak)  # a count is a newton
     utc = NOON.replace(tzinfo=datetime.UTC)
-    return LiveSamples(Samples(7, first, counts, shunt, 0.0, utc), IDENTITY)
+    return LiveSamples(Samples(7, first, counts, shunt, 0.0, utc), IDENTITY, drop_load)
 
 
 def drop(number: int, peak: float = 9900.0) -> Drop:

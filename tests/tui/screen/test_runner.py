@@ -154,3 +154,19 @@ def test_sources_know_what_they_are(tmp_path: Path) -> None:
     assert not looked_at.writes
     assert looked_at.survey == tmp_path
     assert ReplaySource(tmp_path, 1.0, None, output=tmp_path / "new").writes
+
+
+@pytest.mark.parametrize(("threshold", "pulse"), [(400.0, 420.0), (2000.0, 2100.0), (100.0, 105.0)])
+def test_a_pulse_is_what_the_session_takes_for_a_drop(threshold: float, pulse: float) -> None:
+    runner = SessionRunner(QuietSource())
+
+    def listen(load: float, first: int) -> None:
+        event = samples(first=first, drop_load=threshold)
+        event.samples.counts[-50, 0] = round(load)  # a count is a newton
+        runner._listen(event)
+
+    listen(0.0, 0)
+    listen(0.95 * threshold, 1000)
+    assert runner.pulse_at is None
+    listen(pulse, 2000)
+    assert runner.pulse_at is not None

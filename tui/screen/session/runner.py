@@ -14,7 +14,6 @@ from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
 from pfwd_survey.measuring.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
 from tui.screen.session.sources import Source
-from tui.screen.session.status import DROP_LOAD
 
 log = logging.getLogger("pfwd.screen")
 
@@ -160,5 +159,5 @@ class SessionRunner:
             text = f"the live trace failed: {type(err).__name__}"
             self._mailbox.append(Notice(text, serious=True))
             return
-        if peak > DROP_LOAD:
+        if peak > event.drop_load:
             self.pulse_at = time.monotonic()

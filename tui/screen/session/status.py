@@ -19,9 +19,6 @@ FEW_DROPS = 60
 REBOUNDS = 2.5
 """s after a drop in which the hammer bounces; nobody lifts it again so soon."""
 
-DROP_LOAD = 400.0
-"""N above rest; the threshold at which a drop is found."""
-
 
 @dataclass(frozen=True, slots=True)
 class StatusWord:
