@@ -97,7 +97,7 @@ def test_a_quick_answer_then_the_full_one(
     curves = by_number[third].curves
     assert curves is not None
     assert np.isfinite(curves.predicted).all()
-    assert worker.wait(0)
+    assert worker.wait(PATIENCE)
 
 
 @pytest.mark.posix
