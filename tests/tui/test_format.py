@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pfwd_survey.inverting.results import DropResult
-from tui.format import result_lines
+from tui.format import drop_line, result_lines
 
 RESULT = DropResult.from_json(
     {
@@ -151,3 +151,9 @@ def test_text_from_a_file_can_not_steer_the_terminal(hostile: str) -> None:
     ]
     for line in result_lines(results):
         assert line.isprintable()
+
+
+def test_the_method_that_ran_is_shown() -> None:
+    published = replace(RESULT, method="published")
+    assert "  model layer, load measured, method published, seed 0" in result_lines([published])
+    assert "  published" in drop_line("A", 1, published)

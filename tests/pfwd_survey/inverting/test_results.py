@@ -11,8 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from inversion import SurrogateLibrary
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectParameter,
@@ -20,6 +23,7 @@ from pfwd_survey.inverting.diagnosis.result import (
     FittedState,
     HeldOut,
 )
+from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropAnalysis, DropResult, HalfSinePulse, drop_result
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.stored import StoredRecord, is_number
@@ -236,3 +240,21 @@ def test_there_is_no_peak_load_where_the_pulse_is_missing() -> None:
     drop = dataclasses.replace(drop, load=np.where(missing, np.nan, drop.load))
     analysis = DropAnalysis(drop, Screening("rejected", "damaged record"), None)
     assert drop_result("x.csv", analysis).peak_load_n is None
+
+
+def test_the_method_that_ran_is_told() -> None:
+    setup = Setup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
+    drop = pulse_of(8000.0)
+    library = SurrogateLibrary()
+    told = {
+        name: analyse_drop(drop, setup, Screening("measured"), options, library)
+        for name, options in (
+            ("published", AnalysisOptions(published=True)),
+            ("least-squares", AnalysisOptions(method="least-squares", model="half-space")),
+        )
+    }
+    for name, analysis in told.items():
+        assert analysis.fault is None
+        said = json.loads(json.dumps(drop_result("x", analysis).to_json()))
+        assert said["method"] == name
+        assert DropResult.from_json(said).method == name
