@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from pfwd_device import Drop
-from pfwd_survey.inverting.screening.drops import Screening, Status
+from pfwd_survey.inverting.screening.drops import DropStatus, Screening
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import remove_offset
 from pfwd_survey.inverting.stored import Interval, StoredRecord
@@ -59,7 +59,7 @@ class DropResult(StoredRecord):
     """Name of its test point."""
     drop: int | None = None
     """Number within the point."""
-    status: Status | None = None
+    status: DropStatus | None = None
     reason: str | None = None
     """Why it was rejected."""
     method: str | None = None

@@ -34,7 +34,7 @@ from tui.screen.pages.dialogs import Question
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
-from tui.screen.session.diagnoses import Diagnoses
+from tui.screen.session.diagnosis import Diagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
@@ -42,17 +42,17 @@ from tui.screen.session.replay_pace import change_speed, one_more, pace_text, pa
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import (
     ContentsRead,
-    Diagnosed,
+    DiagnosisDone,
     DropRead,
     Refitted,
     ScreenEvent,
     SessionEnded,
 )
-from tui.screen.session.sources import Source
+from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
-from tui.screen.settings import Settings, save_settings
+from tui.screen.settings import ScreenSettings, save_settings
 from tui.screen.units import BY_NAME, Units
 
 UPDATES = 12.0
@@ -70,8 +70,8 @@ class PfwdApp(App[int]):
 
     Parameters
     ----------
-    source : Source
-    settings : Settings, optional
+    source : SessionSource
+    settings : ScreenSettings, optional
     target : float, optional
         Of points that have none, Pa.
     glyphs : Glyphs, optional
@@ -107,16 +107,16 @@ class PfwdApp(App[int]):
 
     def __init__(
         self,
-        source: Source,
-        settings: Settings | None = None,
+        source: SessionSource,
+        settings: ScreenSettings | None = None,
         target: float | None = None,
         glyphs: Glyphs | None = None,
-        save: Callable[[Settings], bool] = save_settings,
+        save: Callable[[ScreenSettings], bool] = save_settings,
         local_time: Callable[[], datetime.datetime] = datetime.datetime.now,
     ) -> None:
         super().__init__()
         self.source = source
-        self.settings = settings or Settings()
+        self.settings = settings or ScreenSettings()
         self.state = SessionState(source.plan.setup.procedure, target)
         self.state.waits_for_first_modulus = source.plan.options is not None
         self.state.recorded = source.pace is not None
@@ -259,7 +259,7 @@ class PfwdApp(App[int]):
                     self.say(error)
             case Refitted(_, number, label, result):
                 self.fits.on_refitted(number, label, result, self.units)
-            case Diagnosed():
+            case DiagnosisDone():
                 self.diagnoses.on_diagnosed(event, self.units)
 
     def _ring(self, times: int) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from rich.style import Style
 from textual.theme import Theme
 
-from tui.screen.drawing.lines import Role
+from tui.screen.drawing.lines import TextRole
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +19,11 @@ class Look:
     name: str
     title: str
     background: str
-    styles: Mapping[Role, Style]
+    styles: Mapping[TextRole, Style]
     theme: Theme
 
 
-def _look(name: str, title: str, back: str, colours: Mapping[Role, str], theme: Theme) -> Look:
+def _look(name: str, title: str, back: str, colours: Mapping[TextRole, str], theme: Theme) -> Look:
     ground = Style.parse(f"{colours['text']} on {back}")
     styles = {role: ground + Style.parse(text) for role, text in colours.items()}
     return Look(name, title, back, styles, theme)

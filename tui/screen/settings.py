@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ScreenSettings:
     """Of the screen."""
 
     theme: Literal["dark", "daylight"] = "dark"
@@ -41,24 +41,24 @@ def settings_file() -> Path:
     return user_config_path("pfwd", appauthor=False) / "screen.json"
 
 
-def load_settings(path: Path | None = None) -> Settings:
+def load_settings(path: Path | None = None) -> ScreenSettings:
     """The settings as they were saved; what is missing or wrong is as ever."""
     try:
         with open(path or settings_file(), encoding="utf-8") as stream:
             value = json.loads(stream.read(10_000))
     except (OSError, ValueError, RecursionError):
-        return Settings()
+        return ScreenSettings()
     if not isinstance(value, dict):
-        return Settings()
+        return ScreenSettings()
     sound = {
         key: value[key]
         for key, choices in _CHOICES.items()
         if any(type(value.get(key)) is type(choice) and value[key] == choice for choice in choices)
     }
-    return Settings(**sound)
+    return ScreenSettings(**sound)
 
 
-def save_settings(settings: Settings, path: Path | None = None) -> bool:
+def save_settings(settings: ScreenSettings, path: Path | None = None) -> bool:
     """Keep them; whether that worked."""
     target = path or settings_file()
     draft = target.with_name(f"{target.name}.{os.getpid()}.tmp")

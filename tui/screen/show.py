@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 from tui.log_file import close_log, open_log
 from tui.output import on_terminal, say
-from tui.screen.session.sources import Source
+from tui.screen.session.sources import SessionSource
 
 USAGE = 2
 
 
 def show(
-    source: Source,
+    source: SessionSource,
     command: str,
     target: float | None = None,
     moduli: dict[int, float] | None = None,
@@ -21,7 +21,7 @@ def show(
 
     Parameters
     ----------
-    source : Source
+    source : SessionSource
     command : str
         Name of the command, for a message.
     target : float, optional
@@ -56,7 +56,7 @@ def show(
 
 
 @contextlib.contextmanager
-def _logged(source: Source) -> Iterator[None]:
+def _logged(source: SessionSource) -> Iterator[None]:
     """The log goes into a survey that is written; nothing is added to one that is only looked at.
 
     Nothing may be printed meanwhile: it would stand in the middle of the screen.

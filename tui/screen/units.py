@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 UnitsName = Literal["si", "us"]
-Quantity = Literal[
+QuantityName = Literal[
     "modulus",
     "load",
     "deflection",
@@ -35,7 +35,7 @@ class Unit:
     """SI units in one of it."""
 
 
-_SI: Mapping[Quantity, Unit] = {
+_SI: Mapping[QuantityName, Unit] = {
     "modulus": Unit("MPa", 1e6),
     "load": Unit("kN", 1e3),
     "deflection": Unit("µm", 1e-6),
@@ -47,7 +47,7 @@ _SI: Mapping[Quantity, Unit] = {
     "viscosity": Unit("kPa s", 1e3),
     "density": Unit("kg/m³", 1.0),
 }
-_US: Mapping[Quantity, Unit] = {
+_US: Mapping[QuantityName, Unit] = {
     "modulus": Unit("ksi", 1e3 * _PSI),
     "load": Unit("lbf", _POUND_FORCE),
     "deflection": Unit("mil", 1e-3 * _INCH),
@@ -67,35 +67,35 @@ class Units:
 
     name: UnitsName
 
-    def of(self, quantity: Quantity) -> Unit:
+    def of(self, quantity: QuantityName) -> Unit:
         """The unit that a quantity is shown in."""
         return (_US if self.name == "us" else _SI)[quantity]
 
-    def unit(self, quantity: Quantity) -> str:
+    def unit(self, quantity: QuantityName) -> str:
         """Its name."""
         return self.of(quantity).name
 
-    def value(self, quantity: Quantity, si: float | None) -> float | None:
+    def value(self, quantity: QuantityName, si: float | None) -> float | None:
         """A value of SI in the unit; None when there is none or it is not finite."""
         if si is None or not math.isfinite(si):
             return None
         return si / self.of(quantity).scale
 
-    def si(self, quantity: Quantity, value: float) -> float:
+    def si(self, quantity: QuantityName, value: float) -> float:
         """A value of the unit in SI."""
         return value * self.of(quantity).scale
 
-    def text(self, quantity: Quantity, si: float | None, digits: int = 3) -> str:
+    def text(self, quantity: QuantityName, si: float | None, digits: int = 3) -> str:
         """A value, without its unit, with so many digits that count."""
         return figures(self.value(quantity, si), digits)
 
-    def with_unit(self, quantity: Quantity, si: float | None, digits: int = 3) -> str:
+    def with_unit(self, quantity: QuantityName, si: float | None, digits: int = 3) -> str:
         """A value with its unit."""
         text = self.text(quantity, si, digits)
         return text if text == NOTHING else f"{text} {self.unit(quantity)}"
 
     def measured(
-        self, quantity: Quantity, si: float | None, sd: float | None, digits: int = 4
+        self, quantity: QuantityName, si: float | None, sd: float | None, digits: int = 4
     ) -> tuple[str, str]:
         """A value and its uncertainty with the same decimals; the latter "" when there is none."""
         value, deviation = self.value(quantity, si), self.value(quantity, sd)

@@ -19,7 +19,7 @@ from inversion.diagnosis import (
 )
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.inverting.diagnosis.entries import Entry, entries_of
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -58,13 +58,13 @@ def diagnose_files(
         Processes.
     """
     options = options or AnalysisOptions()
-    entries: list[Entry | Diagnosed] = []
+    entries: list[DiagnosisPoint | Diagnosed] = []
     for file in files:
         try:
             entries += entries_of(file, options)
         except (SurveyError, InversionError) as err:
             entries.append(Diagnosed(file, error=str(err)))
-    work = [one for one in entries if isinstance(one, Entry) and one.records is not None]
+    work = [one for one in entries if isinstance(one, DiagnosisPoint) and one.records is not None]
     found = dict(zip(map(id, work), _diagnose_all(work, device, jobs), strict=True))
     found |= _shared_device(work, found, device, jobs)
     for one in entries:
@@ -81,7 +81,7 @@ def diagnose_files(
 
 
 def _diagnose_all(
-    work: Sequence[Entry],
+    work: Sequence[DiagnosisPoint],
     device: DeviceValues | Sequence[DeviceValues] | None,
     jobs: int,
     likely: Sequence[Sequence[str]] = (),
@@ -113,7 +113,7 @@ def _diagnose(
 
 
 def _shared_device(
-    work: Sequence[Entry],
+    work: Sequence[DiagnosisPoint],
     found: Mapping[int, PointDiagnosis | str],
     given: DeviceValues | None,
     jobs: int,
@@ -151,7 +151,7 @@ def _shared_device(
 
 
 def _left_out_errors(
-    points: Sequence[Entry],
+    points: Sequence[DiagnosisPoint],
     first: Sequence[PointDiagnosis | str],
     anew: Sequence[PointDiagnosis | str],
     findings: DeviceFindings,
@@ -200,7 +200,7 @@ def _median(values: Sequence[float]) -> float:
 
 
 def _device_findings(
-    points: Sequence[Entry], found: Mapping[int, PointDiagnosis | str]
+    points: Sequence[DiagnosisPoint], found: Mapping[int, PointDiagnosis | str]
 ) -> DeviceFindings | None:
     diagnoses = [d for one in points if isinstance(d := found[id(one)], PointDiagnosis)]
     counts: dict[str, int] = {}

@@ -12,7 +12,7 @@ from pfwd_survey.inverting.screening.missing import whole_part
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class DiagnosisPoint:
     """A point on its way through the diagnosis."""
 
     file: str
@@ -24,14 +24,14 @@ class Entry:
     warnings: tuple[str, ...] = ()
 
 
-def entries_of(file: str, options: AnalysisOptions) -> list[Entry]:
+def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
     """The points of a file, read and screened."""
     return [
         _entry(file, p, options) for p in read_points(file, options.header, options.overrides())
     ]
 
 
-def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> Entry:
+def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
     screenings = screen_point(point)
     chosen = [
         (whole_part(drop)[0], found)
@@ -47,7 +47,7 @@ def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> Entry:
     device = point.setup.device
     name = None if device is None else str(device)
     if not chosen:
-        return Entry(file, name, None, rejected, warnings)
+        return DiagnosisPoint(file, name, None, rejected, warnings)
     dead = {offset for _, found in chosen for offset in found.dead}
     records = tuple(record_of(drop, point.setup, options, dead) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
@@ -59,4 +59,4 @@ def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> Entry:
         elastic=options.elastic,
         half_sine=options.load == "half-sine",
     )
-    return Entry(file, name, made, rejected, warnings)
+    return DiagnosisPoint(file, name, made, rejected, warnings)

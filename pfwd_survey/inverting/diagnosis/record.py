@@ -3,7 +3,7 @@
 from typing import Any
 
 from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
-from pfwd_survey.inverting.diagnosis.entries import Entry
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectParameter,
@@ -13,7 +13,7 @@ from pfwd_survey.inverting.diagnosis.result import (
 )
 
 
-def diagnosis_result(entry: Entry, found: PointDiagnosis | None) -> DiagnosisResult:
+def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
     """What is told of one point; `found` is None where no drop of it was measured."""
     conditions: dict[str, Any] = {}
     if entry.records is not None:

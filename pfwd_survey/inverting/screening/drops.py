@@ -19,7 +19,7 @@ from pfwd_survey.inverting.screening.clipping import clipped_samples
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
 
-Status = Literal["measured", "seating", "rejected"]
+DropStatus = Literal["measured", "seating", "rejected"]
 
 NO_PULSE_LOAD = 100.0
 """N; a hand on the guide rod does more. A load channel in kN stays below too, and is told so."""
@@ -82,7 +82,7 @@ PARTIAL_OVER_LARGEST = 0.7
 class Screening:
     """What a look at a drop's record found."""
 
-    status: Status
+    status: DropStatus
     """What the drop counts as."""
     reason: str | None = None
     """Why it was rejected; None when it was not."""
@@ -133,7 +133,7 @@ def screen(drop: Drop, setup: Setup) -> Screening:
     reason = _load_fault(pulse, drop) or _centre_fault(pulse, drop)
     if reason:
         return Screening("rejected", reason)
-    status: Status = "seating" if drop.number <= setup.seating_drops else "measured"
+    status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
     warnings = [incomplete] if incomplete else []
     return Screening(status, None, (*warnings, *_warnings(pulse, drop)), dead)

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.files.header import setup_warnings
 from pfwd_survey.inverting.results import DropAnalysis, drop_result
-from pfwd_survey.inverting.worker.tasks import Building, Curves, Outcome, Task, Urgency
+from pfwd_survey.inverting.worker.tasks import Building, Curves, Task, TaskOutcome, Urgency
 
 if TYPE_CHECKING:
     from inversion import SurrogateLibrary
@@ -79,20 +79,20 @@ def _work(source: IO[bytes], target: IO[bytes]) -> None:
         send(target, outcome_of(receive(source), library))
 
 
-def outcome_of(task: Task, library: "SurrogateLibrary") -> Outcome:
+def outcome_of(task: Task, library: "SurrogateLibrary") -> TaskOutcome:
     """What comes of a task; whatever goes wrong in it is an outcome too."""
     from pfwd_survey.inverting.analysis import analyse_drop, rehearse
 
     try:
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
-            return Outcome()
+            return TaskOutcome()
         found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
         result = drop_result(task.file, found, setup_warnings(task.setup))
-        return Outcome(result, _curves_of(found))
+        return TaskOutcome(result, _curves_of(found))
     except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"
-        return Outcome(fault=fault, details=traceback.format_exc())
+        return TaskOutcome(fault=fault, details=traceback.format_exc())
 
 
 def _curves_of(found: DropAnalysis) -> Curves | None:

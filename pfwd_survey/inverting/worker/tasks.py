@@ -62,7 +62,7 @@ class Curves:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Outcome:
+class TaskOutcome:
     """What the process says of a task."""
 
     result: DropResult | None = None

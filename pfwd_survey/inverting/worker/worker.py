@@ -33,7 +33,7 @@ class Answer:
 
     task: Task
     result: DropResult | None = None
-    """As in `Outcome`, like the following."""
+    """As in `TaskOutcome`, like the following."""
     curves: Curves | None = None
     fault: str | None = None
     details: str = ""

@@ -29,7 +29,7 @@ from pfwd_survey.measuring.events import (
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
-from tui.screen.settings import Settings
+from tui.screen.settings import ScreenSettings
 
 NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
 SETUP = Setup(plate_radius=0.15, plate_mass=10.0, poisson_ratio=0.35, seating_drops=3)
@@ -229,13 +229,13 @@ class App(PfwdApp):
     def __init__(
         self,
         source: Any = None,
-        settings: Settings | None = None,
+        settings: ScreenSettings | None = None,
         glyphs: Glyphs = BRAILLE,
         **more: Any,
     ) -> None:
-        self.kept: list[Settings] = []
+        self.kept: list[ScreenSettings] = []
 
-        def save(kept: Settings) -> bool:
+        def save(kept: ScreenSettings) -> bool:
             self.kept.append(kept)
             return True
 

@@ -27,7 +27,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.log_file import close_log, open_log
 from tui.screen.session.event_log import log_event
-from tui.screen.session.screen_events import ContentsRead, Diagnosed, Refitted, SessionEnded
+from tui.screen.session.screen_events import ContentsRead, DiagnosisDone, Refitted, SessionEnded
 
 HOSTILE = [
     "[/",
@@ -85,7 +85,7 @@ def events(text: str) -> list[Any]:
         saved(2, status="rejected", reason=text),
         ContentsRead((point,), drops=True),
         Refitted("7", 1, text, result(refit=text), None),
-        Diagnosed("survey", (DiagnosisResult.from_json(record),)),
+        DiagnosisDone("survey", (DiagnosisResult.from_json(record),)),
         Notice(text, serious=True),
         InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
         SessionEnded(None, text, 2.0, no_device=True),

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tui.screen.drawing.blocks import Column, Row, table_lines, window
+from tui.screen.drawing.blocks import TableColumn, TableRow, table_lines, window
 from tui.screen.drawing.lines import (
     cell,
     fit,
@@ -55,14 +55,14 @@ def test_only_free_text_is_shortened_and_it_shows() -> None:
 
 
 COLUMNS = [
-    Column("drop", 0),
-    Column("E MPa", 1),
-    Column("defl µm", 3),
-    Column("remark", 2, free=True),
+    TableColumn("drop", 0),
+    TableColumn("E MPa", 1),
+    TableColumn("defl µm", 3),
+    TableColumn("remark", 2, free=True),
 ]
 ROWS = [
-    Row(("1", "47.31", "641", "permanent set of the plate"), key=1),
-    Row(("12", "1234.5", "12.25", "safe"), chosen=True, key=12),
+    TableRow(("1", "47.31", "641", "permanent set of the plate"), key=1),
+    TableRow(("12", "1234.5", "12.25", "safe"), chosen=True, key=12),
 ]
 
 

@@ -24,8 +24,8 @@ from tests.tui.screen.scripted import (
     until,
     whole_point,
 )
-from tui.screen.session.screen_events import ContentsRead, Diagnosed, Refitted
-from tui.screen.settings import Settings
+from tui.screen.session.screen_events import ContentsRead, DiagnosisDone, Refitted
+from tui.screen.settings import ScreenSettings
 
 SIZES = [(80, 24), (120, 40), (200, 60)]
 
@@ -292,7 +292,7 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         await pilot.press("4")
         await pilot.pause(0.1)
         assert "Enter diagnoses" in app.text
-        await told(app, pilot, Diagnosed(str(tmp_path), (DiagnosisResult.from_json(RECORD),)))
+        await told(app, pilot, DiagnosisDone(str(tmp_path), (DiagnosisResult.from_json(RECORD),)))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")
@@ -307,7 +307,7 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
 def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("4")
-        await told(app, pilot, Diagnosed(str(tmp_path), (), "the diagnosis failed: no table"))
+        await told(app, pilot, DiagnosisDone(str(tmp_path), (), "the diagnosis failed: no table"))
         assert "the diagnosis failed: no table" in app.text
 
     play(App(QuietSource(tmp_path)), script)
@@ -348,7 +348,7 @@ def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
         assert app.source.plan.setup.declared["plate_radius_m"] == pytest.approx(0.1524)
         assert app.state.chosen_target == pytest.approx(7 * 6894757.293168)
 
-    play(App(settings=Settings(units="us")), script)
+    play(App(settings=ScreenSettings(units="us")), script)
 
 
 def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
@@ -433,7 +433,7 @@ def test_theme_type_units_change_at_once_and_are_kept() -> None:
         assert app.theme == "pfwd-daylight"
 
     app = play(App(), script)
-    assert app.kept[-1] == Settings("daylight", "us", large=True)
+    assert app.kept[-1] == ScreenSettings("daylight", "us", large=True)
 
 
 class Replayed(QuietSource):

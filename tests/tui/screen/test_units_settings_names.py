@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tui.screen.session.names import next_name, point_name_error
-from tui.screen.settings import Settings, load_settings, save_settings
+from tui.screen.settings import ScreenSettings, load_settings, save_settings
 from tui.screen.units import SI, US, figures, percent
 
 
@@ -36,7 +36,7 @@ def test_no_digit_before_the_point_is_lost() -> None:
 
 def test_settings_come_back(tmp_path: Path) -> None:
     file = tmp_path / "deep" / "screen.json"
-    wanted = Settings("daylight", "us", large=True, bell=False)
+    wanted = ScreenSettings("daylight", "us", large=True, bell=False)
     assert save_settings(wanted, file)
     assert load_settings(file) == wanted
 
@@ -47,18 +47,18 @@ def test_settings_come_back(tmp_path: Path) -> None:
 def test_damaged_settings_are_survived(tmp_path: Path, text: str) -> None:
     file = tmp_path / "screen.json"
     file.write_text(text)
-    assert load_settings(file) == Settings()
+    assert load_settings(file) == ScreenSettings()
 
 
 def test_a_folder_that_cannot_be_written_costs_the_settings_only(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    assert not save_settings(Settings(), tmp_path / "file" / "screen.json")
+    assert not save_settings(ScreenSettings(), tmp_path / "file" / "screen.json")
 
 
 def test_good_settings_beside_a_wrong_one_hold(tmp_path: Path) -> None:
     file = tmp_path / "screen.json"
     file.write_text(json.dumps({"theme": "daylight", "units": "furlongs"}))
-    assert load_settings(file) == Settings(theme="daylight")
+    assert load_settings(file) == ScreenSettings(theme="daylight")
 
 
 def test_the_next_point_counts_on() -> None:

@@ -6,9 +6,9 @@ from typing import Any
 
 from pfwd_survey.inverting.options import AnalysisOptions
 from tests.tui.screen.scripted import handed_on
-from tui.screen.session.diagnosing import Diagnoser
-from tui.screen.session.refits import Refits, label_of
-from tui.screen.session.screen_events import Diagnosed, Refitted
+from tui.screen.session.diagnosis import Diagnoser
+from tui.screen.session.drop_fits import Refits, label_of
+from tui.screen.session.screen_events import DiagnosisDone, Refitted
 
 PATIENCE = 120.0
 
@@ -22,7 +22,7 @@ class Told(list[Any]):
 
     def __call__(self, event: Any) -> None:
         self.append(event)
-        if isinstance(event, Refitted | Diagnosed):
+        if isinstance(event, Refitted | DiagnosisDone):
             self.changed.set()
 
     def last(self) -> Any:

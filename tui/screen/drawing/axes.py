@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tui.screen.drawing.canvas import Trace, across, columns_of, draw, row_of
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, Role, cell, fit, pad, piece, width_of
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, pad, piece, width_of
 
 MARGIN = 0.06
 """Part of the range that stays free above and below a curve."""
@@ -21,7 +21,7 @@ class Curve:
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
-    role: Role
+    role: TextRole
     name: str
     dashed: bool = False
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tui.screen.drawing.lines import Cell, Line, Role, pad, shorten, width_of
+from tui.screen.drawing.lines import Cell, Line, TextRole, pad, shorten, width_of
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class TableColumn:
     """A column of a table."""
 
     title: str
@@ -20,11 +20,11 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """A row of a table."""
 
     texts: tuple[str, ...]
-    role: Role = "text"
+    role: TextRole = "text"
     chosen: bool = False
     key: object = None
     """What it stands for."""
@@ -33,7 +33,7 @@ class Row:
 GAP = 2
 
 
-def table_lines(columns: Sequence[Column], rows: Sequence[Row], width: int) -> list[Line]:
+def table_lines(columns: Sequence[TableColumn], rows: Sequence[TableRow], width: int) -> list[Line]:
     """A table with its titles, as many columns as fit; every number whole."""
     shown = list(range(len(columns)))
     widths = [
@@ -61,10 +61,10 @@ def table_lines(columns: Sequence[Column], rows: Sequence[Row], width: int) -> l
 
 def _table_row(
     texts: Sequence[str],
-    columns: Sequence[Column],
+    columns: Sequence[TableColumn],
     shown: Sequence[int],
     widths: Sequence[int],
-    role: Role,
+    role: TextRole,
     chosen: bool,
 ) -> Line:
     parts = []

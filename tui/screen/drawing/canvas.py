@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, Role
+from tui.screen.drawing.lines import Cell, Line, TextRole
 
 _BRAILLE = 0x2800
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
@@ -31,7 +31,7 @@ class Trace:
     """(n,), least value of each column of dots; NaN: nothing there."""
     high: NDArray[np.float64]
     """(n,), largest."""
-    role: Role
+    role: TextRole
     dashed: bool = False
 
 

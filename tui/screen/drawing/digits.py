@@ -1,6 +1,6 @@
 """Figures that are read from two metres: five rows high, of full blocks, or ten."""
 
-from tui.screen.drawing.lines import Cell, Line, Role
+from tui.screen.drawing.lines import Cell, Line, TextRole
 
 _FORMS = {
     "0": ("████", "█  █", "█  █", "█  █", "████"),
@@ -26,14 +26,14 @@ SIZES: tuple[tuple[int, int], ...] = ((8, 4), (6, 3), (4, 2), (2, 1), (1, 1))
 """Columns and rows of a block, largest first; a cell is about twice as high as wide."""
 
 
-def digit_lines(text: str, role: Role = "strong", wide: int = 2, high: int = 1) -> list[Line]:
+def digit_lines(text: str, role: TextRole = "strong", wide: int = 2, high: int = 1) -> list[Line]:
     """A number as lines of blocks.
 
     Parameters
     ----------
     text : str
         Digits, point and minus; other letters are left out.
-    role : Role
+    role : TextRole
     wide, high : int
         Columns and rows of a block.
     """

@@ -11,7 +11,7 @@ from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure
-from tui.screen.drawing.lines import Role
+from tui.screen.drawing.lines import TextRole
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.units import Units, figures, percent
@@ -200,7 +200,7 @@ def spectrum_figure(
     shape = np.hanning(len(observed))
     frequency = np.asarray(np.fft.rfftfreq(len(observed), step), np.float64)
     parts = []
-    role: Role
+    role: TextRole
     for values, role, name in (
         (observed, "measured", "measured"),
         (predicted - observed, "residual", "residual"),

@@ -12,7 +12,7 @@ from rich.cells import cell_len, set_cell_size
 
 from tui.output import clean
 
-Role = Literal[
+TextRole = Literal[
     "text",
     "dim",
     "strong",
@@ -39,13 +39,13 @@ class Cell:
     """A piece of a line."""
 
     text: str
-    role: Role = "text"
+    role: TextRole = "text"
 
 
 Line = tuple[Cell, ...]
 
 
-def cell(text: object, role: Role = "text") -> Cell:
+def cell(text: object, role: TextRole = "text") -> Cell:
     """A piece of text from anywhere, harmless."""
     return Cell(clean(text), role)
 

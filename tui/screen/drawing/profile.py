@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tui.screen.drawing.axes import tick_text, ticks
-from tui.screen.drawing.lines import Cell, Line, Role, cell, line
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
 from tui.screen.units import figures
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
@@ -17,7 +17,7 @@ class Bar:
     name: str
     value: float | None
     """None: nothing was measured."""
-    role: Role = "measured"
+    role: TextRole = "measured"
     chosen: bool = False
 
 
@@ -69,7 +69,7 @@ def profile_lines(
             letter = _block(bar, row, rows, top, whole_blocks=whole_blocks)
             empty = "─" if row == aim else " "
             body = (letter if letter != " " else empty) * (step - 1)
-            role: Role = bar.role if letter != " " else "warn"
+            role: TextRole = bar.role if letter != " " else "warn"
             cells += [Cell(body, role), Cell(empty, "warn")]
         lines.append(tuple(cells))
     names = [Cell(" " * gutter)]

@@ -8,20 +8,20 @@ from textual.binding import Binding, BindingType
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from tui.diagnosis_lines import diagnosis_lines
-from tui.screen.drawing.blocks import Column, Row, exactly, table_lines, window
-from tui.screen.drawing.lines import Line, Role, cell, line, shorten, wrap
+from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, table_lines, window
+from tui.screen.drawing.lines import Line, TextRole, cell, line, shorten, wrap
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.units import NOTHING, Units, percent
 
 _COLUMNS = (
-    Column("point", 0, left=True, free=True),
-    Column("verdict", 0, left=True),
-    Column("E before", 2),
-    Column("E after", 1),
-    Column("residual", 4),
-    Column("after", 3),
-    Column("effects", 5, free=True),
+    TableColumn("point", 0, left=True, free=True),
+    TableColumn("verdict", 0, left=True),
+    TableColumn("E before", 2),
+    TableColumn("E after", 1),
+    TableColumn("residual", 4),
+    TableColumn("after", 3),
+    TableColumn("effects", 5, free=True),
 )
 
 
@@ -94,7 +94,7 @@ class DiagnosisPage(Page):
         ]
         unit = self.pfwd.units.unit("modulus")
         columns = [
-            Column(f"{one.title} {unit}", one.rank) if one.title.startswith("E ") else one
+            TableColumn(f"{one.title} {unit}", one.rank) if one.title.startswith("E ") else one
             for one in _COLUMNS
         ]
         ladder = table_lines(columns, rows, width)
@@ -130,15 +130,15 @@ class DiagnosisPage(Page):
         self.draw()
 
 
-_ROLE: dict[str, Role] = {"clean": "good", "explained": "good", "unexplained": "warn"}
+_ROLE: dict[str, TextRole] = {"clean": "good", "explained": "good", "unexplained": "warn"}
 
 
-def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> Row:
+def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> TableRow:
     """A point as a row of the ladder."""
     before, after = result.before or FittedState(), result.after or FittedState()
     verdict = str(result.verdict)
     effects = ", ".join(str(effect.name) for effect in result.effects or ())
-    return Row(
+    return TableRow(
         (
             shorten(cell(name).text, 24),
             verdict.upper(),

@@ -11,8 +11,8 @@ from tui.screen.drawing.lines import Line
 from tui.screen.pages.drop_view import PANELS, DropView, drop_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.refit_dialog import RefitDialog
+from tui.screen.session.drop_fits import label_of
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.refits import label_of
 from tui.screen.session.screen_events import Refitted
 
 ZOOM = 1.6

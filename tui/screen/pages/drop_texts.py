@@ -4,12 +4,11 @@ import math
 
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import Quantity, Verdict
-from tui.screen.drawing.blocks import Column, Row
-from tui.screen.drawing.lines import Line, Role, cell, fit, piece
+from tui.screen.drawing.blocks import TableColumn, TableRow
+from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState, PointState
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, Units, percent
-from tui.screen.units import Quantity as QuantityName
+from tui.screen.units import NOTHING, QuantityName, Units, percent
 
 
 def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
@@ -33,7 +32,7 @@ def plain(value: object) -> str:
     return f"{value:.2f}" if isinstance(value, int | float) else NOTHING
 
 
-def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, Role]:
+def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRole]:
     """What is to be thought of a drop, in one sentence."""
     if drop is None:
         return "no drop yet", "dim"
@@ -62,18 +61,18 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, Role]:
 
 
 _COLUMNS = (
-    Column("drop", 0),
-    Column("kind", 2, left=True),
-    Column("load", 3),
-    Column("defl", 4),
-    Column("E", 0),
-    Column("± 95 %", 1),
-    Column("residual", 5),
-    Column("remark", 6, free=True),
+    TableColumn("drop", 0),
+    TableColumn("kind", 2, left=True),
+    TableColumn("load", 3),
+    TableColumn("defl", 4),
+    TableColumn("E", 0),
+    TableColumn("± 95 %", 1),
+    TableColumn("residual", 5),
+    TableColumn("remark", 6, free=True),
 )
 
 
-def drop_columns(units: Units) -> tuple[Column, ...]:
+def drop_columns(units: Units) -> tuple[TableColumn, ...]:
     """The columns of a table of drops, with their units."""
     named = {
         "load": f"load {units.unit('load')}",
@@ -81,21 +80,22 @@ def drop_columns(units: Units) -> tuple[Column, ...]:
         "E": f"E {units.unit('modulus')}",
     }
     return tuple(
-        Column(named.get(one.title, one.title), one.rank, one.left, one.free) for one in _COLUMNS
+        TableColumn(named.get(one.title, one.title), one.rank, one.left, one.free)
+        for one in _COLUMNS
     )
 
 
-def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "") -> Row:
+def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "") -> TableRow:
     """A drop as a row; `left_out` says why it takes no part in the mean."""
     value, error = modulus_text(drop, units)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak
     kind = "DISCARDED" if drop.discarded else drop.status if drop.safe else "NOT SAFE"
-    role: Role = "text"
+    role: TextRole = "text"
     if drop.discarded or drop.status == "seating":
         role = "dim"
     if drop.status == "rejected" or not drop.safe:
         role = "bad"
-    return Row(
+    return TableRow(
         (
             str(drop.number),
             kind,
@@ -134,7 +134,7 @@ def remark(drop: DropState, units: Units) -> str:
     return "; ".join(parts) if parts else "safe"
 
 
-_VERDICTS: dict[Verdict, tuple[str, Role]] = {
+_VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
     Verdict.PASS: ("PASS", "good"),
     Verdict.FAIL: ("FAIL", "bad"),
     Verdict.UNDECIDED: ("UNDECIDED", "warn"),

@@ -13,13 +13,13 @@ from tui.screen.drawing.axes import Figure, plot_lines
 from tui.screen.drawing.blocks import beside, exactly
 from tui.screen.drawing.drop_figures import curves_of, drop_figures, spectrum_figure
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Line, Role, cell, fit, line, pad, piece, shorten, wrap
+from tui.screen.drawing.lines import Line, TextRole, cell, fit, line, pad, piece, shorten, wrap
 from tui.screen.pages.drop_texts import remark, uncertainty_of, verdict_of
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, Quantity, Units, figures, percent
+from tui.screen.units import NOTHING, QuantityName, Units, figures, percent
 
 PANELS = ("load", "deflection", "residual", "spectrum")
 WIDE = 100
@@ -88,7 +88,7 @@ def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
 def _title(view: DropView, drop: DropState, width: int) -> Line:
     owner = view.state.points.get(drop.point)
     name = owner.shown_name if owner is not None else drop.point
-    role: Role = "bad" if drop.status == "rejected" else "text"
+    role: TextRole = "bad" if drop.status == "rejected" else "text"
     kind = "DISCARDED" if drop.discarded else drop.status
     which = "result that counts" if view.refit is None else f"refit: {view.refit.label}"
     said = view.message or view.busy
@@ -198,7 +198,7 @@ def _heading(text: str) -> list[Line]:
     return [line(cell(text, "strong"))]
 
 
-def _paragraph(text: str, width: int, role: Role = "text") -> list[Line]:
+def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
     return [line(cell(one, role)) for one in wrap(text, width)]
 
 
@@ -214,7 +214,7 @@ def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
         low, high = (units.text("modulus", end, 4) for end in ends)
         lines += _paragraph(f"           {low} to {high}; noise alone ± {noise}"[11:], width)
     bounds = result.at_bound or ()
-    others: tuple[tuple[str, Quantity, float | None, float | None], ...] = (
+    others: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
         ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
         ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
         ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
@@ -281,7 +281,7 @@ def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
         lines += _paragraph(f"{_short_result(result, units)}, {result.method} ({kind})", width)
     for refit in drop.refits:
         if refit.result is not None:
-            mark: Role = "strong" if refit is view.refit else "text"
+            mark: TextRole = "strong" if refit is view.refit else "text"
             lines += _paragraph(f"{_short_result(refit.result, units)}, {refit.label}", width, mark)
     return lines if len(lines) > 1 else []
 

@@ -5,15 +5,15 @@ from typing import Any, Protocol
 from pfwd_survey.measuring.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.looks import Look
-from tui.screen.session.diagnoses import Diagnoses
+from tui.screen.session.diagnosis import Diagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.sources import Source
+from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import StatusWord
 from tui.screen.session.survey_edits import SurveyEdits
-from tui.screen.settings import Settings
+from tui.screen.settings import ScreenSettings
 from tui.screen.units import Units
 
 
@@ -21,8 +21,8 @@ class Host(Protocol):
     """The application, as far as the pages know it."""
 
     state: SessionState
-    source: Source
-    settings: Settings
+    source: SessionSource
+    settings: ScreenSettings
     glyphs: Glyphs
     diagnoses: Diagnoses
     edits: SurveyEdits

@@ -14,7 +14,7 @@ from tui.screen.drawing.lines import (
     Cell,
     Line,
     Piece,
-    Role,
+    TextRole,
     both_ends,
     cell,
     fit,
@@ -38,8 +38,7 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.procedure import PLAIN
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import StatusWord
-from tui.screen.units import NOTHING, Units
-from tui.screen.units import Quantity as QuantityName
+from tui.screen.units import NOTHING, QuantityName, Units
 
 PANELS = ("live", "load", "deflection", "residual")
 """What the one plot of a small terminal shows in turn."""
@@ -103,7 +102,7 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
     point = shorten(state.current.shown_name, 24 if width >= NARROW else 10)
     title = shorten(view.title, max(3, min(30, width - 16 - width_of([cell(point)]))))
     name = line(cell(" PFWD  ", "strong"), title, " · point ", cell(point, "strong"))
-    link: Role = "good" if device.connected else "warn"
+    link: TextRole = "good" if device.connected else "warn"
     url = device.url.rsplit("/", 1)[-1]
     pieces: list[Piece] = []
     if state.device.serial_number or device.connected:

@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit, parse_position
 from pfwd_survey.procedures import PointProgress, Verdict
-from tui.screen.drawing.blocks import Column, Row, exactly, table_lines, window
+from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, table_lines, window
 from tui.screen.drawing.lines import Line, cell, line, shorten
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.dialogs import TextDialog
@@ -20,14 +20,14 @@ from tui.screen.units import NOTHING, Units
 from tui.screen.widgets.lines_view import LinesView
 
 _COLUMNS = (
-    Column("point", 0, left=True, free=True),
-    Column("drops", 2),
-    Column("E", 0),
-    Column("spread", 3),
-    Column("target", 4),
-    Column("status", 1, left=True),
-    Column("position", 5, left=True),
-    Column("notes", 6, free=True),
+    TableColumn("point", 0, left=True, free=True),
+    TableColumn("drops", 2),
+    TableColumn("E", 0),
+    TableColumn("spread", 3),
+    TableColumn("target", 4),
+    TableColumn("status", 1, left=True),
+    TableColumn("position", 5, left=True),
+    TableColumn("notes", 6, free=True),
 )
 
 MOST_PROFILE = 18
@@ -114,7 +114,7 @@ class PointsPage(Page):
         unit = app.units.unit("modulus")
         named = {"E": f"E {unit}", "spread": f"spread {unit}", "target": f"target {unit}"}
         columns = [
-            Column(named.get(one.title, one.title), one.rank, one.left, one.free)
+            TableColumn(named.get(one.title, one.title), one.rank, one.left, one.free)
             for one in _COLUMNS
         ]
         table = table_lines(columns, rows, width)
@@ -125,11 +125,11 @@ class PointsPage(Page):
         profile = profile_lines(bars, width, profile_rows, title, target, whole_blocks=whole)
         return [*exactly(table, room - profile_rows - 1), (), *profile]
 
-    def _row(self, point: PointState, units: Units, *, chosen: bool) -> Row:
+    def _row(self, point: PointState, units: Units, *, chosen: bool) -> TableRow:
         mean = self.pfwd.state.mean_of(point)
         place = point.position
         progress = self.pfwd.state.progress_of(point)
-        return Row(
+        return TableRow(
             (
                 cell(point.shown_name).text,
                 str(len(point.drops)),

@@ -11,7 +11,7 @@ from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import with_procedure
 from pfwd_survey.procedures import find_procedure
 from tui.screen.session.procedure import PLAIN
-from tui.screen.units import Quantity, Units, figures
+from tui.screen.units import QuantityName, Units, figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Field:
     name: str
     """As an identifier; for what is declared, the key of a setup file."""
     title: str
-    quantity: Quantity | None = None
+    quantity: QuantityName | None = None
     """Of a number that is shown in the units of the screen."""
     kind: str = "number"
     """number, whole, or text."""

@@ -1,4 +1,7 @@
-"""Runs the diagnosis as a command beside the screen, so that the screen never waits for it."""
+"""Diagnoses that are asked for, and what they say of the points.
+
+The diagnosis runs as a command beside the screen, so that the screen never waits for it.
+"""
 
 import contextlib
 import json
@@ -9,7 +12,13 @@ from collections.abc import Callable
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.processes import start_text_child
-from tui.screen.session.screen_events import Diagnosed
+from tui.screen.session.drop_state import PointState
+from tui.screen.session.runner import SessionRunner
+from tui.screen.session.screen_events import DiagnosisDone
+from tui.screen.session.sources import SessionSource
+from tui.screen.session.state import SessionState
+from tui.screen.session.verdicts import verdict_text
+from tui.screen.units import Units
 
 _COMMAND = "from tui.cli import main; raise SystemExit(main())"
 
@@ -20,10 +29,10 @@ class Diagnoser:
     Parameters
     ----------
     tell : callable
-        Told `Diagnosed`, in a thread of its own.
+        Told `DiagnosisDone`, in a thread of its own.
     """
 
-    def __init__(self, tell: Callable[[Diagnosed], None]) -> None:
+    def __init__(self, tell: Callable[[DiagnosisDone], None]) -> None:
         self._tell = tell
         self._process: subprocess.Popen[str] | None = None
         self._lock = threading.Lock()
@@ -61,7 +70,72 @@ class Diagnoser:
         if bad or (status != 0 and not results):
             said = [text for text in err.strip().splitlines() if text]
             fault = f"the diagnosis of {file} failed: {said[-1] if said else f'status {status}'}"
-        self._tell(Diagnosed(file, tuple(results), fault))
+        self._tell(DiagnosisDone(file, tuple(results), fault))
+
+
+class Diagnoses:
+    """One diagnosis at a time; the verdicts of the last one of the survey.
+
+    Parameters
+    ----------
+    source : SessionSource
+    runner : SessionRunner
+        Told what was found.
+    state : SessionState
+    say : callable
+        Takes one line for the operator.
+    """
+
+    def __init__(
+        self,
+        source: SessionSource,
+        runner: SessionRunner,
+        state: SessionState,
+        say: Callable[[str], None],
+    ) -> None:
+        self._source, self._state, self._say = source, state, say
+        self._diagnoser = Diagnoser(runner.put)
+        self.verdicts: dict[str, str] = {}
+        """By point."""
+
+    @property
+    def file(self) -> str:
+        """What is being diagnosed; empty: nothing."""
+        return self._diagnoser.file
+
+    def start(self, file: str) -> None:
+        """Ask what is behind the residuals of a survey or a drop; the answer comes as an event."""
+        if self._diagnoser.start(file):
+            self._say("the diagnosis runs; measuring goes on")
+        else:
+            self._say("a diagnosis is under way; 4 and k stop it")
+
+    def stop(self) -> None:
+        """End it."""
+        self._diagnoser.stop()
+
+    def names_of_results(self, count: int) -> list[str]:
+        """Names of the points that a diagnosis of the survey has results of."""
+        points = self._points()
+        if len(points) == count:
+            return [point.shown_name for point in points]
+        return [f"no. {place + 1}" for place in range(count)]
+
+    def on_diagnosed(self, event: DiagnosisDone, units: Units) -> None:
+        """Say that it is done, and keep the verdicts."""
+        if event.error:
+            self._say(event.error)
+            return
+        self._say("the diagnosis is done: 4 shows it")
+        if event.file != str(self._source.survey):
+            return
+        points = self._points()
+        if len(points) == len(event.results):
+            for point, result in zip(points, event.results, strict=True):
+                self.verdicts[point.name] = verdict_text(result, units)
+
+    def _points(self) -> list[PointState]:
+        return [one for one in self._state.points.values() if one.drops and not one.discarded]
 
 
 def _results(text: str) -> tuple[list[DiagnosisResult], bool]:

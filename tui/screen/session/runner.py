@@ -13,7 +13,7 @@ from pfwd_survey.measuring.contents import RecordingError
 from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
 from pfwd_survey.measuring.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
-from tui.screen.session.sources import Source
+from tui.screen.session.sources import SessionSource
 
 log = logging.getLogger("pfwd.screen")
 
@@ -26,10 +26,10 @@ class SessionRunner:
 
     Parameters
     ----------
-    source : Source
+    source : SessionSource
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: SessionSource) -> None:
         self.source = source
         self.trace = LiveTrace()
         self._mailbox: deque[ScreenEvent] = deque()

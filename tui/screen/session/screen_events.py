@@ -65,7 +65,7 @@ class Refitted:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Diagnosed:
+class DiagnosisDone:
     """What the diagnosis of a file has found."""
 
     file: str
@@ -75,5 +75,5 @@ class Diagnosed:
 
 
 ScreenEvent = (
-    SessionEvent | SessionBegan | SessionEnded | ContentsRead | DropRead | Refitted | Diagnosed
+    SessionEvent | SessionBegan | SessionEnded | ContentsRead | DropRead | Refitted | DiagnosisDone
 )

@@ -15,7 +15,7 @@ from pfwd_survey.measuring.session import Listener
 from pfwd_survey.measuring.setup_file import MeasuringSetup
 
 
-class Source(Protocol):
+class SessionSource(Protocol):
     """One way to have a session."""
 
     title: str

@@ -50,7 +50,7 @@ from tui.screen.session.procedure import (
 )
 from tui.screen.session.screen_events import (
     ContentsRead,
-    Diagnosed,
+    DiagnosisDone,
     DropRead,
     Refitted,
     ScreenEvent,
@@ -103,7 +103,7 @@ class SessionState:
         self.notices: deque[tuple[datetime.datetime, Notice]] = deque(maxlen=MOST_NOTICES)
         self.building: TableBuilding | None = None
         self.setup: Any = None
-        self.diagnoses: dict[str, Diagnosed] = {}
+        self.diagnoses: dict[str, DiagnosisDone] = {}
         """By file."""
         self.session: Any = None
         """The session that runs; None: none does."""
@@ -269,7 +269,7 @@ class SessionState:
                 self._on_read(event)
             case Refitted():
                 self._on_refitted(event)
-            case Diagnosed(file, _, error):
+            case DiagnosisDone(file, _, error):
                 self.diagnoses[file] = event
                 if error:
                     self._on_notice(Notice(error, serious=True))

@@ -9,7 +9,7 @@ from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.measuring.events import Edited, Notice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.sources import Source
+from tui.screen.session.sources import SessionSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class SurveyEdits:
 
     Parameters
     ----------
-    source : Source
+    source : SessionSource
     runner : SessionRunner
         Whose session is asked first; told what was edited without one.
     say : callable
@@ -37,7 +37,7 @@ class SurveyEdits:
 
     def __init__(
         self,
-        source: Source,
+        source: SessionSource,
         runner: SessionRunner,
         say: Callable[[str], None],
         in_thread: Callable[[Callable[[], None], str], None],
