@@ -21,6 +21,7 @@ from pfwd_device.wire.messages import (
     RefusalCode,
     SampleBlock,
 )
+from pfwd_device.wire.pieces import Cutter
 from pfwd_device.wire.sample_clock import Placed, SampleClock
 
 LONGEST_LINE = 512
@@ -39,6 +40,10 @@ _DECIMAL = (
 )
 _SKIPPED = re.compile(rb"[ \t]*+(?:#[^\n]*|t_us[ \t]*+\r?(?:,[^\n]*)?)")
 _BLANK = b" \t\r"
+# Wider than what is read as a sample: any program that prints numbers, whatever their digits.
+_NUMBER = rb"\s*[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*"
+_LINE_OF_NUMBERS = re.compile(rb"\d+\s*(?:," + _NUMBER + rb"){1,9}")
+_ENOUGH_LINES = 3
 _LEAST, _MOST = -(2.0**31), 2.0**31 - 1
 _RATE_WINDOW = 1000
 """Samples over which the mean step is compared with the sampling rate."""
@@ -99,8 +104,7 @@ class AsciiDialect:
         self._other_width, self._votes = 0, 0
         self._clock = SampleClock(identity.sampling_rate, first_stream)
         self._introduced = False
-        self._begun = b""
-        self._overlong = False
+        self._cutter = Cutter(b"\n", LONGEST_LINE, self.counters)
         self._held: list[_Line] = []
         self._mark: tuple[int, int, int] | None = None
         self._rate_refused = False
@@ -132,37 +136,21 @@ class AsciiDialect:
 
     def reset(self) -> None:
         """Forget a line that has begun; indices go on if the times do."""
-        forgotten = len(self._begun) + sum(line.size for line in self._held)
-        self.counters.bytes_discarded += forgotten
-        self._begun = b""
-        self._overlong = False
+        self._cutter.reset()
+        self.counters.bytes_discarded += sum(line.size for line in self._held)
         self._held = []
         self._introduced = False
         self._rate_refused = False
 
     def _good_lines(self, data: bytes) -> list[_Line]:
         """The lines that have the form of a sample."""
-        counters = self.counters
-        counters.bytes_received += len(data)
-        *whole, rest = (self._begun + data).split(b"\n")
         good = []
-        for line in whole:
-            if self._overlong:  # its start is already thrown away
-                self._overlong = False
-                counters.bytes_discarded += len(line) + 1
-                continue
-            match = self._line.fullmatch(line) if len(line) <= LONGEST_LINE else None
+        for line in self._cutter.feed(data):
+            match = self._line.fullmatch(line)
             if match is not None and self._has_width(line.count(b",")):
                 good.append(_Line(match[1], len(line) + 1))
             else:
                 self._count_other(line)
-        if len(rest) > LONGEST_LINE and not self._overlong:
-            self._overlong = True
-            counters.frames_damaged += 1
-        if self._overlong:
-            counters.bytes_discarded += len(rest)
-            rest = b""
-        self._begun = rest
         return good
 
     def _has_width(self, width: int) -> bool:
@@ -180,12 +168,11 @@ class AsciiDialect:
         return True
 
     def _count_other(self, line: bytes) -> None:
-        if len(line) <= LONGEST_LINE:
-            if not line.strip(_BLANK):
-                return  # as an extra zero between frames
-            if _SKIPPED.fullmatch(line):
-                self.counters.frames_good += 1
-                return
+        if not line.strip(_BLANK):
+            return  # as an extra zero between frames
+        if _SKIPPED.fullmatch(line):
+            self.counters.frames_good += 1
+            return
         self.counters.frames_damaged += 1
         self.counters.bytes_discarded += len(line) + 1
 
@@ -240,6 +227,12 @@ class AsciiDialect:
         if self._resolution is not None:
             values = np.rint(values / self._resolution)
         return np.asarray(np.clip(values, _LEAST, _MOST).astype(np.int32))
+
+
+def looks_like_lines(data: bytes) -> bool:
+    """Whether the last whole lines are `t_us,v1,v2,...`."""
+    lines = [line for line in data.splitlines()[1:-1] if line.strip()][-_ENOUGH_LINES:]
+    return len(lines) == _ENOUGH_LINES and all(map(_LINE_OF_NUMBERS.fullmatch, lines))
 
 
 def _line_pattern(value: bytes, least: int) -> re.Pattern[bytes]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from cobs import cobs
 
 from pfwd_device.wire.dialect import LinkCounters
+from pfwd_device.wire.pieces import Cutter
 
 HEAD = struct.Struct("<BH")
 CHECK = struct.Struct("<I")
@@ -68,21 +69,14 @@ class Deframer:
 
     def __init__(self, counters: LinkCounters) -> None:
         self._counters = counters
-        self._begun = b""
-        self._overlong = False
+        self._cutter = Cutter(b"\0", LONGEST_FRAME, counters)
         self._expected: int | None = None
 
     def feed(self, data: bytes) -> list[Packet]:
         """The packets that are complete with these bytes."""
         counters = self._counters
-        counters.bytes_received += len(data)
-        *whole, rest = (self._begun + data).split(b"\0")
         packets = []
-        for frame in whole:
-            if self._overlong:  # its start is already thrown away
-                self._overlong = False
-                counters.bytes_discarded += len(frame) + 1
-                continue
+        for frame in self._cutter.feed(data):
             if not frame:
                 continue  # an extra zero is the sender's way to end whatever came before
             packet = _open(frame)
@@ -93,20 +87,11 @@ class Deframer:
                 counters.frames_good += 1
                 self._count(packet.counter)
                 packets.append(packet)
-        if len(rest) > LONGEST_FRAME and not self._overlong:
-            self._overlong = True
-            counters.frames_damaged += 1
-        if self._overlong:
-            counters.bytes_discarded += len(rest)
-            rest = b""
-        self._begun = rest
         return packets
 
     def reset(self) -> None:
         """Forget a frame that has begun, and which number comes next: the link was cut."""
-        self._counters.bytes_discarded += len(self._begun)
-        self._begun = b""
-        self._overlong = False
+        self._cutter.reset()
         self._expected = None
 
     def _count(self, counter: int) -> None:
@@ -119,8 +104,6 @@ class Deframer:
 
 def _open(frame: bytes) -> Packet | None:
     """The packet in a frame, None when it is damaged."""
-    if len(frame) > LONGEST_FRAME:
-        return None
     try:
         packet = cobs.decode(frame)
     except cobs.DecodeError:

@@ -91,7 +91,7 @@ def kept(end: Any) -> int:
     """Bytes that wait for more."""
     deframer = getattr(end, "_deframer", end)
     held = sum(line.size for line in getattr(end, "_held", []))
-    return len(deframer._begun) + held
+    return deframer._cutter.held + held
 
 
 def framed(data: bytes, types: bytes) -> bytes:
