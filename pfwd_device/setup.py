@@ -22,11 +22,15 @@ from pfwd_device.identity import (
     Role,
 )
 from pfwd_device.text import clean
-from pfwd_device.wire.ascii_lines import AsciiDialect
-from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.dialect import Dialect
+from pfwd_device.wire.registry import (
+    DEFAULT,
+    DeclaredLink,
+    DialectEntry,
+    dialect_names,
+    find_dialect,
+)
 
-DIALECTS = ("pfwd", "ascii")
 MOST_COLUMNS = 64
 
 Table = Mapping[str, Any]
@@ -37,8 +41,8 @@ class Rule(NamedTuple):
 
     attribute: str
     """Field of `Identity`, `ChannelIdentity`, `DetectionSettings` or `DeviceSetup`."""
-    expected: str
-    """What is accepted, in words, for the message."""
+    expected: str | Callable[[], str]
+    """What is accepted, in words, for the message; a function where it takes time to know."""
     accepts: Callable[[Any], bool]
     """Whether a value is accepted."""
 
@@ -70,6 +74,14 @@ def _one_of(*words: str) -> Callable[[Any], bool]:
     return lambda value: isinstance(value, str) and value in words
 
 
+def _is_dialect(value: Any) -> bool:
+    return isinstance(value, str) and find_dialect(value) is not None
+
+
+def _alternatives(words: Sequence[str]) -> str:
+    return " or ".join(f'"{word}"' for word in words)
+
+
 def _date(value: Any) -> bool:
     return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
 
@@ -78,7 +90,7 @@ _TEXT = f"text of 1 to {LONGEST_NAME} letters on one line"
 _DATE = "a date as 2026-05-31, without quotation marks"
 
 LINK_KEYS = {
-    "dialect": Rule("dialect", '"pfwd" or "ascii"', _one_of(*DIALECTS)),
+    "dialect": Rule("dialect", lambda: _alternatives(dialect_names()), _is_dialect),
     "baud_rate": Rule("baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)),
     "sampling_rate_hz": Rule(
         "sampling_rate",
@@ -94,7 +106,7 @@ INSTRUMENT_KEYS = {
 }
 CHANNEL_KEYS = {
     "name": Rule("name", _TEXT, _word),
-    "role": Rule("role", " or ".join(f'"{role}"' for role in Role), _one_of(*Role)),
+    "role": Rule("role", _alternatives(tuple(Role)), _one_of(*Role)),
     "column": Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
     "resolution": Rule("resolution", "a number > 0: what one count stands for", _number(0)),
     "offset_m": Rule("offset", "a number >= 0, in m", _number(0, or_low=True)),
@@ -137,8 +149,8 @@ TABLES = {
 class DeviceSetup:
     """What is declared about the instrument; empty: the instrument says it all."""
 
-    dialect: str = "pfwd"
-    """"pfwd" or "ascii"."""
+    dialect: str = DEFAULT
+    """Name of one in `pfwd_device.wire.registry`."""
     baud_rate: int = 115_200
     """Of a serial port; a USB port with its own protocol ignores it."""
     sampling_rate: float | None = None
@@ -150,6 +162,20 @@ class DeviceSetup:
     detection: DetectionSettings = field(default_factory=DetectionSettings)
     """When a drop begins and how much of it is kept."""
 
+    @property
+    def _entry(self) -> DialectEntry:
+        entry = find_dialect(self.dialect)
+        if entry is None:
+            came = clean(ascii(self.dialect))
+            expected = _alternatives(dialect_names())
+            raise SetupError(f"setup, dialect: expected {expected}, came {came}")
+        return entry
+
+    @property
+    def needs_identity(self) -> bool:
+        """Whether the instrument says nothing of itself, so that all of it has to be declared."""
+        return self._entry.needs_identity
+
     def apply(self, identity: Identity) -> Identity:
         """The identity with what the file says in place of what the instrument says.
 
@@ -158,7 +184,7 @@ class DeviceSetup:
         SetupError
             If a channel is named that the instrument does not have, or two values clash.
         """
-        if self.dialect == "ascii":
+        if self.needs_identity:
             return identity
         channels = list(identity.channels)
         names = [channel.name for channel in channels]
@@ -184,28 +210,37 @@ class DeviceSetup:
         Raises
         ------
         SetupError
-            If it is ASCII and something that the lines do not say is not declared.
+            If something is not declared that an instrument of this dialect does not say.
         """
-        if self.dialect == "pfwd":
-            return BinaryDialect()
-        columns = [said["column"] - 1 for said in self.channels]
+        entry = self._entry
+        identity = self.declared_identity() if self.needs_identity else None
+        columns: list[int] = []
+        if entry.needs_columns:
+            columns = [said["column"] - 1 for said in self.channels]
         resolution = [said.get("resolution", 1.0) for said in self.channels]
-        identity = self.ascii_identity()
-        return AsciiDialect(identity, columns, resolution=resolution, first_stream=first_stream)
+        return entry.make(DeclaredLink(identity, tuple(columns), tuple(resolution), first_stream))
 
-    def ascii_identity(self) -> Identity:
-        """The identity of an instrument that prints lines and says nothing of itself."""
+    def declared_identity(self) -> Identity:
+        """The identity of an instrument that says nothing of itself.
+
+        Raises
+        ------
+        SetupError
+            If the file does not say all of it.
+        """
+        title = self._entry.title
+        needed = ("column", "role", "sensitivity")[0 if self._entry.needs_columns else 1 :]
         if self.sampling_rate is None:
-            raise SetupError(_missing("link: sampling_rate_hz"))
+            raise SetupError(_missing("link: sampling_rate_hz", title))
         if not self.channels:
-            raise SetupError(_missing("[[channels]]"))
+            raise SetupError(_missing("[[channels]]", title))
         for said in self.channels:
-            for key in ("column", "role", "sensitivity"):
+            for key in needed:
                 if key not in said:
-                    raise SetupError(_missing(f"channels, {said['name']!r}: {key}"))
+                    raise SetupError(_missing(f"channels, {said['name']!r}: {key}", title))
         for key in ("adc_bits", "adc_range"):
             if key not in self.instrument:
-                raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}"))
+                raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}", title))
         channels = [
             ChannelIdentity(**{key: value for key, value in said.items() if key in _CHANNEL_FIELDS})
             for said in self.channels
@@ -216,7 +251,7 @@ class DeviceSetup:
             raise SetupError(
                 'channels: expected one with role = "geophone" or "displacement", came none'
             )
-        about = {"serial_number": "unknown", "model": "ASCII lines", "firmware": ""}
+        about = {"serial_number": "unknown", "model": title, "firmware": ""}
         return Identity(
             **{**about, **self.instrument},
             sampling_rate=self.sampling_rate,
@@ -268,11 +303,11 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
     except SetupError as err:
         raise SetupError(f"{where}: {err}") from err
     setup = DeviceSetup(**link, instrument=instrument, channels=tuple(channels), detection=settings)
-    if setup.dialect == "ascii":
-        try:
-            setup.ascii_identity()
-        except SetupError as err:
-            raise SetupError(f"{where}: {err}") from err
+    try:
+        if setup.needs_identity:
+            setup.declared_identity()
+    except SetupError as err:
+        raise SetupError(f"{where}: {err}") from err
     return setup
 
 
@@ -288,7 +323,8 @@ def _read(table: Any, rules: Mapping[str, Rule], where: str) -> dict[str, Any]:
         rule = rules[key]
         if not rule.accepts(value):
             came = clean(ascii(value))
-            raise SetupError(f"{where}: {key}: expected {rule.expected}, came {came}")
+            expected = rule.expected if isinstance(rule.expected, str) else rule.expected()
+            raise SetupError(f"{where}: {key}: expected {expected}, came {came}")
         values[rule.attribute] = value
     return values
 
@@ -301,5 +337,5 @@ def _refuse_twice(values: Sequence[object], where: str) -> None:
             raise SetupError(f"{where}: expected each value once, came {came} twice")
 
 
-def _missing(what: str) -> str:
-    return f"{what}: expected a value, came none; ASCII lines say nothing of the instrument"
+def _missing(what: str, title: str) -> str:
+    return f"{what}: expected a value, came none; {title} say nothing of the instrument"

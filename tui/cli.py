@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+import pfwd_plugins
 from pfwd_survey.errors import DeviceError, OptionError, SurveyError
 from pfwd_survey.processes import children_shielded
 from tui.interrupts import stopped_by_signals, take_no_more_signals
@@ -51,6 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         say(_explain(err, args.command.rstrip("_")))  # import_ is import
         status = USAGE if isinstance(err, OptionError) else REFUSED
+    for remark in pfwd_plugins.remarks():
+        say(remark)
     # Registered last, done first: while Python itself ends, an interrupt would end it by the signal
     # though the work is done.
     atexit.register(take_no_more_signals)

@@ -26,7 +26,7 @@ from pfwd_device.wire.messages import (
     Stop,
 )
 from simulators.instrument.faults import BadCable
-from simulators.instrument.language import language_of
+from simulators.instrument.language import LANGUAGES
 from simulators.instrument.scenario import Fault, Scenario
 from simulators.instrument.schedule import Knock
 from simulators.instrument.timeline import PAGE, Bench, Timeline
@@ -91,7 +91,7 @@ class Instrument:
         given = settings.seating if drops is None else settings.seating[:drops]
         self._bench = Bench(self.scenario, UnitDrops(self.scenario, (*given, 1.0)), seed)
         self._rate = self.scenario.device.sampling_rate
-        self._language = language_of(self.scenario.link.dialect, self._rate)
+        self._language = LANGUAGES[self.scenario.link.dialect](self._rate)
         self._cable = BadCable(self.scenario.link, seed)
         self._overruns_on = overruns
         self._due = list(self.scenario.faults_of(*(k for k in Fault.KEYS if k != "knock")))

@@ -1,7 +1,12 @@
-"""The two dialects, from the instrument's side: messages to frames, bytes to messages."""
+"""The dialects from the instrument's side: messages to frames, bytes to messages.
+
+By the names that setup files have for them. A dialect is simulated when it has an entry in
+``LANGUAGES``; it need not be.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -76,6 +81,8 @@ class AsciiLanguage:
         return lines.encode()
 
 
-def language_of(dialect: str, sampling_rate: float) -> Language:
-    """The language that a scenario names."""
-    return AsciiLanguage(sampling_rate) if dialect == "ascii" else BinaryLanguage()
+LANGUAGES: Mapping[str, Callable[[float], Language]] = {
+    "pfwd": lambda sampling_rate: BinaryLanguage(),
+    "ascii": AsciiLanguage,
+}
+"""By the name of the dialect, how its language is made for a sampling rate (Hz)."""

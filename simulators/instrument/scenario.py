@@ -32,6 +32,7 @@ from simulators.instrument.checks import (
     one_of,
     read_table,
 )
+from simulators.instrument.language import LANGUAGES
 from simulators.mesh import Ground, GroundError, Layer, Plate
 
 FOLDER = files("simulators").joinpath("scenarios")
@@ -218,7 +219,9 @@ class DropSettings:
 class LinkSettings:
     """How the instrument talks, and how badly the cable carries it."""
 
-    dialect: str = key("binary", one_of("binary", "ascii"), "language")
+    dialect: str = key(
+        "pfwd", one_of(*LANGUAGES), "language, by the name that a setup file has for it"
+    )
     block_samples: int = key(0, AT_LEAST_0, "samples in a block; 0: 5 ms, as far as they fit")
     buffer: float = key(1.0, POSITIVE, "output the instrument can hold before it overruns, s")
     bit_error_rate: float = key(0.0, FRACTION, "bytes with a flipped bit, fraction")
@@ -226,6 +229,10 @@ class LinkSettings:
     repeated_rate: float = key(0.0, FRACTION, "frames that arrive twice, fraction")
     reordered_rate: float = key(0.0, FRACTION, "frames that arrive after their follower, fraction")
     garbage_at_start: int = key(0, AT_LEAST_0, "random bytes before the first frame")
+
+
+_EARLIER_DIALECTS = {"binary": "pfwd"}
+"""Names that scenarios of earlier versions have for dialects."""
 
 
 _EFFECTS: dict[str, tuple[str, ...]] = {
@@ -348,9 +355,19 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
         if base not in builtin_scenarios():
             raise ScenarioError(f"{name}: base: expected a built-in scenario, came {base!r}")
         tables = merged(_builtin_tables(base), tables)
+    tables = _with_present_names(tables)
     scenario: Scenario = read_table(Scenario, {**tables, "name": name}, name, "")
     _check(scenario)
     return scenario
+
+
+def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The tables with the names of today for those of earlier versions."""
+    link = tables.get("link")
+    if isinstance(link, Mapping) and isinstance(dialect := link.get("dialect"), str):
+        link = {**link, "dialect": _EARLIER_DIALECTS.get(dialect, dialect)}
+        return {**tables, "link": link}
+    return tables
 
 
 def _builtin_tables(name: str) -> Mapping[str, Any]:

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from pfwd_device.wire.registry import OWN
 from simulators.instrument import ScenarioError, builtin_scenarios, load_scenario
+from simulators.instrument.language import LANGUAGES
 from simulators.instrument.scenario import (
     ChannelSettings,
     DeviceSettings,
@@ -110,7 +112,7 @@ def test_a_crust_lies_on_the_rest() -> None:
         ({"drops": {"bounces": [4, 2]}}, r"drops\.bounces: expected two numbers, the smaller"),
         ({"drops": {"seating": 0.9}}, r"drops\.seating: expected an array"),
         ({"drops": {"jitter": 4.0}}, r"drops\.jitter: expected a shorter time"),
-        ({"link": {"dialect": "morse"}}, r"link\.dialect: expected one of binary, ascii"),
+        ({"link": {"dialect": "morse"}}, r"link\.dialect: expected one of pfwd, ascii"),
         ({"link": {"lost_rate": 1.5}}, r"link\.lost_rate: expected 0 to 1"),
         ({"faults": [{"at_s": 1.0}]}, r"faults\[1\]\.kind: expected one of lost"),
         ({"faults": [{"kind": "fire"}]}, r"faults\[1\]\.kind: expected one of lost"),
@@ -125,6 +127,17 @@ def test_a_crust_lies_on_the_rest() -> None:
 def test_an_error_names_the_key(tables: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         load_scenario(tables)
+
+
+def test_a_dialect_has_one_name_in_setups_and_scenarios() -> None:
+    assert list(LANGUAGES) == list(OWN)
+    assert load_scenario("default").link.dialect == "pfwd"
+
+
+@pytest.mark.parametrize("base", ["default", "ascii"])
+def test_the_earlier_name_of_the_binary_dialect_is_understood(base: str) -> None:
+    scenario = load_scenario({"base": base, "link": {"dialect": "binary", "lost_rate": 0.5}})
+    assert (scenario.link.dialect, scenario.link.lost_rate) == ("pfwd", 0.5)
 
 
 def test_a_name_that_is_none_is_told_what_there_is(tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def test_lines_need_a_load_and_a_sensor(old: str, new: str, message: str) -> Non
 def test_lines_that_are_declared_completely() -> None:
     setup = parse_setup(ASCII, "field.toml")
     assert setup.device.make_dialect(77).name == "ascii"
-    identity = setup.device.ascii_identity()
+    identity = setup.device.declared_identity()
     assert identity.sampling_rate == 5000
     assert identity.channels == (
         ChannelIdentity("load", Role.LOAD, sensitivity=4e-4),

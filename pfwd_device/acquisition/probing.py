@@ -1,6 +1,5 @@
 """Asks ports whether an instrument answers there."""
 
-import re
 import threading
 import time
 from collections.abc import Sequence
@@ -10,8 +9,8 @@ from pfwd_device.errors import DeviceError
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import BAUD_RATE, open_transport
-from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import Hello
+from pfwd_device.wire.registry import DeclaredLink, DialectEntry
 
 PROBE_TIMEOUT = 1.5
 """s; the instrument answers at once, one that resets when its port is opened a second later."""
@@ -19,9 +18,6 @@ _REQUEST_EVERY = 0.4
 _OPENING_TIME = 3.5
 """s; some ports (Bluetooth) take for ever to open and are given up."""
 _LONGEST_LOOK = 65536
-_NUMBER = rb"\s*[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*"
-_LINE = re.compile(rb"\d+\s*(?:," + _NUMBER + rb"){1,9}")
-_ENOUGH_LINES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +26,16 @@ class Probe:
 
     url: str
     answers: str | None
-    """Name of the dialect in which an instrument answers, "ascii" for lines of numbers; None:
-    nothing that this program understands."""
+    """Name of the dialect that is spoken there; None: nothing that this program understands."""
     identity: Identity | None
-    """What the instrument says of itself; lines say nothing."""
+    """What the instrument says of itself; None: nothing, as one that sends lines."""
     reason: str
     """Why it is taken for what it is, one sentence."""
 
 
 def probe(
     url: str,
-    dialects: Sequence[Dialect],
+    dialects: Sequence[DialectEntry],
     timeout: float = PROBE_TIMEOUT,
     baud_rate: int = BAUD_RATE,
 ) -> Probe:
@@ -50,8 +45,8 @@ def probe(
     ----------
     url : str
         See `pfwd_device.transport.opening.open_transport`.
-    dialects : sequence of Dialect
-        Fresh ones; each is asked for the identity.
+    dialects : sequence of DialectEntry
+        Asked for the identity, or recognised by what comes unasked.
     timeout : float, s
     baud_rate : int
 
@@ -72,7 +67,11 @@ def probe(
         transport.close()
 
 
-def _request(transport: Transport, url: str, dialects: Sequence[Dialect], timeout: float) -> Probe:
+def _request(
+    transport: Transport, url: str, entries: Sequence[DialectEntry], timeout: float
+) -> Probe:
+    # What needs a declared identity cannot be spoken before somebody declares one.
+    dialects = [entry.make(DeclaredLink()) for entry in entries if not entry.needs_identity]
     seen = b""
     now = time.monotonic()
     end, next_request = now + timeout, now
@@ -89,25 +88,22 @@ def _request(transport: Transport, url: str, dialects: Sequence[Dialect], timeou
                 if isinstance(message, Identity):
                     reason = f"answers as {message.model} {message.serial_number}"
                     return Probe(url, dialect.name, message, reason)
-        if _is_lines(seen):
-            reason = "sends lines of numbers; a setup file has to say what they are"
-            return Probe(url, "ascii", None, reason)
+        for entry in entries:
+            if entry.recognises is not None and entry.recognises(seen):
+                reason = f"sends {entry.title}; a setup file has to say what they are"
+                return Probe(url, entry.name, None, reason)
         now = time.monotonic()
     if seen:
         return Probe(url, None, None, "sends something, but not as a PFWD; is it another device?")
     return Probe(url, None, None, "silent; is an instrument connected and switched on?")
 
 
-def _is_lines(data: bytes) -> bool:
-    """Whether the last whole lines are `t_us,load,g0,...`."""
-    lines = [line for line in data.splitlines()[1:-1] if line.strip()][-_ENOUGH_LINES:]
-    return len(lines) == _ENOUGH_LINES and all(_LINE.fullmatch(line) for line in lines)
-
-
 class _ProbeThread(threading.Thread):
     """Probes one port; left alone when the port never opens."""
 
-    def __init__(self, url: str, dialects: Sequence[Dialect], timeout: float, rate: int) -> None:
+    def __init__(
+        self, url: str, dialects: Sequence[DialectEntry], timeout: float, rate: int
+    ) -> None:
         super().__init__(name=f"pfwd-probe {url}", daemon=True)
         self._arguments = (url, dialects, timeout, rate)
         self.answer = Probe(url, None, None, "did not open in time; is it a wireless port?")
@@ -118,7 +114,7 @@ class _ProbeThread(threading.Thread):
 
 def probe_all(
     urls: Sequence[str],
-    dialects: Sequence[type[Dialect]],
+    dialects: Sequence[DialectEntry],
     timeout: float = PROBE_TIMEOUT,
     baud_rate: int = BAUD_RATE,
 ) -> list[Probe]:
@@ -127,13 +123,12 @@ def probe_all(
     Parameters
     ----------
     urls : sequence of str
-    dialects : sequence of types
-        Made anew for each port.
+    dialects : sequence of DialectEntry
     timeout : float, s
         For one port.
     baud_rate : int
     """
-    threads = [_ProbeThread(url, [make() for make in dialects], timeout, baud_rate) for url in urls]
+    threads = [_ProbeThread(url, dialects, timeout, baud_rate) for url in urls]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + timeout + _OPENING_TIME

@@ -13,15 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_device.transport import probing
+from pfwd_device.acquisition import probing
+from pfwd_device.acquisition.probing import Probe, probe, probe_all
 from pfwd_device.transport.opening import open_transport
-from pfwd_device.transport.probing import Probe, _is_lines, probe, probe_all
-from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.ascii_lines import looks_like_lines
+from pfwd_device.wire.registry import OWN
 from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
 
 
 def ask(url: str, timeout: float = 0.5) -> Probe:
-    return probe(url, [BinaryDialect()], timeout)
+    return probe(url, list(OWN.values()), timeout)
 
 
 @contextlib.contextmanager
@@ -92,7 +93,7 @@ def test_all_at_once(tmp_path: Path) -> None:
     first = PtyHost(instrument, str(tmp_path / "one"))
     second = PtyHost(silent, str(tmp_path / "two"))
     urls = [str(tmp_path / name) for name in ("two", "one", "three")]
-    answers = probe_all(urls, [BinaryDialect], 0.8)
+    answers = probe_all(urls, list(OWN.values()), 0.8)
     first.unplug()
     second.unplug()
     assert [answer.url for answer in answers] == urls
@@ -109,7 +110,7 @@ def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(probing, "probe", hang)
     monkeypatch.setattr(probing, "_OPENING_TIME", 0.1)
     began = time.monotonic()
-    (answer,) = probe_all(["/dev/rfcomm0"], [BinaryDialect], 0.1)
+    (answer,) = probe_all(["/dev/rfcomm0"], list(OWN.values()), 0.1)
     assert time.monotonic() - began < 10
     assert "did not open" in answer.reason
     release.set()
@@ -128,4 +129,4 @@ def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
     ],
 )
 def test_what_lines_look_like(text: bytes, expected: bool) -> None:
-    assert _is_lines(text) is expected
+    assert looks_like_lines(text) is expected

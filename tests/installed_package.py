@@ -1,0 +1,23 @@
+"""Writes a package into a folder as an installer does: its modules and its metadata."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+
+def install(
+    folder: Path,
+    modules: Mapping[str, str],
+    entry_points: str,
+    name: str = "toy",
+    version: str = "0.1",
+) -> None:
+    """Put modules (source by name of the file) and entry points (as in entry_points.txt) there."""
+    for file, source in modules.items():
+        target = folder / file
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(source, encoding="utf-8")
+    about = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+    about.mkdir(parents=True)
+    head = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
+    (about / "METADATA").write_text(head, encoding="utf-8")
+    (about / "entry_points.txt").write_text(entry_points, encoding="utf-8")

@@ -1,0 +1,28 @@
+"""The dialects by name."""
+
+import pytest
+
+from pfwd_device.errors import SetupError
+from pfwd_device.setup import DeviceSetup, read_device_setup
+from pfwd_device.wire.registry import DEFAULT, OWN, all_dialects, dialect_names, find_dialect
+
+
+def test_each_dialect_has_the_name_that_it_is_found_by() -> None:
+    for name, entry in OWN.items():
+        assert find_dialect(name) is entry
+        assert entry.name == name
+    assert [entry.name for entry in all_dialects()][: len(OWN)] == list(OWN)
+    assert dialect_names()[: len(OWN)] == tuple(OWN)
+
+
+def test_nothing_declared_is_the_binary_protocol() -> None:
+    assert DEFAULT == "pfwd"
+    assert DeviceSetup().make_dialect().name == "pfwd"
+
+
+def test_a_dialect_that_nobody_has_is_refused_with_those_there_are() -> None:
+    assert find_dialect("morse") is None
+    with pytest.raises(SetupError, match=r'dialect: expected "pfwd" or "ascii".*morse'):
+        read_device_setup({"link": {"dialect": "morse"}}, "setup.toml")
+    with pytest.raises(SetupError, match=r'dialect: expected "pfwd" or "ascii".*morse'):
+        DeviceSetup(dialect="morse").make_dialect()

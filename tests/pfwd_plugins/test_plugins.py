@@ -1,0 +1,99 @@
+"""What other packages add, and what it costs when it cannot be used."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import pfwd_plugins
+from tests.installed_package import install
+
+GROUP = "pfwd.effects"
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with installed packages, before all others on the path."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    pfwd_plugins.forget()
+    yield folder
+    pfwd_plugins.forget()
+    for name in [name for name in sys.modules if name.startswith("some_")]:
+        del sys.modules[name]
+
+
+def test_what_a_package_names_is_found_and_loaded_when_it_is_asked_for(site: Path) -> None:
+    install(site, {"some_good.py": "VALUE = 7.5\n"}, f"[{GROUP}]\nseven = some_good:VALUE\n")
+    assert pfwd_plugins.names(GROUP) == ("seven",)
+    assert pfwd_plugins.package_of(GROUP, "seven") == "toy 0.1"
+    assert "some_good" not in sys.modules
+    assert pfwd_plugins.load(GROUP, "seven", float) == 7.5
+    assert list(pfwd_plugins.load_all(GROUP, float)) == [("seven", 7.5)]
+    assert pfwd_plugins.load(GROUP, "eight", float) is None
+    assert pfwd_plugins.names("pfwd.dialects") == ()
+    assert pfwd_plugins.remarks() == ()
+
+
+@pytest.mark.parametrize(
+    ("source", "value", "expected"),
+    [
+        ("import no_such_module\n", "some_bad:X", "ModuleNotFoundError: No module named"),
+        ("raise ValueError('first\\nsecond')\n", "some_bad:X", "came ValueError: first second;"),
+        ("import sys\nsys.exit(3)\n", "some_bad:X", "came SystemExit: 3"),
+        ("X = (\n", "some_bad:X", "came SyntaxError"),
+        ("Y = 1.0\n", "some_bad:X", "came AttributeError"),
+        ("X = 'text'\n", "some_bad:X", "expected a float at some_bad:X, came a str;"),
+        ("X = None\n", "some_bad:X", "expected a float at some_bad:X, came a NoneType;"),
+        ("X = 1.0\n", "some bad", "is left out: expected an object that can be imported"),
+    ],
+)
+def test_a_broken_one_costs_a_remark_and_not_the_others(
+    site: Path, source: str, value: str, expected: str
+) -> None:
+    install(site, {"some_bad.py": source}, f"[{GROUP}]\nbad = {value}\n", "broken-toy")
+    install(site, {"some_good.py": "X = 2.0\n"}, f"[{GROUP}]\ngood = some_good:X\n")
+    for _ in range(2):  # and one remark, however often it is asked for
+        assert list(pfwd_plugins.load_all(GROUP, float)) == [("good", 2.0)]
+    (remark,) = pfwd_plugins.remarks()
+    assert remark.startswith(f"plug-in bad of broken-toy 0.1 ({GROUP}) is left out: expected ")
+    assert expected in remark
+    assert remark.endswith("; update or uninstall the package")
+    assert "\n" not in remark
+
+
+def test_nobody_replaces_what_the_program_has(site: Path) -> None:
+    install(site, {"some_good.py": "X = 2.0\n"}, f"[{GROUP}]\nown = some_good:X\n")
+    assert list(pfwd_plugins.load_all(GROUP, float, {"own"})) == []
+    (remark,) = pfwd_plugins.remarks()
+    assert "expected a name of its own, came one that this program has" in remark
+    assert "some_good" not in sys.modules
+
+
+@pytest.mark.parametrize("entry", ["", ".", "absolute"])
+def test_the_current_folder_is_not_looked_at(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str
+) -> None:
+    received = tmp_path / "received"
+    received.mkdir()
+    install(received, {"some_mark.py": "X = 1.0\n"}, f"[{GROUP}]\nmark = some_mark:X\n", "mark")
+    monkeypatch.chdir(received)
+    monkeypatch.setattr(sys, "path", [str(received) if entry == "absolute" else entry, *sys.path])
+    pfwd_plugins.forget()
+    assert "mark" not in pfwd_plugins.names(GROUP)
+    assert pfwd_plugins.load(GROUP, "mark", float) is None
+    assert "some_mark" not in sys.modules
+
+
+def test_the_same_package_twice_on_the_path_counts_once(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again = tmp_path / "again"
+    for folder, value in ((site, 1.0), (again, 2.0)):
+        install(folder, {"some_good.py": f"X = {value}\n"}, f"[{GROUP}]\nx = some_good:X\n")
+    monkeypatch.setattr(sys, "path", [str(site), str(again), *sys.path[1:]])
+    pfwd_plugins.forget()
+    assert list(pfwd_plugins.load_all(GROUP, float)) == [("x", 1.0)]
+    assert pfwd_plugins.remarks() == ()
