@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from pfwd_survey.exporting.registry import OWN as EXPORT_FORMATS
 from tui.argument_values import (
     PLOT_FORMATS,
     count,
@@ -18,8 +19,6 @@ from tui.argument_values import (
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
     Parser = argparse._ActionsContainer  # a parser, or a group of one
-
-EXPORT_FORMATS = ("h5", "csv", "table", "jsonl", "parquet", "geojson", "gpx", "pddx")
 
 _JSON = "one JSON object a line, SI units"
 
@@ -298,9 +297,9 @@ def _add_export(commands: "Commands") -> None:
     export.add_argument(
         "--format",
         required=True,
-        choices=EXPORT_FORMATS,
-        help="h5: the whole survey; csv: a folder of trace files; table: results as CSV; jsonl, "
-        "parquet: results; geojson, gpx: results on the map; pddx: peaks for pavement programs",
+        # No choices: another installed package may have the format, which is looked for later.
+        metavar="FORMAT",
+        help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values()),
     )
     export.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
     export.add_argument("--force", action="store_true", help="write over what is there")

@@ -1,1 +1,1 @@
-"""Surveys as files for other programs; one module a format, listed in :mod:`.formats`."""
+"""Surveys as files for other programs; the formats are listed in :mod:`.registry`."""

@@ -4,11 +4,11 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
+import pfwd_plugins
 from pfwd_device.errors import RecordingError
-from pfwd_survey.errors import OptionError, SurveyError, refusal
-from pfwd_survey.exporting.formats import FORMATS, WITH_RESULTS, writer_of
-from pfwd_survey.exporting.order import Order
-from pfwd_survey.exporting.rows import NO_RESULT, Results
+from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
+from pfwd_survey.exporting.registry import OWN, ExportFormat, find_format, format_names
+from pfwd_survey.exporting.rows import NO_RESULT, Order, Results
 from pfwd_survey.files.reading import survey_content
 
 
@@ -57,7 +57,7 @@ def export_survey(
     ----------
     survey : path of a survey's folder, or of an exported one
     form : str
-        One of ``FORMATS``.
+        Name of one in `pfwd_survey.exporting.registry`.
     path : of the file or folder, in a folder that is there
     force : bool
         Whether what is there may be replaced.
@@ -77,16 +77,24 @@ def export_survey(
     SurveyError
         If the survey cannot be read, or what it holds does not fit into the format.
     """
-    _check_format(form, invert=invert)
+    chosen = _format(form, invert=invert)
     content = survey_content(survey)
     order = Order(content, _inverted(os.fspath(survey), seed) if invert else None, force)
     try:
-        notes = writer_of(form)(order, path)
+        notes = list(chosen.writer()(order, path))
         results = None
-        if form in WITH_RESULTS:
+        if chosen.with_results:
             results = sum(row.values["status"] != NO_RESULT for row in order.rows)
     except RecordingError as err:
         raise SurveyError(str(err)) from err
+    except (SurveyError, OSError):
+        raise
+    except Exception as err:
+        if form in OWN:
+            raise
+        package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form)
+        came = f"{type(err).__name__}: {err}"
+        raise SurveyError(refusal(f"--format {form}", f"a file from {package}", came)) from err
     drops = len(content.drops)
     if results is not None and results < drops:
         notes.append(f"{drops - results} of {drops} drops have no result")
@@ -102,12 +110,14 @@ def export_survey(
     )
 
 
-def _check_format(form: str, *, invert: bool) -> None:
-    if form not in FORMATS:
-        raise OptionError(refusal("--format", f"one of {', '.join(FORMATS)}", repr(form)))
-    if invert and form not in WITH_RESULTS:
-        expected = f"a format with results ({', '.join(sorted(WITH_RESULTS))})"
-        raise OptionError(refusal("--invert", expected, form))
+def _format(name: str, *, invert: bool) -> ExportFormat:
+    form = find_format(name)
+    if form is None:
+        raise OptionError(refusal("--format", f"one of {', '.join(format_names())}", quote(name)))
+    if invert and not form.with_results:
+        holding = ", ".join(sorted(own.name for own in OWN.values() if own.with_results))
+        raise OptionError(refusal("--invert", f"a format with results ({holding})", name))
+    return form
 
 
 def _inverted(survey: str, seed: int) -> Results:

@@ -14,10 +14,9 @@ from itertools import groupby
 
 from pfwd_device.recording.drop_file import software_version
 from pfwd_survey.errors import SurveyError, refusal
-from pfwd_survey.exporting.order import Order
 from pfwd_survey.exporting.output import new_file
 from pfwd_survey.exporting.places import number
-from pfwd_survey.exporting.rows import Row
+from pfwd_survey.exporting.rows import Order, Row
 
 VERSION = "2.0"
 DELIMITER = ","
@@ -31,7 +30,7 @@ _REMARK = (
 )
 
 
-def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
+def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the peaks of all drops that are not discarded and have them.
 
     Returns

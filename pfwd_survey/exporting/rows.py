@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from pfwd_device.errors import RecordingError
@@ -52,6 +53,22 @@ class Row:
         """Whether neither the drop nor its point is discarded, and it can be read."""
         gone = self.point.discarded or self.drop.discarded
         return not gone and self.declared is not None
+
+
+@dataclass(frozen=True)  # without slots, which leave no room for what is computed once
+class Order:
+    """A survey on its way into a format."""
+
+    content: SurveyContent
+    inverted: Results | None = None
+    """Results in place of the stored ones."""
+    force: bool = False
+    """Whether a file that is there may be replaced."""
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """All drops, point by point; read once."""
+        return list(rows_of(self.content, self.inverted))
 
 
 def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator[Row]:

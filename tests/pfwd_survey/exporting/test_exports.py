@@ -11,16 +11,25 @@ import pytest
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.exporting.formats import FORMATS
-from pfwd_survey.exporting.trace_files import safe_name
+from pfwd_survey.exporting.registry import OWN, find_format, format_names
+from pfwd_survey.exporting.surveys import safe_name
 from pfwd_survey.inverting.results import DropAnalysis, drop_result
 from pfwd_survey.inverting.screening.drops import Screening
 from tests.pfwd_survey.exporting.conftest import BELONGS, result_of, rows_of
-from tui.parser import EXPORT_FORMATS
+from tui.parser import build_parser
 
 
-def test_the_command_line_knows_every_format() -> None:
-    assert tuple(FORMATS) == EXPORT_FORMATS
+def test_every_format_has_its_name_and_a_function_that_writes_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert format_names()[: len(OWN)] == tuple(OWN)
+    for name, form in OWN.items():
+        assert find_format(name) is form
+        assert form.writer().__name__ == f"write_{name}"
+    with pytest.raises(SystemExit):
+        build_parser().parse_args(["export", "--help"])
+    help_ = " ".join(capsys.readouterr().out.split())
+    assert all(f"{name}: {form.holds}" in help_ for name, form in OWN.items())
 
 
 @pytest.mark.parametrize(
@@ -63,7 +72,7 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
     )
 
 
-@pytest.mark.parametrize("form", list(FORMATS))
+@pytest.mark.parametrize("form", list(OWN))
 def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
     path = tmp_path / "out"
     path.write_text("mine")
@@ -90,7 +99,7 @@ def test_a_folder_with_other_things_is_not_replaced(survey: Path, tmp_path: Path
     assert (folder / "diary.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("form", list(FORMATS))
+@pytest.mark.parametrize("form", list(OWN))
 def test_a_failure_leaves_nothing_behind(
     survey: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,7 +17,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.exporting.table import cell
+from pfwd_survey.exporting.tables import cell
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.survey_content import folder_content

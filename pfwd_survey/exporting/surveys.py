@@ -1,4 +1,4 @@
-"""``csv``: a folder with one trace file a test point, which ``pfwd import`` takes back."""
+"""What ``pfwd import`` takes back: ``h5``, the whole survey, and ``csv``, a folder of traces."""
 
 import os
 import re
@@ -10,10 +10,11 @@ from typing import Any
 from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.exporting.order import Order
-from pfwd_survey.exporting.output import new_folder
+from pfwd_survey.exporting.output import new_file, new_folder
+from pfwd_survey.exporting.rows import Order
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.reading import points_of
+from pfwd_survey.files.survey_file import write_survey_file
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.screening.missing import whole_part
 
@@ -23,8 +24,15 @@ LONGEST_NAME = 60
 SUFFIX = ".csv"
 
 
-def write(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the traces of all drops that are not discarded.
+def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the survey into one file, which every command reads like it; nothing is left out."""
+    with new_file(path, force=order.force) as draft:
+        write_survey_file(draft, order.content)
+    return []
+
+
+def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the traces of all drops that are not discarded, one file a test point.
 
     Returns
     -------

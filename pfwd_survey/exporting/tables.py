@@ -1,0 +1,98 @@
+"""One line a drop with its result: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``."""
+
+import csv
+import os
+from typing import Any
+
+from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.exporting.columns import COLUMNS
+from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.exporting.output import new_file
+from pfwd_survey.exporting.rows import Order
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""A spreadsheet takes text that begins so for a formula, and runs it."""
+
+
+def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all drops, discarded ones marked."""
+    names = [column.name for column in COLUMNS]
+    with (
+        new_file(path, force=order.force) as draft,
+        # newline: the writer ends lines itself, on every system alike
+        open(draft, "w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        for row in order.rows:
+            writer.writerow([cell(row.values[name]) for name in names])
+    return []
+
+
+def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write all drops, discarded ones marked, with the whole result as a JSON object each."""
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="\n") as stream,
+    ):
+        for row in order.rows:
+            result = None if row.result is None else row.result.to_json()
+            more = {"declared": row.declared or {}, "result": result}
+            stream.write(json_text({**row.values, **more}) + "\n")
+    return []
+
+
+def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all drops, discarded ones marked, with types, units and meanings.
+
+    Raises
+    ------
+    OptionError
+        If pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as err:
+        hint = "python -m pip install pyarrow, or another format"
+        expected = "the package pyarrow"
+        raise OptionError(refusal("--format parquet", expected, "none", hint)) from err
+    kinds: dict[str, Any] = {
+        "text": pyarrow.string(),
+        "whole": pyarrow.int64(),
+        "number": pyarrow.float64(),
+        "flag": pyarrow.bool_(),
+        "texts": pyarrow.list_(pyarrow.string()),
+    }
+    fields = [
+        pyarrow.field(one.name, kinds[one.kind], metadata={"meaning": one.meaning})
+        for one in COLUMNS
+    ]
+    rows = order.rows
+    columns = [[row.values[one.name] for row in rows] for one in COLUMNS]
+    table = pyarrow.table(columns, schema=pyarrow.schema(fields))
+    with new_file(path, force=order.force) as draft:
+        parquet.write_table(table, draft)
+    return []
+
+
+def cell(value: Any) -> str:
+    """A value as the text of a cell; text that a spreadsheet would run begins with an apostrophe.
+
+    Examples
+    --------
+    >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"])
+    ('-1.5', "'-1.5", '', 'true', 'a; =b')
+    """
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return repr(value)
+        case list() | tuple():
+            return cell("; ".join(map(str, value)))
+    text = str(value)
+    # Blanks before the sign do not stop every spreadsheet.
+    return f"'{text}" if text.lstrip(" ").startswith(FORMULA) else text
