@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.foreign.registry import foreign_suffixes
 from pfwd_survey.files.reading import is_survey, survey_content
 from pfwd_survey.files.survey_file import is_survey_file
 
-SUFFIXES = (".csv", ".h5", ".hdf5", ".dynz", ".prjz", ".mpvz", ".thy")
-"""Ends of the names, in small letters, that a file in a folder is taken for drops by."""
+OWN_SUFFIXES = (".csv", ".h5", ".hdf5")
+"""Ends of the names, in small letters, of this program's own files with drops."""
 
 SURVEY_SLICE = 500
 """Drops of a survey that are inverted in one go: half a minute of work, lost when it is cut off."""
@@ -56,8 +57,8 @@ class Source:
 def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator[Source]:
     """The sources that are named or lie below a folder, in the order of their names.
 
-    A file in a folder counts when its name ends like one of `SUFFIXES`; one that is named itself
-    always does. Links to folders are not followed.
+    A file in a folder counts when its name ends like those of this program or of a format that it
+    imports; one that is named itself always does. Links to folders are not followed.
 
     Parameters
     ----------
@@ -73,10 +74,11 @@ def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator
     """
     refuse_missing(paths)
     skipped = None if leave_out is None else os.path.realpath(leave_out)
+    endings = (*OWN_SUFFIXES, *foreign_suffixes())
     for path in paths:
         whole = os.path.abspath(path)
         if os.path.isdir(whole):
-            yield from _below(whole, skipped)
+            yield from _below(whole, skipped, endings)
         else:
             yield _file(whole)
 
@@ -98,7 +100,7 @@ def count_sources(paths: Sequence[str], leave_out: str | None = None) -> int:
     return sum(1 for _ in find_sources(paths, leave_out))
 
 
-def _below(folder: str, skipped: str | None) -> Iterator[Source]:
+def _below(folder: str, skipped: str | None, endings: tuple[str, ...]) -> Iterator[Source]:
     if skipped is not None and os.path.realpath(folder) == skipped:
         return
     if is_survey(folder):
@@ -113,8 +115,8 @@ def _below(folder: str, skipped: str | None) -> Iterator[Source]:
         return
     for entry in entries:
         if entry.is_dir(follow_symlinks=False):
-            yield from _below(entry.path, skipped)
-        elif entry.name.lower().endswith(SUFFIXES):
+            yield from _below(entry.path, skipped, endings)
+        elif entry.name.lower().endswith(endings):
             yield _file(entry.path)
 
 
