@@ -1,7 +1,13 @@
-"""All effects, in the order in which they act; a new one gets its line here."""
+"""All effects, in the order in which they act; a new one gets its line here.
 
+Those of other packages, found by the entry point group ``pfwd.effects``, follow.
+"""
+
+from typing import get_args
+
+import pfwd_plugins
 from inversion.effects.acquisition_filter import AcquisitionFilter
-from inversion.effects.base import Effect
+from inversion.effects.base import Effect, Scope
 from inversion.effects.baseline_drift import BaselineDrift
 from inversion.effects.bedrock import Bedrock
 from inversion.effects.geophone_response import GeophoneResponse
@@ -20,7 +26,7 @@ from inversion.effects.spring_rig import SpringRig
 from inversion.effects.stress_dependence import StressDependence
 from inversion.effects.viscosity import Viscosity
 
-CATALOGUE: tuple[Effect, ...] = (
+OWN: tuple[Effect, ...] = (
     # the ground and what stands on it
     Bedrock(),
     Viscosity(),
@@ -43,5 +49,26 @@ CATALOGUE: tuple[Effect, ...] = (
     BaselineDrift(),
     MainsHum(),
 )
+
+
+def of_other_packages() -> tuple[Effect, ...]:
+    """The effects of other packages that have a name of their own and parameters."""
+    found: dict[str, Effect] = {}
+    taken = {effect.name for effect in OWN}
+    for entry, effect in pfwd_plugins.load_all(pfwd_plugins.EFFECTS, Effect, taken):
+        name, parameters = getattr(effect, "name", None), getattr(effect, "parameters", ())
+        if name != entry:
+            came = f"an effect with the name of its entry point, came {name!r}"
+            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, came)
+        elif not parameters or getattr(effect, "scope", None) not in get_args(Scope):
+            scopes = ", ".join(get_args(Scope))
+            came = f"an effect with parameters and a scope ({scopes}), came none"
+            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, came)
+        else:
+            found[entry] = effect
+    return tuple(found.values())
+
+
+CATALOGUE: tuple[Effect, ...] = (*OWN, *of_other_packages())
 
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
