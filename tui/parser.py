@@ -372,7 +372,10 @@ def _add_report(commands: "Commands") -> None:
         "-o", "--output", type=report_file, metavar="FILE", required=True, help=".html or .pdf"
     )
     report.add_argument(
-        "--language", metavar="CODE", default="en", help="en, de or zh (default: en)"
+        "--language",
+        metavar="CODE",
+        default="en",
+        help="en, de or zh, or a TOML file with the texts of another one (default: en)",
     )
     report.add_argument(
         "--title", metavar="TEXT", help="heading (default: the site, or the folder)"

@@ -49,7 +49,7 @@ def write_report(
     if target.suffix.lower() not in ENDINGS:
         raise OptionError(refusal("--output", "a name ending in .html or .pdf", str(target)))
     texts = load_texts(options.language)
-    require_letters(options.language)
+    require_letters(texts.code)
     report = gather(Path(survey), options, progress)
     letters = Letters()
     blocks = compose(report, texts, letters)

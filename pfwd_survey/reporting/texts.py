@@ -1,11 +1,20 @@
-"""The texts of a report in one language, from a catalogue."""
+"""The texts of a report in one language, from a catalogue or a file."""
 
+import re
 import string
 import tomllib
+from collections.abc import Collection
 from functools import cache
 from importlib import resources
 
+from pfwd_device.text import clean
 from pfwd_survey.errors import OptionError, quote, refusal
+
+LARGEST_FILE = 1_000_000
+"""Bytes of a file with texts; a catalogue has under 20 000."""
+
+_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
+"""Of a language, as HTML has them (BCP 47)."""
 
 
 class Texts:
@@ -46,18 +55,79 @@ def languages() -> tuple[str, ...]:
     return tuple(_catalogues())
 
 
-def load_texts(code: str) -> Texts:
-    """The texts of a language.
+def load_texts(language: str) -> Texts:
+    """The texts of a language, by its code, or those that a TOML file holds.
+
+    Parameters
+    ----------
+    language : str
+        One of `languages`, or a path that ends in .toml.
 
     Raises
     ------
     OptionError
-        If there is no catalogue for it.
+        If there is no catalogue for it, or the file is refused.
     """
-    text = _catalogues().get(code)
-    if text is None:
-        raise OptionError(refusal("--language", f"one of {', '.join(languages())}", quote(code)))
-    return Texts(code, tomllib.loads(text))
+    text = _catalogues().get(language)
+    if text is not None:
+        return Texts(language, tomllib.loads(text))
+    if language.lower().endswith(".toml"):
+        return _read_texts(language)
+    expected = f"one of {', '.join(languages())}, or a file .toml"
+    raise OptionError(refusal("--language", expected, quote(language)))
+
+
+def _read_texts(file: str) -> Texts:
+    """The texts of a file, which may be a stranger's: the same keys, with the same words filled in.
+
+    Raises
+    ------
+    OptionError
+    """
+    where = f"--language {file}"
+    try:
+        with open(file, "rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise OptionError(refusal(where, f"at most {LARGEST_FILE} bytes", "more"))
+        table = tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as err:
+        raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
+    except (ValueError, RecursionError) as err:
+        if isinstance(err, OptionError):
+            raise
+        raise OptionError(refusal(where, "TOML", quote(str(err)))) from err
+    english = tomllib.loads(_catalogues()["en"])
+    hint = "en.toml in pfwd_survey/reporting/catalogues has all of them"
+    missing, unknown = english.keys() - table.keys(), table.keys() - english.keys()
+    if missing:
+        raise OptionError(refusal(where, "every text", f"none for {_some(missing)}", hint))
+    if unknown:
+        raise OptionError(refusal(where, "the keys of the English texts", _some(unknown), hint))
+    for key, text in table.items():
+        if not isinstance(text, str) or _filled_in(text) != _filled_in(english[key]):
+            expected = f"{key}: a text with the words in braces of {english[key]!r}"
+            raise OptionError(refusal(where, expected, quote(text)))
+    if not _CODE.fullmatch(table["code"]):
+        raise OptionError(refusal(where, 'code: one such as "fr"', quote(table["code"])))
+    return Texts(table["code"], table)
+
+
+def _some(keys: Collection[str]) -> str:
+    return clean(", ".join(sorted(keys)[:3])) + (" and more" if len(keys) > 3 else "")
+
+
+def _filled_in(text: str) -> set[tuple[str, str | None, str | None]] | None:
+    """The words in braces of a text and how they are written; None when the braces are wrong.
+
+    The whole of it: `{point.__class__}` or `{point:>99999999}` of a stranger's file would be
+    looked up and written, too.
+    """
+    try:
+        parts = list(string.Formatter().parse(text))
+    except ValueError:
+        return None
+    return {(name, form, conversion) for _, name, form, conversion in parts if name is not None}
 
 
 def placeholders(text: str) -> set[str]:

@@ -1,9 +1,14 @@
 """Catalogues of texts, numbers as they are shown, text laid out on pages."""
 
+import json
 import math
+import re
+import tomllib
+from pathlib import Path
 
 import pytest
 
+import pfwd_survey.reporting as package
 from pfwd_survey.errors import OptionError
 from pfwd_survey.procedures import PointValue, Quantity
 from pfwd_survey.reporting import shown
@@ -25,8 +30,6 @@ def test_there_are_three_languages() -> None:
 
 @pytest.mark.parametrize("code", languages())
 def test_every_language_says_everything_and_fills_in_the_same(code: str) -> None:
-    import tomllib
-
     reference = tomllib.loads(_catalogues()["en"])
     table = tomllib.loads(_catalogues()[code])
     assert set(table) == set(reference)
@@ -38,12 +41,50 @@ def test_every_language_says_everything_and_fills_in_the_same(code: str) -> None
         assert len(same) < len(table) / 5, "it is translated"
 
 
+def catalogue(**changes: str | None) -> str:
+    table = {**tomllib.loads(_catalogues()["en"]), **changes}
+    return "\n".join(
+        f"{key} = {json.dumps(text)}" for key, text in table.items() if text is not None
+    )
+
+
+def test_a_language_of_ones_own_is_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "french.toml"
+    path.write_text(catalogue(code="fr", summary="Résumé"), "utf-8")
+    texts = load_texts(str(path))
+    assert texts.code == "fr"
+    assert texts["summary"] == "Résumé"
+    assert texts["drops"] == EN["drops"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            catalogue(summary=None),
+            r"fr\.toml: expected every text, came none for summary; en",
+        ),
+        (catalogue(extra="x"), "expected the keys of the English texts, came extra; en"),
+        (catalogue(verdicts="{pass} only"), "verdicts: a text with the words in braces of"),
+        (catalogue(summary="{summary.__class__}"), "summary: a text with the words in braces"),
+        (catalogue(verdicts=EN["verdicts"].replace("{pass}", "{pass:>9999999999}")), "verdicts: "),
+        (catalogue(summary="{"), "summary: a text with the words in braces"),
+        (catalogue(code="<script>"), 'code: one such as "fr", came'),
+        ("summary = ", "expected TOML, came"),
+        ("x" * 1_000_001, "at most 1000000 bytes, came more"),
+        ("\ud800", "expected TOML, came"),
+    ],
+)
+def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "fr.toml"
+    path.write_bytes(content.encode("utf-8", "surrogatepass"))
+    with pytest.raises(OptionError, match=message):
+        load_texts(str(path))
+    with pytest.raises(OptionError, match="expected a TOML file, came No such file"):
+        load_texts(str(tmp_path / "none.toml"))
+
+
 def test_every_text_that_is_asked_for_is_there() -> None:
-    import re
-    from pathlib import Path
-
-    import pfwd_survey.reporting as package
-
     asked = set()
     for path in Path(package.__path__[0]).glob("*.py"):
         asked |= set(re.findall(r'texts(?:\[|\.say\(\s*)"(\w+)"', path.read_text("utf-8")))
