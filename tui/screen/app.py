@@ -29,7 +29,7 @@ from pfwd_survey.measuring.plan import SessionPlan
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.looks import LOOKS, Look
-from tui.screen.pages import make_page
+from tui.screen.pages import PAGES, make_page
 from tui.screen.pages.dialogs import Question
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
@@ -86,11 +86,7 @@ class PfwdApp(App[int]):
     TITLE = "PFWD"
     ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("1", "page('measure')", "Measure"),
-        Binding("2", "page('points')", "Points"),
-        Binding("3", "page('drop')", "Drop"),
-        Binding("4", "page('diagnosis')", "Diagnosis"),
-        Binding("5", "page('setup')", "Setup"),
+        *(Binding(entry.key, f"page('{entry.name}')", entry.title) for entry in PAGES),
         Binding("question_mark,f1", "help", "Help"),
         Binding("u", "undo", "Undo"),
         Binding("t", "theme", "Dark or daylight"),
