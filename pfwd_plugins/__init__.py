@@ -9,14 +9,16 @@ A package names an object in its metadata, in one of four groups::
     toy = "toy_package:TOY"
 
 Who asks says what kind of object it expects. What cannot be loaded, or is something else, costs a
-remark (:func:`remarks`) and not the command. Packages in the current folder are not looked at: it
-may have come from a stranger. Below all other packages, so that each of them can ask.
+remark (:func:`remarks`, and a warning) and not the command. Packages in the current folder are not
+looked at: it may have come from a stranger. This stands below all other packages, so that each of
+them can ask.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import warnings
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -34,6 +36,10 @@ EFFECTS = "pfwd.effects"
 _remarks: dict[str, None] = {}
 _BROKEN = object()
 """In place of what cannot be loaded."""
+
+
+class PluginWarning(UserWarning):
+    """A part of another package is left out; the command line says its remarks instead."""
 
 
 class _Offer(NamedTuple):
@@ -112,7 +118,14 @@ def remark(group: str, name: str, expected_and_came: str) -> None:
     package = package_of(group, name)
     text = f"plug-in {name} of {package} ({group}) is left out: expected {expected_and_came}"
     # An error of a strange package may have many lines.
-    _remarks[" ".join(text.split()) + "; update or uninstall the package"] = None
+    text = " ".join(text.split()) + "; update or uninstall the package"
+    if text in _remarks:
+        return
+    _remarks[text] = None
+    from multiprocessing import parent_process
+
+    if parent_process() is None:  # its workers meet the same and need not say so again
+        warnings.warn(text, PluginWarning, stacklevel=2)
 
 
 def remarks() -> tuple[str, ...]:

@@ -10,6 +10,7 @@ import errno
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 import pfwd_plugins
@@ -35,6 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
+    warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)  # said in the end, as a message
     try:
         with stopped_by_signals(), children_shielded():
             status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))

@@ -1,6 +1,7 @@
 """What other packages add, and what it costs when it cannot be used."""
 
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pfwd_plugins
 from tests.installed_package import install
 
 GROUP = "pfwd.effects"
+pytestmark = pytest.mark.filterwarnings("ignore::pfwd_plugins.PluginWarning")
 
 
 @pytest.fixture
@@ -62,6 +64,15 @@ def test_a_broken_one_costs_a_remark_and_not_the_others(
     assert expected in remark
     assert remark.endswith("; update or uninstall the package")
     assert "\n" not in remark
+
+
+def test_a_script_is_warned_once(site: Path) -> None:
+    install(site, {"some_bad.py": "import no_such_module\n"}, f"[{GROUP}]\nbad = some_bad:X\n")
+    with pytest.warns(pfwd_plugins.PluginWarning, match="plug-in bad of toy"):
+        pfwd_plugins.load(GROUP, "bad", float)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pfwd_plugins.load(GROUP, "bad", float)
 
 
 def test_nobody_replaces_what_the_program_has(site: Path) -> None:

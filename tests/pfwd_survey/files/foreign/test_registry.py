@@ -10,9 +10,10 @@ from pfwd_survey.archive.sources import find_sources
 from pfwd_survey.errors import TraceError
 from pfwd_survey.files.foreign import registry
 from pfwd_survey.files.reading import read_points
-from simulators.demo import demo_drops
 from tests.installed_package import install
 from tests.pfwd_survey.files.foreign.builders import pulse, thy
+
+pytestmark = pytest.mark.filterwarnings("ignore::pfwd_plugins.PluginWarning")
 
 SOURCE = """
 from pfwd_survey.files.foreign.registry import Format
@@ -56,7 +57,8 @@ def test_every_reader_is_there() -> None:
 
 def test_a_file_of_ours_is_never_read_by_another_package(offer: Offer, tmp_path: Path) -> None:
     offer("return True", "raise AssertionError")
-    traces = demo_drops(1, 0, tmp_path)
+    traces = tmp_path / "traces.csv"
+    traces.write_text("# pfwd-traces = 1\n")
     assert registry.find_format(str(traces)) is None
     jils = tmp_path / "a.thy"
     jils.write_bytes(thy([(1, 1, pulse())]))
