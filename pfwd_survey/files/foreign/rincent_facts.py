@@ -1,16 +1,26 @@
 """What the databases of Rincent's programs say of a project, whichever of them wrote it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pfwd_survey.files.foreign.common import distinct
+from pfwd_survey.files.foreign.common import (
+    distinct,
+    finite,
+    moment_of,
+    position_of,
+    short_text,
+    within,
+)
 
 RATES = (1.0, 1e7)
 """Hz; what a sampling rate may be."""
 
 PRE_TRIGGERS = (0.0, 60.0)
 """s; what a pre-trigger may be."""
+
+MOST_SEATING = 1000
+"""Seating drops of a point; whoever writes more means something else."""
 
 MASK = (1 << 64) - 1
 """Identities are signed 64-bit numbers in one place and unsigned hexadecimal ones in another."""
@@ -55,13 +65,86 @@ class Facts:
     """Positions of the sensors, m, negative on the other side; None: one in the centre."""
 
 
-def with_distinct_names(points: list[PointFacts]) -> tuple[PointFacts, ...]:
+def project_facts(
+    where: str,
+    points: Sequence[PointFacts],
+    *,
+    rate: tuple[object, str],
+    pre_trigger: tuple[object, str],
+    diameter: object,
+    poisson_ratio: object,
+    seating: object,
+    device: str,
+    site: str | None = None,
+    offsets: tuple[float, ...] | None = None,
+) -> Facts:
+    """What a database says of a project, checked.
+
+    Parameters
+    ----------
+    where : str
+        File and member, for messages.
+    points : sequence of PointFacts
+    rate, pre_trigger : (value, name), Hz and s
+        As they are written, with the name that they have there.
+    diameter : of the plate, m
+    poisson_ratio, seating : as they are written
+    device, site : str
+    offsets : of the sensors, m
+
+    Raises
+    ------
+    TraceError
+        If rate or pre-trigger are none.
+    """
+    width, drops = finite(diameter), finite(seating)
+    known = {
+        # 0.3 in single precision is 0.30000001192092896
+        "plate_radius_m": None if width is None else round(width / 2, 6),
+        "poisson_ratio": finite(poisson_ratio),
+        "seating_drops": int(drops) if drops is not None and 0 <= drops < MOST_SEATING else None,
+        "device": short_text(device),
+        "site": site,
+    }
+    return Facts(
+        within(*rate, *RATES, where),
+        within(*pre_trigger, *PRE_TRIGGERS, where),
+        known,
+        _with_distinct_names(points),
+        offsets,
+    )
+
+
+def point_facts(
+    identity: str,
+    name: str,
+    date: object,
+    place: tuple[object, object],
+    known: Mapping[str, Any],
+    noted: Mapping[str, Any],
+) -> PointFacts:
+    """What a database says of a point.
+
+    Parameters
+    ----------
+    identity, name : str
+    date : as it is written
+    place : latitude and longitude, as they are written
+    known, noted : what else it says
+    """
+    moment = moment_of(date)
+    return PointFacts(
+        identity,
+        name,
+        {**known, "time_utc": moment.get("time_utc"), **position_of(*place)},
+        {"time_local": moment.get("time_local"), **noted},
+    )
+
+
+def _with_distinct_names(points: Sequence[PointFacts]) -> tuple[PointFacts, ...]:
     """The points, none with the name of another."""
     names = distinct([point.name for point in points])
-    return tuple(
-        PointFacts(point.identity, name, point.known, point.noted)
-        for point, name in zip(points, names, strict=True)
-    )
+    return tuple(replace(point, name=name) for point, name in zip(points, names, strict=True))
 
 
 def named(*parts: object) -> str:

@@ -6,21 +6,13 @@ from typing import Any
 
 from pfwd_device.recording.payload import json_excess
 from pfwd_survey.errors import TraceError, quote, refusal
-from pfwd_survey.files.foreign.common import (
-    finite,
-    moment_of,
-    position_of,
-    short_text,
-    temperature_of,
-    within,
-)
+from pfwd_survey.files.foreign.common import finite, short_text, temperature_of
 from pfwd_survey.files.foreign.rincent_facts import (
-    PRE_TRIGGERS,
-    RATES,
     Facts,
     PointFacts,
     named,
-    with_distinct_names,
+    point_facts,
+    project_facts,
 )
 from pfwd_survey.files.header import LONGEST_REMARK
 
@@ -68,43 +60,32 @@ def _acquisition(database: Table, where: str) -> Facts:
         report = _table(entry, "PV") or entry
         for one in _tables(entry.get("Points")):
             points.append(_acquired_point(_table(one, "Point") or one, report))
-    diameter = finite(bearing.get("DPlate"))
-    return Facts(
-        rate=within(acquired.get("FreqAcqu"), "FreqAcqu (Hz)", *RATES, where),
-        pre_trigger=within(acquired.get("PreTrig"), "PreTrig (s)", *PRE_TRIGGERS, where),
-        known={
-            "plate_radius_m": _radius(diameter or finite(calibrated.get("Dplate"))),
-            "poisson_ratio": finite(bearing.get("CPoisson")),
-            "seating_drops": _count(_table(database, "ParamsPoint").get("NbTraining")),
-            "device": short_text(named(machine, short_text(hardware.get("Serial")))),
-            "site": short_text(project.get("Site")) or short_text(project.get("Name")),
-        },
-        points=with_distinct_names(points),
+    return project_facts(
+        where,
+        points,
+        rate=(acquired.get("FreqAcqu"), "FreqAcqu (Hz)"),
+        pre_trigger=(acquired.get("PreTrig"), "PreTrig (s)"),
+        diameter=finite(bearing.get("DPlate")) or calibrated.get("Dplate"),
+        poisson_ratio=bearing.get("CPoisson"),
+        seating=_table(database, "ParamsPoint").get("NbTraining"),
+        device=named(machine, short_text(hardware.get("Serial"))),
+        site=short_text(project.get("Site")) or short_text(project.get("Name")),
         offsets=_offsets(calibrated.get("Channels"), "Type", "Position", "LoadCell"),
     )
 
 
 def _acquired_point(point: Table, report: Table) -> PointFacts:
-    moment = moment_of(point.get("Date"))
     name = short_text(report.get("Name")) or short_text(report.get("Nom"))
-    return PointFacts(
-        identity=str(point.get("ID", "")),
-        name=named(name, short_text(point.get("Number"))),
-        known={
+    return point_facts(
+        str(point.get("ID", "")),
+        named(name, short_text(point.get("Number"))),
+        point.get("Date"),
+        (point.get("Latitude"), point.get("Longitude")),
+        {
             "operator": short_text(report.get("Operator")),
-            "time_utc": moment.get("time_utc"),
             "temperature_c": temperature_of(report.get("Temperature")),
-            **position_of(point.get("Latitude"), point.get("Longitude")),
         },
-        noted={
-            "time_local": moment.get("time_local"),
-            "air_temperature_c": finite(point.get("Tair")),
-            "surface_temperature_c": finite(point.get("Tsurf")),
-            "manual_temperature_c": finite(point.get("Tman")),
-            "chainage_m": finite(point.get("Chainage")),
-            "position_dop": finite(point.get("DOP")),
-            "comment": short_text(point.get("Comments") or point.get("Comment"), LONGEST_REMARK),
-        },
+        _noted(point, point.get("Comments") or point.get("Comment")),
     )
 
 
@@ -122,44 +103,43 @@ def _viewer(database: Table, where: str) -> Facts:
         for zone in _tables(inner.get("zones")):
             for one in _tables(_table(zone, "base").get("points")):
                 points.append(_viewed_point(_table(one, "base"), inner))
-    diameter = finite(bearing.get("dPlate"))
-    return Facts(
-        rate=within(acquired.get("frequency"), "frequency (Hz)", *RATES, where),
-        pre_trigger=within(acquired.get("preTrig"), "preTrig (s)", *PRE_TRIGGERS, where),
-        known={
-            "plate_radius_m": _radius(diameter or finite(calibrated.get("dPlate"))),
-            "poisson_ratio": finite(bearing.get("cPoisson")),
-            "seating_drops": _training(reports),
-            "device": short_text(named(machine, short_text(hardware.get("Serial number")))),
-            "site": short_text(about.get("Site")) or short_text(base.get("name")),
-        },
-        points=with_distinct_names(points),
+    return project_facts(
+        where,
+        points,
+        rate=(acquired.get("frequency"), "frequency (Hz)"),
+        pre_trigger=(acquired.get("preTrig"), "preTrig (s)"),
+        diameter=finite(bearing.get("dPlate")) or calibrated.get("dPlate"),
+        poisson_ratio=bearing.get("cPoisson"),
+        seating=_training(reports),
+        device=named(machine, short_text(hardware.get("Serial number"))),
+        site=short_text(about.get("Site")) or short_text(base.get("name")),
         offsets=_offsets(calibrated.get("channels"), "type", "position", "LoadCell"),
     )
 
 
 def _viewed_point(point: Table, report: Table) -> PointFacts:
-    moment, place = moment_of(point.get("date")), _table(point, "coordinates")
-    data, about = _labelled(point.get("data")), _labelled(point.get("information"))
+    place, about = _table(point, "coordinates"), _labelled(point.get("information"))
     operator = _labelled(report.get("information")).get("Operator")
-    return PointFacts(
-        identity=str(point.get("id", "")),
-        name=named(short_text(report.get("name")), short_text(point.get("number"))),
-        known={
-            "operator": short_text(operator),
-            "time_utc": moment.get("time_utc"),
-            **position_of(place.get("lat"), place.get("lng")),
-        },
-        noted={
-            "time_local": moment.get("time_local"),
-            "air_temperature_c": finite(data.get("Tair")),
-            "surface_temperature_c": finite(data.get("Tsurf")),
-            "manual_temperature_c": finite(data.get("Tman")),
-            "chainage_m": finite(data.get("Chainage")),
-            "position_dop": finite(data.get("DOP")),
-            "comment": short_text(about.get("Comment"), LONGEST_REMARK),
-        },
+    return point_facts(
+        str(point.get("id", "")),
+        named(short_text(report.get("name")), short_text(point.get("number"))),
+        point.get("date"),
+        (place.get("lat"), place.get("lng")),
+        {"operator": short_text(operator)},
+        _noted(_labelled(point.get("data")), about.get("Comment")),
     )
+
+
+def _noted(data: Table, comment: object) -> dict[str, Any]:
+    """What else is kept of a point, under the names that both programs have for it."""
+    return {
+        "air_temperature_c": finite(data.get("Tair")),
+        "surface_temperature_c": finite(data.get("Tsurf")),
+        "manual_temperature_c": finite(data.get("Tman")),
+        "chainage_m": finite(data.get("Chainage")),
+        "position_dop": finite(data.get("DOP")),
+        "comment": short_text(comment, LONGEST_REMARK),
+    }
 
 
 def _training(reports: list[Table]) -> int | None:
@@ -195,15 +175,6 @@ def _offsets(channels: object, kind: str, position: str, load: str) -> tuple[flo
             return None
         found.append(round(place, 6))  # 0.3 in single precision is 0.30000001192092896
     return tuple(found) or None
-
-
-def _radius(diameter: float | None) -> float | None:
-    return None if diameter is None else round(diameter / 2, 6)
-
-
-def _count(value: object) -> int | None:
-    number = finite(value)
-    return int(number) if number is not None and 0 <= number < 1000 else None
 
 
 def _table(parent: Table, key: str) -> Table:

@@ -19,19 +19,15 @@ from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Values,
     finite,
-    moment_of,
-    position_of,
     short_text,
     temperature_of,
-    within,
 )
 from pfwd_survey.files.foreign.rincent_facts import (
-    PRE_TRIGGERS,
-    RATES,
     Facts,
     PointFacts,
     named,
-    with_distinct_names,
+    point_facts,
+    project_facts,
 )
 
 ROOT = "MDDataSet"
@@ -161,17 +157,15 @@ def facts_of(tables: Tables, where: str) -> Facts:
         _point(row, reports.get(row.get("IdPV", ""), {}), places.get(row.get("ID", ""), {}))
         for row in tables.get("Points", [])
     ]
-    diameter, seating = finite(bearing.get("DPlaque")), finite(counted.get("NbMiseEnPlace"))
-    return Facts(
-        rate=within(acquired.get("FreqAcqu"), "FreqAcqu (Hz)", *RATES, where),
-        pre_trigger=within(acquired.get("PreTrig"), "PreTrig (s)", *PRE_TRIGGERS, where),
-        known={
-            "plate_radius_m": None if diameter is None else diameter / 2,
-            "poisson_ratio": finite(bearing.get("CPoisson")),
-            "seating_drops": int(seating) if seating is not None and 0 <= seating < 1000 else None,
-            "device": short_text(named("Minidyn", short_text(serial))),
-        },
-        points=with_distinct_names(points),
+    return project_facts(
+        where,
+        points,
+        rate=(acquired.get("FreqAcqu"), "FreqAcqu (Hz)"),
+        pre_trigger=(acquired.get("PreTrig"), "PreTrig (s)"),
+        diameter=bearing.get("DPlaque"),
+        poisson_ratio=bearing.get("CPoisson"),
+        seating=counted.get("NbMiseEnPlace"),
+        device=named("Minidyn", short_text(serial)),
     )
 
 
@@ -218,20 +212,16 @@ def _numbers(row: Row, name: str, where: str) -> Values:
 
 
 def _point(row: Row, report: Row, place: Row) -> PointFacts:
-    moment = moment_of(row.get("Date"))
-    return PointFacts(
-        identity=row.get("ID", ""),
-        name=named(short_text(report.get("Nom")), short_text(row.get("Numero"))),
-        known={
+    return point_facts(
+        row.get("ID", ""),
+        named(short_text(report.get("Nom")), short_text(row.get("Numero"))),
+        row.get("Date"),
+        (place.get("Latitude"), place.get("Longitude")),
+        {
             "site": short_text(report.get("Nom")),
-            "time_utc": moment.get("time_utc"),
             "temperature_c": temperature_of(report.get("Temperature")),
-            **position_of(place.get("Latitude"), place.get("Longitude")),
         },
-        noted={
-            "time_local": moment.get("time_local"),
-            "position_dop": finite(place.get("HDOP")),
-        },
+        {"position_dop": finite(place.get("HDOP"))},
     )
 
 
