@@ -22,6 +22,7 @@ PARTS = {
     "measured": "the loop closed on measured drops in a FOLDER (some minutes)",
     "layers": "layered ground: accuracy and speed of the forward model (some minutes; --short)",
     "tables": "build the response tables that ship with the package",
+    "example_files": "make the files of pfwd.example anew, from finite elements (a minute)",
     "validation": "the paper's 48 cases by finite elements (some minutes)",
 }
 QUICK = ("speed", "search")

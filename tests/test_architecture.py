@@ -20,6 +20,20 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
         ("inversion", ["textual", "rich", "matplotlib", "serial", "h5py", "pfwd_device"]),
         ("simulators", ["textual", "inversion", "pfwd_survey"]),
         ("pfwd_survey.files.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
+        (
+            "pfwd",
+            [
+                "numpy",
+                "scipy",
+                "textual",
+                "rich",
+                "matplotlib",
+                "h5py",
+                "pandas",
+                "tui",
+                "simulators",
+            ],
+        ),
         ("tui.cli", ["numpy", "scipy", "textual", "rich", "matplotlib", "h5py", "serial"]),
     ],
 )
@@ -74,6 +88,7 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     assert all(line.count("==") == 1 and " " not in line for line in lines)
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
-    wanted = PROJECT["project"]["dependencies"] + PROJECT["project"]["optional-dependencies"]["dev"]
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    wanted = [*PROJECT["project"]["dependencies"], *(text for extra in extras for text in extra)]
     names = {text.split(">=")[0].split("[")[0].lower() for text in wanted}
     assert names <= pinned

@@ -64,6 +64,18 @@ def diagnose_files(
             entries += entries_of(file, options)
         except (SurveyError, InversionError) as err:
             entries.append(Diagnosed(file, error=str(err)))
+    yield from diagnose_entries(entries, device, jobs)
+
+
+def diagnose_entries(
+    entries: Sequence[DiagnosisPoint | Diagnosed], device: DeviceValues | None = None, jobs: int = 1
+) -> Iterator[Diagnosed]:
+    """The diagnosis of every point that was read, in their order; refused files go through.
+
+    Parameters
+    ----------
+    entries, device, jobs : as for :func:`diagnose_files`
+    """
     work = [one for one in entries if isinstance(one, DiagnosisPoint) and one.records is not None]
     found = dict(zip(map(id, work), _diagnose_all(work, device, jobs), strict=True))
     found |= _shared_device(work, found, device, jobs)

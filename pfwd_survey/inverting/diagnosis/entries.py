@@ -27,11 +27,12 @@ class DiagnosisPoint:
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
     """The points of a file, read and screened."""
     return [
-        _entry(file, p, options) for p in read_points(file, options.header, options.overrides())
+        entry_of(file, p, options) for p in read_points(file, options.header, options.overrides())
     ]
 
 
-def _entry(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
+def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
+    """A point that was read already, screened."""
     screenings = screen_point(point)
     chosen = [
         (whole_part(drop)[0], found)

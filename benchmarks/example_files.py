@@ -1,0 +1,201 @@
+"""The example files that ship with `pfwd`, made from finite elements by one command.
+
+What was simulated stands in ``pfwd/data/README.md`` and in no header of a file.
+"""
+
+import argparse
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_survey.exporting.export import export_survey
+from pfwd_survey.exporting.json_text import without_nan
+from pfwd_survey.files.importing import import_files
+from pfwd_survey.inverting.analysis import analyse_files
+from pfwd_survey.inverting.options import AnalysisOptions
+from simulators.drop import DropSimulator, Hammer, SimulatedDrop
+from simulators.effects.channels import delayed
+from simulators.mesh import Ground, Plate
+from simulators.traces import Recording, write_traces
+
+FOLDER = Path(__file__).resolve().parents[1] / "pfwd" / "data"
+
+PLATE = Plate(radius=0.15, mass=10.6)
+HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=3.0)
+"""A pulse of 13 ms with a peak of about 7 kN, the load of a light deflectometer."""
+POISSON_RATIO = 0.35
+DENSITY = 1900.0
+DURATION = 0.045
+TIME_STEP = 2.5e-4
+NOISE = 0.002
+"""Of the peak of each channel."""
+COUNTS = 2.0**-13
+"""Resolution over the peak: keeps the files small and is what a converter of 14 bits gives."""
+SURVEY_TIME_STEP = 5e-4
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The ground under one test point; what a file never says."""
+
+    modulus: float
+    """Pa."""
+    viscosity: float
+    """Pa s."""
+    bedrock_depth: float = math.inf
+    """m."""
+
+    @property
+    def ground(self) -> Ground:
+        """For the finite elements."""
+        return Ground.uniform(
+            self.modulus, self.viscosity, DENSITY, POISSON_RATIO, self.bedrock_depth
+        )
+
+
+HALF_SPACE = Truth(60e6, 50e3)
+LAYER = Truth(45e6, 54e3, 0.9)
+THREE_SENSORS = Truth(80e6, 60e3, 1.4)
+UNEXPLAINED = Truth(50e6, 50e3)
+LAG = 5e-4
+"""s, by which the sensor of the example `unexplained` comes late."""
+SURVEY = {
+    "km 0+000": Truth(62e6, 55e3),
+    "km 0+025": Truth(48e6, 50e3),
+    "km 0+050": Truth(31e6, 40e3),
+    "km 0+075": Truth(55e6, 52e3),
+}
+
+
+def run(arguments: list[str]) -> int:
+    """``--output FOLDER`` (default pfwd/data), ``--json``."""
+    parser = argparse.ArgumentParser(prog="pfwd bench example_files", description=__doc__)
+    parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
+    parser.add_argument("--json", action="store_true")
+    wanted = parser.parse_args(arguments)
+    wanted.output.mkdir(parents=True, exist_ok=True)
+    report = Reporter(arguments)
+    for name, make in TRACES.items():
+        path = wanted.output / f"{name}.csv"
+        make(path)
+        report.record(file=path.name, bytes=path.stat().st_size)
+    path = wanted.output / "survey.h5"
+    make_survey(path)
+    report.record(file=path.name, bytes=path.stat().st_size)
+    return 0
+
+
+def half_space(path: Path) -> None:
+    """One drop, the centre sensor, no rock and declared so."""
+    declared = {"bedrock_depth_m": math.inf}
+    _write(path, [simulate(HALF_SPACE, (0.0,))], declared)
+
+
+def layer(path: Path) -> None:
+    """Three drops from heights that differ a little, the centre sensor, the rock declared."""
+    drop = simulate(LAYER, (0.0,))
+    drops = [drop.scaled(factor) for factor in (1.0, 1.02, 0.99)]
+    _write(path, drops, {"bedrock_depth_m": LAYER.bedrock_depth})
+
+
+def three_sensors(path: Path) -> None:
+    """One drop, sensors at 0, 0.3 and 0.6 m, the depth of the rock not declared."""
+    _write(path, [simulate(THREE_SENSORS, (0.0, 0.3, 0.6))], {})
+
+
+def unexplained(path: Path) -> None:
+    """One drop whose sensor comes late, which the header does not say."""
+    drop = simulate(UNEXPLAINED, (0.0,))
+    samples = LAG / TIME_STEP
+    late = SimulatedDrop(
+        time=drop.time,
+        load=drop.load,
+        contact_force=drop.contact_force,
+        plate_displacement=drop.plate_displacement,
+        plate_velocity=drop.plate_velocity,
+        offsets=drop.offsets,
+        ground_displacement=delayed(drop.ground_displacement, samples),
+        ground_velocity=delayed(drop.ground_velocity, samples),
+    )
+    _write(path, [late], {"bedrock_depth_m": math.inf})
+
+
+TRACES: Mapping[str, Callable[[Path], None]] = {
+    "half-space": half_space,
+    "layer": layer,
+    "three-sensors": three_sensors,
+    "unexplained": unexplained,
+}
+
+
+def make_survey(path: Path) -> None:
+    """Four points, a seating drop and a measured one at each, with positions and stored results."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = []
+        for index, (point, truth) in enumerate(SURVEY.items()):
+            drop = simulate(truth, (0.0,), SURVEY_TIME_STEP)
+            declared = {
+                "bedrock_depth_m": math.inf,
+                "seating_drops": 1,
+                "device": "simulated",
+                "site": "example road",
+                "point": point,
+                "latitude": 52.0 + 2.25e-4 * index,
+                "longitude": 5.0,
+                "time_utc": f"2026-05-04T09:{10 * index:02d}:00+00:00",
+            }
+            drops = [drop.scaled(factor) for factor in (0.97, 1.0)]
+            file = folder / f"{index}.csv"
+            _write(file, drops, declared, seed=index + 1)
+            files.append(str(file))
+        for imported in import_files(files, folder / "survey"):
+            if imported.error is not None:
+                raise RuntimeError(imported.error)
+        _store_results(folder / "survey")
+        export_survey(folder / "survey", "h5", path, force=True)
+
+
+def simulate(
+    truth: Truth, offsets: tuple[float, ...], time_step: float = TIME_STEP
+) -> SimulatedDrop:
+    """One drop of the hammer on the ground of a point."""
+    simulator = DropSimulator(
+        truth.ground, PLATE, offsets, DURATION, time_step, HAMMER.pulse_duration
+    )
+    return simulator.run(HAMMER)
+
+
+def _write(
+    path: Path,
+    drops: list[SimulatedDrop],
+    declared: Mapping[str, str | float | int],
+    seed: int = 0,
+) -> None:
+    load = float(np.max(drops[0].load))
+    velocity = float(np.max(np.abs(drops[0].ground_velocity)))
+    recording = Recording(
+        load_noise=NOISE * load,
+        sensor_noise=NOISE * velocity,
+        load_resolution=COUNTS * load,
+        sensor_resolution=COUNTS * velocity,
+    )
+    said = {"source": "simulated by finite elements", **declared}
+    write_traces(path, drops, PLATE, POISSON_RATIO, recording, seed, said)
+
+
+def _store_results(survey: Path) -> None:
+    (outcome,) = analyse_files([str(survey)], AnalysisOptions())
+    if outcome.error is not None:
+        raise RuntimeError(outcome.error)
+    numbers = {(drop.point, drop.drop): drop.number for drop in read_survey(survey).drops}
+    with SurveyWriter.open(survey) as writer:
+        for result in outcome.results:
+            number = numbers[str(result["point"]), int(result["drop"])]
+            writer.save_result(number, without_nan({**result, "file": "survey"}))

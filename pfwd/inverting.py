@@ -1,0 +1,205 @@
+"""From drops to moduli."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from numpy.typing import ArrayLike
+
+from pfwd.measured import EXPECTED, Drop, Point, drop, points_of
+from pfwd.options import INVERT_OPTIONS, analysis_options
+from pfwd.results import Result, Results
+from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.inverting.options import AnalysisOptions
+
+if TYPE_CHECKING:
+    from inversion import SurrogateLibrary
+    from pfwd.measured import Points
+    from pfwd.surveys import Survey
+    from pfwd_survey.files.traces import TracePoint
+    from pfwd_survey.inverting.results import DropAnalysis
+
+Header = str | os.PathLike[str] | Mapping[str, object] | None
+
+
+@overload
+def invert(data: Drop, /, *, header: Header = None, **options: Any) -> Result: ...
+@overload
+def invert(
+    data: str | os.PathLike[str] | Survey | Points | Point | Sequence[Drop | Point],
+    /,
+    *,
+    header: Header = None,
+    **options: Any,
+) -> Results: ...
+@overload
+def invert(
+    time: ArrayLike,
+    load: ArrayLike,
+    values: ArrayLike,
+    /,
+    *,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    **options: Any,
+) -> Result: ...
+def invert(
+    data: Any,
+    /,
+    *arrays: Any,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    header: Header = None,
+    **options: Any,
+) -> Result | Results:
+    """The modulus of the ground under drops, with all that belongs to it.
+
+    ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` give one `Result`;
+    a path, a survey, points, a point or several drops give `Results`, one a drop.
+
+    Parameters
+    ----------
+    data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
+        as of :func:`pfwd.drop`, with ``quantity`` and ``offsets``
+    header : path of a TOML file, or its keys as a dict, optional
+        Wins over what the file declares; with a path only.
+    model : "layer" or "half-space"; not said: the layer, unless the depth says otherwise
+    bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; not said: as declared
+    elastic : True: no viscosity
+    load : "measured" or "half-sine"
+    plate : "rigid-rough", "rigid-smooth" or "published"
+    sensors : "all" or "centre"
+    joint : True: all measured drops of a point have one soil
+    method : "mpga" (genetic search and polish) or "least-squares" (several starts)
+    published : True: the published method as a whole
+    seed : int, of the search
+    plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
+        Win over what the file declares.
+
+    Returns
+    -------
+    Result or Results
+        A drop that is none (a rebound, a dead sensor) comes with status ``rejected`` and a reason.
+
+    Raises
+    ------
+    SurveyError
+        If a file is refused, the arrays do not fit together, or an option is unknown or wrong.
+
+    Examples
+    --------
+    >>> pfwd.invert(pfwd.example("half-space"))
+    Results(1 drop, 1 measured; E 60.15 MPa, 95 % 59.64 to 60.67 MPa; half-space, rigid-rough \
+plate of radius 0.15 m, Poisson's ratio 0.35; no warnings)
+    """
+    asked = analysis_options(INVERT_OPTIONS, options)
+    if arrays or is_array(data):
+        data = drop_of_arrays(data, arrays, quantity, offsets, asked, header)
+    elif offsets is not None or quantity != "displacement":
+        said = "offsets" if offsets is not None else "quantity"
+        raise OptionError(refusal(said, "none unless arrays are given", "one"))
+    if isinstance(data, Drop):
+        return _invert_drop(data, asked, header)
+    if asked.joint or not _holds_drops(data):
+        return Results(
+            [
+                result
+                for point in points_of(data, header, asked.overrides())
+                for result in _invert_point(point, asked)
+            ]
+        )
+    return Results([one for item in data for one in _invert_item(item, asked, header)])
+
+
+def drop_of_arrays(
+    time: Any,
+    arrays: tuple[Any, ...],
+    quantity: Literal["displacement", "velocity"],
+    offsets: float | Sequence[float] | None,
+    options: AnalysisOptions,
+    header: Header,
+) -> Drop:
+    """The drop of ``time, load, values`` with what the options declare.
+
+    Raises
+    ------
+    SurveyError
+    """
+    if len(arrays) != 2:
+        came = f"{1 + len(arrays)} of them"
+        raise OptionError(refusal("arrays", "three: time, load, values", came))
+    if header is not None:
+        raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
+    if options.plate_radius is None:
+        raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
+    return drop(
+        time,
+        *arrays,
+        quantity=quantity,
+        offsets=offsets,
+        plate_radius=options.plate_radius,
+        plate_mass=options.plate_mass,
+        poisson_ratio=options.poisson_ratio,
+        density=options.density,
+    )
+
+
+def is_array(data: object) -> bool:
+    """Whether it is the first of the arrays ``time, load, values``."""
+    if hasattr(data, "__array__"):
+        return True
+    return isinstance(data, list | tuple) and bool(data) and isinstance(data[0], int | float)
+
+
+def _holds_drops(data: object) -> bool:
+    """Whether it is a plain sequence whose items are inverted one by one."""
+    return isinstance(data, list | tuple) and len(data) > 0
+
+
+def _invert_item(item: object, options: AnalysisOptions, header: Header) -> list[Result]:
+    if isinstance(item, list | tuple | int | float):
+        raise OptionError(refusal("data", EXPECTED, quote(item)))
+    found = invert(item, header=header, **_said(options))  # type: ignore[call-overload]
+    return [found] if isinstance(found, Result) else list(found)
+
+
+def _said(options: AnalysisOptions) -> dict[str, Any]:
+    return {name: getattr(options, name) for name in INVERT_OPTIONS}
+
+
+def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Result:
+    from pfwd_survey.inverting.analysis import analyse_drop
+    from pfwd_survey.inverting.screening.drops import screen_point
+
+    if options.joint:
+        hint = "give the point, or leave joint out"
+        raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
+    # Seen among the drops of its point: a rebound is told by the largest of them.
+    screening = screen_point(chosen._point)[chosen._index]
+    (point,) = points_of(chosen, header, options.overrides())
+    found = analyse_drop(point.drops[0], point.setup, screening, options, library())
+    return _result(point, found)
+
+
+def _invert_point(point: TracePoint, options: AnalysisOptions) -> list[Result]:
+    from pfwd_survey.inverting.analysis import analyse_point
+
+    return [_result(point, found) for found in analyse_point(point, options, library())]
+
+
+def _result(point: TracePoint, found: DropAnalysis) -> Result:
+    from pfwd_survey.inverting.results import drop_result
+
+    record = drop_result(point.file, found, point.warnings, point.setup.point)
+    return Result(record.to_json(), found.result)
+
+
+@functools.cache
+def library() -> SurrogateLibrary:
+    """The response tables, which many calls share."""
+    from inversion import SurrogateLibrary
+
+    return SurrogateLibrary()

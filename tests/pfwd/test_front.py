@@ -1,0 +1,238 @@
+"""`import pfwd`: names, reading, surveys, tables, plots, and what the import costs."""
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, get_args
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import pfwd
+from pfwd.examples import FOLDER, Traces
+from pfwd.shown import MOST_ROWS, html_table
+from pfwd_survey.exporting.columns import COLUMNS
+
+mpl.use("Agg")
+from matplotlib.figure import Figure
+
+TOP = Path(__file__).resolve().parents[2]
+
+
+def axes() -> Any:
+    return Figure().subplots()
+
+
+def everything() -> list[Any]:
+    points, survey = pfwd.example("layer"), pfwd.example("survey")
+    results = pfwd.invert(points, method="least-squares")
+    return [points, points[0], points.drops[0], survey, survey.results, results, results[0]]
+
+
+def test_completion_shows_the_public_names_alone() -> None:
+    assert dir(pfwd) == sorted(pfwd.__all__)
+    assert [name for name in dir(pfwd) if name.startswith("_")] == []
+    for name in pfwd.__all__:
+        assert getattr(pfwd, name).__doc__
+    for one in everything():
+        assert [name for name in dir(one) if name.startswith("_")] == []
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'pfwd' has no attribute 'opne'"):
+        pfwd.opne  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_import_brings_nothing_heavy_along() -> None:
+    heavy = ["numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich", "inversion"]
+    code = f"import sys, pfwd; print(*(set({heavy}) & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
+    assert (run.returncode, run.stdout.split()) == (0, [])
+
+
+def test_matplotlib_and_pandas_come_with_what_needs_them_only() -> None:
+    code = (
+        "import sys, pfwd; repr(pfwd.invert(pfwd.example('half-space'), method='least-squares')); "
+        "print(*({'matplotlib', 'pandas', 'textual', 'simulators', 'tui'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
+    assert (run.returncode, run.stdout.split()) == (0, [])
+
+
+def test_everything_shows_itself_in_one_line_and_in_a_small_table() -> None:
+    for one in everything():
+        line = repr(one)
+        assert "\n" not in line
+        assert line.startswith(type(one).__name__ + "(")
+        assert "np." not in line + str(one)
+        assert one._repr_html_().startswith("<table><caption>")
+
+
+def test_everything_becomes_plain_values_and_a_data_frame() -> None:
+    for one in everything():
+        said = one.to_dict()
+        assert json.loads(json.dumps(said, allow_nan=False)) == said
+        frame = one.to_dataframe()
+        assert len(frame) >= 1
+        assert "np." not in frame.head(1).to_dict("records").__repr__()
+
+
+def test_a_table_of_results_has_with_the_modulus_what_belongs_to_it() -> None:
+    for frame in (
+        pfwd.invert(pfwd.example("layer"), method="least-squares").to_dataframe(),
+        pfwd.example("survey").to_dataframe(),
+        pfwd.example("survey").results.to_dataframe(),
+    ):
+        wanted = {"modulus_pa", "modulus_interval_low_pa", "modulus_interval_high_pa", "model"}
+        wanted |= {"modulus_sd_pa", "plate", "plate_radius_m", "poisson_ratio", "warnings"}
+        assert wanted <= set(frame.columns)
+
+
+def test_everything_draws_on_the_axes_it_is_given() -> None:
+    for one in everything():
+        ax = axes()
+        assert one.plot(ax) is ax
+        assert ax.has_data()
+        assert ax.get_ylabel()
+        ax.figure.savefig(io.BytesIO())
+    found = pfwd.diagnose(pfwd.example("unexplained").drops[0])
+    ax = axes()
+    assert found.plot(ax) is ax
+    assert "radius 0.15 m" in ax.get_title()
+
+
+def test_without_axes_a_new_figure_is_made() -> None:
+    from matplotlib import pyplot
+
+    first, second = (pfwd.example("layer").drops[0].plot() for _ in range(2))
+    assert first is not second
+    pyplot.close("all")
+
+
+def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
+    results = pfwd.example("survey").results
+    title = results.plot(axes()).get_title()
+    assert "half-space, rigid-rough plate of radius 0.15 m, Poisson's ratio 0.35" in title
+
+
+def test_what_is_no_axes_is_refused() -> None:
+    with pytest.raises(pfwd.OptionError, match=r"ax: expected axes of matplotlib, .* came int"):
+        pfwd.example("layer").plot(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("package", "method"), [("pandas", "to_dataframe"), ("matplotlib", "plot")]
+)
+def test_a_missing_package_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, package: str, method: str
+) -> None:
+    drop = pfwd.example("layer").drops[0]
+    monkeypatch.setitem(sys.modules, package, None)
+    message = rf"{method}\(\): expected the package {package}, came none; python -m pip install"
+    with pytest.raises(pfwd.OptionError, match=message):
+        getattr(drop, method)()
+
+
+def test_a_survey_has_its_points_drops_and_results() -> None:
+    survey = pfwd.open(FOLDER / "survey.h5")
+    assert repr(survey) == "Survey(survey.h5: 4 points, 8 drops, 8 with results)"
+    assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
+    assert len(survey.drops) == 8
+    assert [one.status for one in survey.results][:2] == ["seating", "measured"]
+    # pfwd/data/README.md: what was simulated.
+    truths = [62e6, 48e6, 31e6, 55e6]
+    assert [one.modulus for one in survey.results.measured] == pytest.approx(truths, rel=0.01)
+    assert list(survey.to_dataframe().columns) == [column.name for column in COLUMNS]
+    with pytest.raises(
+        pfwd.SurveyError, match="a result with its time histories, came one without"
+    ):
+        survey.results[0].plot()
+
+
+def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* came another folder"):
+        pfwd.open(tmp_path)
+    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* came another file"):
+        pfwd.open(FOLDER / "layer.csv")
+    with pytest.raises(pfwd.OptionError, match="path: expected the path of a survey, came int"):
+        pfwd.open(3)  # type: ignore[arg-type]
+
+
+def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
+    header = tmp_path / "plate.toml"
+    header.write_text("plate_radius_m = 0.1\n")
+    for said in (header, {"plate_radius_m": 0.1}):
+        points = pfwd.read(FOLDER / "layer.csv", header=said)
+        assert points[0].declared["plate_radius_m"] == 0.1
+    points = pfwd.read(FOLDER / "layer.csv", header=header, plate_radius=0.2)
+    assert points.drops[0].declared["plate_radius_m"] == 0.2
+    with pytest.raises(pfwd.OptionError, match="path: expected the path of a file or folder"):
+        pfwd.read(None)  # type: ignore[arg-type]
+    with pytest.raises(pfwd.OptionError, match="channels: expected raw or stored, came 'all'"):
+        pfwd.read(FOLDER / "layer.csv", channels="all")  # type: ignore[arg-type]
+
+
+def test_a_drop_shows_what_was_measured() -> None:
+    drop = pfwd.example("three-sensors").drops[0]
+    assert drop.time.shape == drop.load.shape == drop.displacement[0].shape
+    assert drop.values.shape == drop.displacement.shape == (3, drop.time.size)
+    assert drop.offsets == (0.0, 0.3, 0.6)
+    assert drop.quantities == ("velocity",) * 3
+    assert drop.peak_load == pytest.approx(7000.0, rel=0.03)
+    # A rigid plate, static: (1 - 0.35^2) F / (2 a E) = 0.256 mm at 80 MPa, less over rock.
+    assert drop.peak_displacement == pytest.approx(0.25e-3, rel=0.05)
+    frame = drop.to_dataframe()
+    assert list(frame.columns) == [
+        "drop",
+        "time_s",
+        "load_N",
+        "velocity_m_s@0",
+        "velocity_m_s@0.3",
+        "velocity_m_s@0.6",
+    ]
+    np.testing.assert_array_equal(frame["load_N"], drop.load)
+
+
+def test_an_unknown_example_is_refused() -> None:
+    with pytest.raises(
+        pfwd.OptionError, match=r"example: expected one of half-space, .* survey, ca"
+    ):
+        pfwd.example("moon")  # type: ignore[call-overload]
+
+
+def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
+    files = {path.stem for path in FOLDER.iterdir()} - {"README"}
+    assert files == {*get_args(Traces), "survey"}
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 250_000
+    for name in get_args(Traces):
+        header = [
+            line.split("=")[0].strip("# ")
+            for line in (FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+            if line.startswith("#")
+        ]
+        assert not {"modulus", "viscosity"} & set(header)
+
+
+def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
+    from benchmarks.example_files import TRACES
+
+    for name in ("half-space", "unexplained"):
+        TRACES[name](tmp_path / f"{name}.csv")
+        made = pfwd.read(tmp_path / f"{name}.csv").drops[0]
+        shipped = pfwd.read(FOLDER / f"{name}.csv").drops[0]
+        assert made.declared == shipped.declared
+        # A count of the converter more or less, on another platform.
+        np.testing.assert_allclose(made.load, shipped.load, atol=2e-4 * np.max(shipped.load))
+        np.testing.assert_allclose(
+            made.values, shipped.values, atol=2e-4 * np.max(np.abs(shipped.values))
+        )
+
+
+def test_a_table_is_bounded_and_escaped() -> None:
+    text = html_table("<b>", ("a",), [("<script>",)] * (MOST_ROWS + 3))
+    assert text.count("&lt;script&gt;") == MOST_ROWS
+    assert "<script>" not in text
+    assert "and 3 rows more" in text

@@ -1,0 +1,238 @@
+"""`pfwd.invert` and `pfwd.diagnose`: the truth of the examples, wrong arguments, what is shown."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pfwd
+from pfwd_survey.files.traces import read_traces
+from pfwd_survey.inverting.analysis import analyse_files
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening.drops import REBOUND_OVER_LARGEST
+
+# As pfwd/data/README.md says them; a file says nothing of it.
+TRUE_MODULI = {"half-space": 60e6, "layer": 45e6, "three-sensors": 80e6}
+
+
+@pytest.mark.parametrize(("name", "truth"), TRUE_MODULI.items())
+def test_the_examples_are_inverted_to_their_truth(name: Any, truth: float) -> None:
+    for result in pfwd.invert(pfwd.example(name)):
+        assert result.modulus == pytest.approx(truth, rel=0.005)
+        low, high = result.modulus_interval or (math.nan, math.nan)
+        assert low < truth < high
+        assert result.warnings == ()
+
+
+def test_a_result_says_with_its_modulus_what_belongs_to_it() -> None:
+    (result,) = pfwd.invert(pfwd.example("three-sensors"))
+    line = repr(result)
+    assert "\n" not in line
+    for part in (
+        f"E {result.modulus / 1e6:.4g} MPa",  # type: ignore[operator]
+        "95 % ",
+        "layer 1.4 m deep",
+        "rigid-rough plate of radius 0.15 m",
+        "Poisson's ratio 0.35",
+        "no warnings",
+    ):
+        assert part in line
+    assert "np." not in line
+
+
+def test_the_warnings_are_printed_in_full() -> None:
+    time, load, values = _arrays("half-space")
+    result = pfwd.invert(time, load, values, quantity="velocity", plate_radius=0.15)
+    assert "plate_mass_kg is not declared: taken as 0" in result.warnings
+    assert "warning" in repr(result)
+    assert "  warning: plate_mass_kg is not declared: taken as 0" in str(result).splitlines()
+    assert "plate_mass_kg is not declared" in result._repr_html_()
+
+
+def test_the_keys_are_those_of_the_command_line() -> None:
+    path = str(pfwd.example("layer").file)
+    (outcome,) = analyse_files([path], AnalysisOptions(method="least-squares"))
+    found = pfwd.invert(path, method="least-squares").to_dict()["results"]
+    for record, expected in zip(found, outcome.results, strict=True):
+        assert list(record) == list(expected)
+        del record["elapsed_s"], expected["elapsed_s"]
+        assert record == json.loads(json.dumps(expected))
+
+
+def test_a_drop_a_point_points_a_survey_and_a_path_give_the_same() -> None:
+    points = pfwd.example("layer")
+    option: Any = {"method": "least-squares"}
+    from_path = [one.modulus for one in pfwd.invert(points.file, **option)]
+    for several in (points, points[0], list(points.drops), [points[0]]):
+        assert [one.modulus for one in pfwd.invert(several, **option)] == from_path
+    first = pfwd.invert(points.drops[0], **option)
+    assert isinstance(first, pfwd.Result)
+    assert first.modulus == from_path[0]
+    survey = pfwd.example("survey")
+    assert len(pfwd.invert(survey, **option)) == 8
+
+
+def test_arrays_give_what_the_file_gives() -> None:
+    time, load, values = _arrays("three-sensors")
+    drop = pfwd.example("three-sensors").drops[0]
+    said: Any = {"plate_radius": 0.15, "plate_mass": 10.6, "poisson_ratio": 0.35}
+    places = (0.0, 0.3, 0.6)
+    got = pfwd.invert(time, load, values, quantity="velocity", offsets=places, **said)
+    assert got.modulus == pfwd.invert(drop).modulus
+    assert isinstance(got, pfwd.Result)
+
+
+def test_a_drop_of_a_point_is_judged_among_the_others() -> None:
+    point = read_traces(pfwd.example("layer").file)
+    factor = 0.9 * REBOUND_OVER_LARGEST
+    # Larger drops, so that the small one is above what is a false trigger by itself.
+    first, second = (replace(drop, load=5.0 * drop.load) for drop in point.drops[:2])
+    drops = (first, replace(second, load=factor * second.load))
+    result = pfwd.invert(pfwd.Point(replace(point, drops=drops)).drops[1])
+    assert result.status == "rejected"
+    assert "a rebound or a knock" in (result.reason or "")
+    assert result.modulus is None
+    assert "rejected, false trigger" in repr(result)
+    assert "18% of the largest" in result._repr_html_()
+    with pytest.raises(pfwd.SurveyError, match="expected a result with its time histories"):
+        result.plot()
+
+
+def test_the_options_are_those_of_the_command_line() -> None:
+    drop = pfwd.example("three-sensors").drops[0]
+    result = pfwd.invert(
+        drop, model="half-space", sensors="centre", plate="rigid-smooth", seed=3, elastic=True
+    )
+    assert (result.model, result.plate, result["seed"]) == ("half-space", "rigid-smooth", 3)
+    assert result.viscosity == 0.0
+    assert result.history.offsets.tolist() == [0.0]
+    with_depth = pfwd.invert(drop, bedrock_depth=np.float64(1.4), method="least-squares")
+    assert with_depth.bedrock_depth == 1.4
+    assert with_depth["method"] == "least-squares"
+
+
+def test_a_declared_value_wins_over_the_file() -> None:
+    points = pfwd.example("half-space")
+    for data in (points, points.file, points.drops[0]):
+        found: Any = pfwd.invert(data, plate_radius=0.1, method="least-squares")
+        one = found if isinstance(found, pfwd.Result) else found[0]
+        assert one.plate_radius == 0.1
+    (by_header,) = pfwd.invert(points.file, header={"plate_radius_m": 0.1}, method="least-squares")
+    assert by_header.plate_radius == 0.1
+
+
+def test_joint_gives_all_drops_of_a_point_one_ground() -> None:
+    found = pfwd.invert(pfwd.example("layer"), joint=True)
+    assert len({one.modulus for one in found}) == 1
+
+
+WAVE = np.sin(np.linspace(0, np.pi, 100))
+TIME = np.arange(100) * 1e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((3,), {}, r"data: expected a path, a survey, .* came int"),
+        ((None,), {}, r"data: expected .* came NoneType"),
+        (([],), {}, r"data: expected .* came an empty one"),
+        ((["layer.csv", 3],), {}, r"layer.csv: expected a readable trace file"),
+        (("no such file.csv",), {}, r"no such file.csv: expected a readable trace file"),
+        ((TIME,), {}, r"arrays: expected three: time, load, values, came 1 of them"),
+        ((TIME, WAVE, WAVE), {}, r"plate_radius: expected a number > 0, in m, came none"),
+        ((TIME, WAVE[:50], WAVE), {"plate_radius": 0.1}, r"load: expected 100 samples .* came 50"),
+        ((TIME, WAVE, WAVE[:50]), {"plate_radius": 0.1}, r"values: expected \(100,\) or"),
+        (
+            (TIME, WAVE, [WAVE, WAVE]),
+            {"plate_radius": 0.1},
+            r"offsets: expected the distances of 2",
+        ),
+        ((TIME**2, WAVE, WAVE), {"plate_radius": 0.1}, r"time: expected uniform, rising steps"),
+        ((TIME, np.nan * WAVE, WAVE), {"plate_radius": 0.1}, r"load: expected finite numbers"),
+        ((TIME, "abc", WAVE), {"plate_radius": 0.1}, r"load: expected numbers, came 'abc'"),
+        (
+            (TIME, WAVE, WAVE),
+            {"plate_radius": 0.1, "quantity": "speed"},
+            r"quantity: expected displacement or velocity, came 'speed'",
+        ),
+        (
+            ("f",),
+            {"bedrok_depth": 1},
+            r"bedrok_depth: expected one of .*; did you mean bedrock_dep",
+        ),
+        (("f",), {"model": "soil"}, r"model: expected one of layer, half-space, came 'soil'"),
+        (("f",), {"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* came -1"),
+        (("f",), {"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
+        (("f",), {"seed": 1.5}, r"seed: expected a whole number >= 0, came 1.5"),
+        (("f",), {"elastic": "yes"}, r"elastic: expected True or False, came 'yes'"),
+        (("f",), {"poisson_ratio": 0.5}, r"poisson_ratio: expected .* came 0.5"),
+        (("f",), {"plate_radius": "wide"}, r"plate_radius: expected .* came 'wide'"),
+        (("f",), {"header": 3}, r"header: expected the path of a TOML file, .* came 3"),
+        (("f",), {"header": "no.toml"}, r"header: expected the path of a TOML file"),
+        (("f",), {"offsets": 1.0}, r"offsets: expected none unless arrays are given"),
+        (
+            ("f",),
+            {"model": "half-space", "bedrock_depth": 1.0},
+            r"model half-space and --bedrock-depth 1.0: expected one of the two",
+        ),
+    ],
+)
+def test_a_wrong_argument_gets_one_line(
+    arguments: tuple[Any, ...], options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(pfwd.SurveyError, match=message) as caught:
+        pfwd.invert(*arguments, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_joint_of_one_drop_is_refused() -> None:
+    with pytest.raises(
+        pfwd.OptionError, match="joint: expected several drops of a point, came one"
+    ):
+        pfwd.invert(pfwd.example("layer").drops[0], joint=True)
+
+
+def test_a_header_for_what_was_read_is_refused() -> None:
+    with pytest.raises(pfwd.OptionError, match=r"header: .*; give it to pfwd.read"):
+        pfwd.invert(pfwd.example("layer"), header={"plate_radius_m": 0.1})
+
+
+def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
+    (found,) = pfwd.diagnose(pfwd.example("unexplained"))
+    assert (found.verdict, found.corrected, found.effects) == ("explained", True, ("sensor_lag",))
+    # The sensor comes 0.5 ms late, over a ground of 50 MPa (pfwd/data/README.md).
+    (effect,) = found["effects"]
+    assert effect["value"] == pytest.approx(5e-4, rel=0.02)
+    before, after = found.before, found.after
+    assert before is not None
+    assert after is not None
+    assert after["modulus_pa"] == pytest.approx(50e6, rel=0.005)
+    assert abs(before["modulus_pa"] - 50e6) > 1e6
+    line = repr(found)
+    for part in ("explained by sensor_lag", "95 %", "half-space", "radius 0.15 m", "ratio 0.35"):
+        assert part in line
+    assert "np." not in str(found)
+    assert json.loads(json.dumps(found.to_dict())) == found.to_dict()
+    frame = found.to_dataframe()
+    assert frame["state"].tolist() == ["before", "after"]
+
+
+def test_a_drop_without_effect_is_clean() -> None:
+    found = pfwd.diagnose(pfwd.example("half-space").drops[0])
+    assert isinstance(found, pfwd.Diagnosis)
+    assert (found.verdict, found.effects) == ("clean", ())
+
+
+def test_diagnose_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(pfwd.OptionError, match="method: expected one of elastic, load, plate_rad"):
+        pfwd.diagnose(pfwd.example("layer"), method="mpga")
+    with pytest.raises(pfwd.OptionError, match="jobs: expected a whole number >= 1, came 0"):
+        pfwd.diagnose(pfwd.example("layer"), jobs=0)
+
+
+def _arrays(name: Any) -> tuple[Any, Any, Any]:
+    drop = pfwd.example(name).drops[0]
+    return drop.time, drop.load, drop.values
