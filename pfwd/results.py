@@ -172,7 +172,8 @@ class Result(Shown):
                 time,
                 1e6 * history.observed[row],
                 ".",
-                markersize=3,
+                markersize=6,
+                alpha=0.4,
                 label=f"measured, {offset:g} m",
             )
             label = f"fitted, {offset:g} m"

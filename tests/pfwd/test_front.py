@@ -189,7 +189,7 @@ def test_a_drop_shows_what_was_measured() -> None:
         "drop",
         "time_s",
         "load_N",
-        "velocity_m_s@0",
+        "velocity_m_s@0.0",
         "velocity_m_s@0.3",
         "velocity_m_s@0.6",
     ]
