@@ -4,6 +4,7 @@
     python3 dev.py test [ARGS]   set up if needed, then every check and the everyday tests; ARGS
                                  go to pytest (-m "" for the slow tests as well)
     python3 dev.py check         set up if needed, then the static checks alone
+    python3 dev.py docs          set up if needed, then the site, strictly, into the folder site
     python3 dev.py mutate MODULE [ARGS]  set up if needed, then change MODULE and see whether its
                                  tests notice; ARGS as in .ci/mutate.py
 
@@ -85,7 +86,7 @@ def tests(arguments: list[str]) -> tuple[bool, str]:
 
 def main(arguments: list[str]) -> int:
     task = arguments[0] if arguments else ""
-    if task not in ("demo", "test", "check", "mutate"):
+    if task not in ("demo", "test", "check", "docs", "mutate"):
         print(__doc__)
         return 2
     set_up()
@@ -93,6 +94,9 @@ def main(arguments: list[str]) -> int:
         if os.name != "nt":  # the demo takes this process over, so that signals reach it directly
             os.execv(BIN / "pfwd", ["pfwd", "demo", *arguments[1:]])
         return run(["pfwd", "demo", *arguments[1:]])
+    if task == "docs":
+        install("docs")
+        return run(["python", "-m", "mkdocs", "build", "--strict"])
     if task == "mutate":
         install("mutate")
         return run(["python", ".ci/mutate.py", *arguments[1:]])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 from numpy.typing import ArrayLike
 
 from pfwd.inverting import Header, drop_of_arrays, is_array
 from pfwd.measured import Drop, Point, points_of
-from pfwd.options import DIAGNOSE_OPTIONS, analysis_options
+from pfwd.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
 from pfwd.shown import Shown, axes_or_new, count, data_frame, html_table, megapascal, text_of
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.exporting.json_text import without_nan
@@ -199,14 +199,23 @@ _COLUMNS = ("", "E with its 95 % interval", "model", "residual, % of the peak", 
 
 
 @overload
-def diagnose(data: Drop | Point, /, *, header: Header = None, **options: Any) -> Diagnosis: ...
+def diagnose(  # type: ignore[overload-overlap]  # a point is a sequence of drops: the first counts
+    data: Drop | Point,
+    /,
+    *,
+    header: Header = None,
+    device: str | os.PathLike[str] | None = None,
+    **options: Unpack[DiagnoseOptions],
+) -> Diagnosis: ...
 @overload
 def diagnose(
     data: str | os.PathLike[str] | Survey | Points | Sequence[Drop | Point],
     /,
     *,
     header: Header = None,
-    **options: Any,
+    device: str | os.PathLike[str] | None = None,
+    jobs: int = 1,
+    **options: Unpack[DiagnoseOptions],
 ) -> Diagnoses: ...
 @overload
 def diagnose(
@@ -217,7 +226,8 @@ def diagnose(
     *,
     quantity: Literal["displacement", "velocity"] = "displacement",
     offsets: float | Sequence[float] | None = None,
-    **options: Any,
+    device: str | os.PathLike[str] | None = None,
+    **options: Unpack[DiagnoseOptions],
 ) -> Diagnosis: ...
 def diagnose(
     data: Any,
@@ -237,11 +247,15 @@ def diagnose(
 
     Parameters
     ----------
-    data, quantity, offsets, header : as for :func:`pfwd.invert`
+    data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
+    quantity, offsets, header : as for :func:`pfwd.invert`
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
         Device effects that are known.
     jobs : int, processes
         More than one: the script needs ``if __name__ == "__main__":``.
+
+    Other Parameters
+    ----------------
     elastic : True: a base model without dashpot, so that viscosity is an effect
     load : "measured" or "half-sine"
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3

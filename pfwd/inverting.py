@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 from numpy.typing import ArrayLike
 
 from pfwd.measured import EXPECTED, Drop, Point, drop, points_of
-from pfwd.options import INVERT_OPTIONS, analysis_options
+from pfwd.options import INVERT_OPTIONS, InvertOptions, analysis_options
 from pfwd.results import Result, Results
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -26,14 +26,14 @@ Header = str | os.PathLike[str] | Mapping[str, object] | None
 
 
 @overload
-def invert(data: Drop, /, *, header: Header = None, **options: Any) -> Result: ...
+def invert(data: Drop, /, *, header: Header = None, **options: Unpack[InvertOptions]) -> Result: ...
 @overload
 def invert(
     data: str | os.PathLike[str] | Survey | Points | Point | Sequence[Drop | Point],
     /,
     *,
     header: Header = None,
-    **options: Any,
+    **options: Unpack[InvertOptions],
 ) -> Results: ...
 @overload
 def invert(
@@ -44,7 +44,7 @@ def invert(
     *,
     quantity: Literal["displacement", "velocity"] = "displacement",
     offsets: float | Sequence[float] | None = None,
-    **options: Any,
+    **options: Unpack[InvertOptions],
 ) -> Result: ...
 def invert(
     data: Any,
@@ -66,6 +66,9 @@ def invert(
         as of :func:`pfwd.drop`, with ``quantity`` and ``offsets``
     header : path of a TOML file, or its keys as a dict, optional
         Wins over what the file declares; with a path only.
+
+    Other Parameters
+    ----------------
     model : "layer" or "half-space"; not said: the layer, unless the depth says otherwise
     bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; not said: as declared
     elastic : True: no viscosity
@@ -92,8 +95,7 @@ def invert(
     Examples
     --------
     >>> pfwd.invert(pfwd.example("half-space"))
-    Results(1 drop, 1 measured; E 60.15 MPa, 95 % 59.64 to 60.67 MPa; half-space, rigid-rough \
-plate of radius 0.15 m, Poisson's ratio 0.35; no warnings)
+    Results(1 drop, 1 measured; E 60... MPa, 95 % 59... to 60... MPa; half-space, ...; no warnings)
     """
     asked = analysis_options(INVERT_OPTIONS, options)
     if arrays or is_array(data):

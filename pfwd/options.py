@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import os
 from collections.abc import Mapping
 from numbers import Integral, Real
-from typing import Any, get_args
+from typing import Any, TypedDict, get_args
 
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.inverting.options import (
     OPTION_OF_KEY,
     AnalysisOptions,
+    Depth,
     Load,
     Method,
     Model,
@@ -31,13 +31,33 @@ _CHOICES = {
 _FLAGS = ("elastic", "joint", "published")
 _DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
 
-INVERT_OPTIONS = tuple(
-    field.name for field in dataclasses.fields(AnalysisOptions) if field.name != "header"
-)
-"""What :func:`pfwd.invert` takes."""
 
-DIAGNOSE_OPTIONS = ("elastic", "load", *OPTION_OF_KEY.values())
-"""What :func:`pfwd.diagnose` takes."""
+class DiagnoseOptions(TypedDict, total=False):
+    """What :func:`pfwd.diagnose` takes; None: not said."""
+
+    elastic: bool
+    load: Load | None
+    plate_radius: float | None
+    plate_mass: float | None
+    poisson_ratio: float | None
+    density: float | None
+
+
+class InvertOptions(DiagnoseOptions, total=False):
+    """What :func:`pfwd.invert` takes; None: not said."""
+
+    model: Model | None
+    bedrock_depth: Depth | None
+    plate: Plate | None
+    sensors: Sensors | None
+    joint: bool
+    method: Method | None
+    published: bool
+    seed: int
+
+
+INVERT_OPTIONS = tuple(InvertOptions.__annotations__)
+DIAGNOSE_OPTIONS = tuple(DiagnoseOptions.__annotations__)
 
 
 def analysis_options(known: tuple[str, ...], given: Mapping[str, Any]) -> AnalysisOptions:

@@ -2,13 +2,14 @@
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import pfwd
+from pfwd.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
 from pfwd_survey.files.traces import read_traces
 from pfwd_survey.inverting.analysis import analyse_files
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -236,3 +237,12 @@ def test_diagnose_refuses_what_it_does_not_know() -> None:
 def _arrays(name: Any) -> tuple[Any, Any, Any]:
     drop = pfwd.example(name).drops[0]
     return drop.time, drop.load, drop.values
+
+
+def test_every_option_of_the_analysis_is_offered() -> None:
+    # `header` is an argument of its own.
+    names = {field.name for field in fields(AnalysisOptions)} - {"header"}
+    assert set(INVERT_OPTIONS) == names
+    assert set(DIAGNOSE_OPTIONS) < names
+    for name in INVERT_OPTIONS:
+        assert f"{name} :" in str(pfwd.invert.__doc__) or f"{name}," in str(pfwd.invert.__doc__)
