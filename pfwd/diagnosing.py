@@ -248,7 +248,7 @@ def diagnose(
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
-    quantity, offsets, header : as for :func:`pfwd.invert`
+    quantity, offsets, header : as for `pfwd.invert`
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
         Device effects that are known.
     jobs : int, processes

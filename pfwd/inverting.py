@@ -63,7 +63,7 @@ def invert(
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
-        as of :func:`pfwd.drop`, with ``quantity`` and ``offsets``
+        as of `pfwd.drop`, with ``quantity`` and ``offsets``
     header : path of a TOML file, or its keys as a dict, optional
         Wins over what the file declares; with a path only.
 

@@ -1,4 +1,4 @@
-"""The options of :func:`pfwd.invert` and :func:`pfwd.diagnose`, named as on the command line."""
+"""The options of `pfwd.invert` and `pfwd.diagnose`, named as on the command line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
 
 
 class DiagnoseOptions(TypedDict, total=False):
-    """What :func:`pfwd.diagnose` takes; None: not said."""
+    """What `pfwd.diagnose` takes; None: not said."""
 
     elastic: bool
     load: Load | None
@@ -44,7 +44,7 @@ class DiagnoseOptions(TypedDict, total=False):
 
 
 class InvertOptions(DiagnoseOptions, total=False):
-    """What :func:`pfwd.invert` takes; None: not said."""
+    """What `pfwd.invert` takes; None: not said."""
 
     model: Model | None
     bedrock_depth: Depth | None

@@ -1,0 +1,85 @@
+"""What is odd in files and results: told, withheld, made harmless."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pfwd
+from pfwd.examples import FOLDER
+from pfwd_device.recording import SurveyWriter
+from pfwd_survey.files.importing import import_files
+from pfwd_survey.files.traces import read_traces
+
+HOSTILE = "\x1b[31m<b>$x_1$"
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    folder = tmp_path / "site"
+    assert [one.error for one in import_files([str(FOLDER / "layer.csv")], folder)] == [None] * 3
+    return folder
+
+
+def test_numbers_of_numpy_become_plain_ones() -> None:
+    (result,) = pfwd.invert(pfwd.example("half-space"), method="least-squares")
+    record = {**result.to_dict(), "modulus_pa": np.float64(6e7), "modulus_sd_pa": math.nan}
+    plain = pfwd.Result({**record, "modulus_interval_pa": np.array([5e7, 7e7])})
+    assert type(plain["modulus_pa"]) is float
+    assert plain["modulus_sd_pa"] is None
+    assert plain.to_dict()["modulus_interval_pa"] == [5e7, 7e7]
+    json.dumps(plain.to_dict(), allow_nan=False)
+
+
+def test_a_stored_modulus_without_what_belongs_to_it_is_withheld(survey: Path) -> None:
+    (result, *_) = pfwd.invert(pfwd.example("layer"), method="least-squares")
+    with SurveyWriter.open(survey) as writer:
+        writer.save_result(1, {**result.to_dict(), "model": None})
+        writer.save_result(2, result.to_dict())
+    opened = pfwd.open(survey)
+    assert repr(opened) == "Survey(site: 1 point, 3 drops, 2 with results)"
+    withheld, whole = opened.results
+    assert withheld.modulus is None
+    assert "modulus withheld: the result lacks its model" in withheld.warnings[0]
+    assert "MPa" not in repr(withheld)
+    assert whole.modulus == result.modulus
+    assert (whole.number, whole.point, whole.file) == (2, "layer", str(survey))
+
+
+def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Path) -> None:
+    results = pfwd.invert(pfwd.example("layer"), method="least-squares")
+    with SurveyWriter.open(survey) as writer:
+        for result in results:
+            writer.save_result(result.number, result.to_dict())
+        writer.edit("discard", number=2)
+    opened = pfwd.open(survey)
+    assert [result.number for result in opened.results] == [1, 3]
+    assert [drop.number for drop in opened.drops] == [1, 3]
+    assert opened.to_dataframe()["discarded"].tolist() == [False, True, False]
+    assert len(opened.to_dict()["drops"]) == 3
+
+
+def test_text_of_a_file_is_harmless_where_it_is_shown(tmp_path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    point = read_traces(FOLDER / "layer.csv")
+    named = pfwd.Point(replace(point, setup=replace(point.setup, point=HOSTILE)))
+    found = pfwd.invert(named, method="least-squares")
+    for shown in (repr(named), repr(named[0]), str(found), repr(found), repr(found[0])):
+        assert "\x1b" not in shown
+    for table in (named._repr_html_(), found._repr_html_()):
+        assert "<b>" not in table
+    ax = Figure().subplots()
+    found.plot(ax)
+    found[0].plot(ax)
+    ax.figure.savefig(tmp_path / "picture.png")  # "$" is no formula
+
+
+def test_a_folder_that_is_no_survey_is_refused(tmp_path: Path) -> None:
+    for refused in (pfwd.read, pfwd.invert, pfwd.diagnose):
+        with pytest.raises(pfwd.SurveyError) as caught:
+            refused(tmp_path)
+        assert "\n" not in str(caught.value)
