@@ -28,6 +28,7 @@ from inversion.forward.surrogate import SHALLOWEST
 RADIUS = 0.15
 PLAIN = Parameter("viscosity", "Pa s", 0.0, 4e5, logarithmic=False)
 LOGARITHMIC = Parameter("modulus", "Pa", 5e6, 3e8, logarithmic=True)
+SHIFTED = Parameter("delay", "s", 2e-3, 5e-3)
 
 
 def space(
@@ -36,7 +37,7 @@ def space(
     return parameter_space(40e6, RADIUS, density, bedrock_depth, elastic)
 
 
-@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
+@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC, SHIFTED])
 @given(unit=st.floats(0, 1))
 def test_unit_values_and_values_are_inverse(parameter: Parameter, unit: float) -> None:
     value = float(parameter.value(np.array(unit)))
@@ -44,7 +45,7 @@ def test_unit_values_and_values_are_inverse(parameter: Parameter, unit: float) -
     assert parameter.unit_value(value) == pytest.approx(unit, abs=1e-12)
 
 
-@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC])
+@pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC, SHIFTED])
 @pytest.mark.parametrize("unit", [0.1, 0.5, 0.9])
 def test_slope_is_the_derivative(parameter: Parameter, unit: float) -> None:
     high, low = (float(parameter.value(np.array(unit + d))) for d in (1e-6, -1e-6))
