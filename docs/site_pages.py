@@ -40,7 +40,7 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Links as the site has them; as they stand they are those of the checkout."""
     if page.file.src_uri == "tutorials/README.md":
         return markdown.replace(".ipynb)", ".md)")
-    return re.sub(r"\]\(\.\./(examples/)", r"](\1", markdown)
+    return re.sub(r"\]\(\.\./(examples/|CONTRIBUTING|CHANGELOG)", r"](\1", markdown)
 
 
 def notebook_pages(name: str, text: str) -> dict[str, str | bytes]:

@@ -299,7 +299,8 @@ def _add_export(commands: "Commands") -> None:
         required=True,
         # No choices: another installed package may have the format, which is looked for later.
         metavar="FORMAT",
-        help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values()),
+        help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values())
+        + "; or a format of another installed package",
     )
     export.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
     export.add_argument("--force", action="store_true", help="write over what is there")
