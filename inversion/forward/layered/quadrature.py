@@ -35,7 +35,8 @@ class WavenumberRule:
     travelling: float
     """End of the travelling waves over the shortest S wave's wavenumber."""
     echo: float
-    """Nepers down and back in the top medium up to which far sensors see what lies below."""
+    """Nepers down and back in the top medium up to which far sensors see what lies below; inf: what
+    they see is resolved to the end."""
     growth: float
     """Growth of the panels from there on."""
     least_end: float
@@ -84,6 +85,8 @@ class Layout:
             slope = float(np.min(root.real / size))
         else:  # at rest nothing travels, and the deepest interface sets the scale
             distance, slope = 1.0 / deepest, 1.0
+        if math.isinf(rule.echo):
+            seen = end
         travelling = rule.travelling * float(np.max(size))
         return Layout(
             rule,
@@ -133,7 +136,7 @@ CONVERGED = WavenumberRule(
     width_over_distance=2.0,
     turn=8.0,
     travelling=2.2,
-    echo=38.0,
+    echo=math.inf,
     growth=1.4,
     least_end=120.0,
     end_over_root=14.0,

@@ -37,6 +37,7 @@ Array = NDArray[Any]
 
 RADIUS = 0.15
 OFFSETS = (0.0, 0.3, 0.6, 0.9)
+NINE = (0.0, 0.203, 0.305, 0.457, 0.61, 0.914, 1.219, 1.524, 1.829)
 TRANSFORM = DampedTransform(0.06, 640.0)
 TIME = np.linspace(0.0, 0.06, 241)[1:]
 AT_REST = np.array([0j])
@@ -325,12 +326,34 @@ ELASTIC = LayeredGround((Medium(1e7, 0.0, 1800.0, 0.35, 0.3), Medium(2e7, 0.0, 1
 @pytest.mark.parametrize("plate", LAYERED_PLATE_MODELS)
 @pytest.mark.parametrize("ground", [PAVEMENT, SOFT_ON_ROCK, THIN_CRUST, ELASTIC])
 def test_the_fast_rule_keeps_a_thousandth(ground: LayeredGround, plate: LayeredPlateModel) -> None:
-    setup = PlateSetup(plate, RADIUS, (0.0, 0.203, 0.305, 0.457, 0.61, 0.914, 1.219, 1.524, 1.829))
+    setup = PlateSetup(plate, RADIUS, NINE)
     fast, exact = (
         histories(displacement_per_force(setup, alone(ground), TRANSFORM.s, rule)[0], 0.02)
         for rule in (FAST, CONVERGED)
     )
     assert error_over_peak(fast, exact) < 1e-3
+
+
+@pytest.mark.parametrize("ground", [PAVEMENT, SOFT_ON_ROCK, THIN_CRUST])
+def test_the_converged_rule_is_converged(ground: LayeredGround) -> None:
+    """To 398 Hz, over the centre's compliance at the same frequency."""
+    finer = replace(
+        CONVERGED,
+        order=20,
+        width_over_distance=1.0,
+        travelling=3.0,
+        growth=1.3,
+        least_end=200.0,
+        end_over_root=25.0,
+        end_over_layer=30.0,
+        negligible=60.0,
+    )
+    setup = PlateSetup("rigid-rough", RADIUS, NINE)
+    s = np.array([93 + 0j, 93 + 400j, 93 + 2500j])
+    found, expected = (
+        displacement_per_force(setup, alone(ground), s, rule)[0] for rule in (CONVERGED, finer)
+    )
+    assert np.max(np.abs(found - expected) / np.abs(expected[0])) < 1e-6
 
 
 @pytest.mark.parametrize(
