@@ -168,6 +168,8 @@ class LayeredGrounds:
 
     def at(self, s: ComplexArray, radius: float) -> Media:
         """The media at Laplace variables (n,), ground by ground: arrays (N, m n, 1)."""
+        allowed = (s.real > 0.0) | (s == 0.0)
+        _require(bool(np.all(allowed)), "Laplace variables", "Re s > 0, or s = 0", s[~allowed])
         nu = np.repeat(self.poisson_ratio.T, s.size, axis=1)
         complex_modulus: ComplexArray = (
             self.modulus.T[:, :, None] + self.viscosity.T[:, :, None] * s

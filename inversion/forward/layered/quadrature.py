@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.errors import ModelError
 from inversion.forward.layered.kernel import Media
 
 # Sizes are rounded to powers of this, so that neighbouring grounds share nodes and their tables.
@@ -80,11 +81,12 @@ class Layout:
             end = max(end, rule.end_over_layer / float(np.min(interfaces[0])))
             seen = 0.5 * rule.echo / float(np.min(interfaces[0]))
             deepest = float(np.max(np.sum(interfaces, axis=0)))
-        if np.min(size) > 0.0:
-            distance = float(np.min(np.sqrt(media.ratio) * root.real))
-            slope = float(np.min(root.real / size))
-        else:  # at rest nothing travels, and the deepest interface sets the scale
-            distance, slope = 1.0 / deepest, 1.0
+        moving = size > 0.0
+        distance, slope = 1.0 / deepest, 1.0  # at rest the deepest interface sets the scale
+        if np.any(moving):
+            away = (np.sqrt(media.ratio) * root.real)[moving]
+            distance = float(np.min(away if np.all(moving) else np.append(away, distance)))
+            slope = float(np.min(root.real[moving] / size[moving]))
         if math.isinf(rule.echo):
             seen = end
         travelling = rule.travelling * float(np.max(size))
@@ -98,6 +100,10 @@ class Layout:
             largest_offset,
         )
 
+
+# Ground without viscosity takes some hundred panels at the damping of a record; a hundred times
+# that is a mistake, and would fill the memory.
+_MOST_PANELS = 20000
 
 # Radians of the product of two spherical Bessel functions in a panel at most.
 _PLATE_TURN = 8.0
@@ -119,6 +125,12 @@ def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
             width *= rule.growth
         width = min(width, near if place < layout.seen else far)
         edges.append(place + width)
+        if len(edges) > _MOST_PANELS:
+            raise ModelError(
+                "Laplace variables: expected a damping that keeps poles off the wavenumbers' axis, "
+                f"got one for which {_MOST_PANELS} panels do not reach the shortest wave; try a "
+                "larger real part"
+            )
     points, weights = np.polynomial.legendre.leggauss(rule.order)
     half = 0.5 * np.diff(edges)[:, None]
     middle = 0.5 * (np.asarray(edges[1:]) + edges[:-1])[:, None]

@@ -12,6 +12,8 @@ Sources
   Poisson's ratio: four constants a layer.)
 - Kausel and Roesset 1981: Stiffness matrices for layered soils. Bull. Seism. Soc. Am. 71,
   1743-1761, table 1. (Plane strain; the equations in the Hankel domain are the same.)
+- Love 1929: The stress produced in a semi-infinite solid by pressure on part of the boundary.
+  Phil. Trans. R. Soc. A 228, 377-420. (Uniform pressure on a circle.)
 """
 
 from __future__ import annotations

@@ -503,3 +503,20 @@ def test_a_setup_that_does_not_exist() -> None:
         PlateSetup("uniform", 0.0)
     with pytest.raises(ModelError, match="sensor offsets: expected values >= 0 m"):
         PlateSetup("uniform", RADIUS, (-0.3,))
+
+
+def test_laplace_variables_that_have_no_answer() -> None:
+    setup = PlateSetup("uniform", RADIUS)
+    with pytest.raises(ModelError, match=r"Laplace variables: expected Re s > 0, or s = 0, got"):
+        displacement_per_force(setup, alone(PAVEMENT), np.array([100j, 10 + 0j]))
+    elastic = alone(ELASTIC)
+    with pytest.raises(ModelError, match="try a larger real part"):
+        displacement_per_force(setup, elastic, np.array([1e-4 + 5000j]))
+
+
+def test_rest_and_waves_in_one_call() -> None:
+    setup = PlateSetup("rigid-smooth", RADIUS, OFFSETS)
+    together = displacement_per_force(setup, alone(SOFT_ON_ROCK), np.array([0j, 93 + 400j]))
+    for i, s in enumerate((0j, 93 + 400j)):
+        single = displacement_per_force(setup, alone(SOFT_ON_ROCK), np.array([s]))
+        np.testing.assert_allclose(together[..., i], single[..., 0], rtol=1e-6)
