@@ -161,6 +161,8 @@ class Log:
     """Band, most samples, single precision, whole record."""
     runs: list[tuple[int, int]] = field(default_factory=list)
     """Points to start from, most iterations."""
+    steps: list[float | None] = field(default_factory=list)
+    """Step, over the box, at which each run ends; None: the finest."""
     tried: list[int] = field(default_factory=list)
     """Points whose misfit alone was asked for."""
 
@@ -181,6 +183,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Log:
 
     def run(linearise, points, iterations, **options):
         found.runs.append((points.shape[0], iterations))
+        found.steps.append(options.get("tolerance"))
         return fit_batch(linearise, points, iterations=iterations, **options)
 
     of_misfit = Misfit.objective
@@ -224,6 +227,8 @@ def test_of_an_unknown_depth_what_fits_the_contact_is_tried_on_the_tail(
     assert tail == (min(5, len(allowed)), 8 if len(allowed) > 1 else 0)
     assert polish[1] == 15
     assert again[1] == 7
+    # All but the polish are rough.
+    assert log.steps[-4:] == [1e-3, 1e-3, None, 1e-3]
 
 
 def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> WeightedDrop:
@@ -250,15 +255,25 @@ def test_a_hopeless_tail_is_given_up_before_the_polish(log: Log, library: Surrog
         assert np.max(np.abs(other.point - found.best.point)) > 0.02
 
 
-def test_a_tail_that_is_nearly_explained_is_polished_and_left_out(
-    log: Log, library: SurrogateLibrary
+@pytest.mark.parametrize(
+    ("size", "kept", "polished"),
+    [
+        # What the tail leaves: a little less and a little more than 2.25, then than 9.
+        (1.45e-3, True, True),
+        (1.51e-3, False, True),
+        (2.75e-3, False, True),
+        (2.87e-3, False, False),
+    ],
+)
+def test_a_tail_is_kept_up_to_what_is_left_of_it(
+    size: float, kept: bool, polished: bool, log: Log, library: SurrogateLibrary
 ) -> None:
-    item = disturbed(library, 1.6e-3)
+    item = disturbed(library, size)
     found = fit_ground((item,), space(density=None), "least-squares", np.random.default_rng(4))
-    assert WHOLE in log.misfits
-    assert FINE in log.misfits
-    assert found.drops[0].drop.window_end == item.drop.window_end
-    assert found.best.cost < 1.0
+    assert (WHOLE in log.misfits) == polished
+    assert (FINE in log.misfits) != kept
+    assert (found.drops[0].drop.window_end == item.drop.tail_end) == kept
+    assert (found.best.cost < 1.0) != kept
 
 
 def test_a_tail_is_kept_where_the_contact_fits_no_better(
