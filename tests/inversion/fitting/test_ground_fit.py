@@ -231,6 +231,23 @@ def test_of_an_unknown_depth_what_fits_the_contact_is_tried_on_the_tail(
     assert log.steps[-4:] == [1e-3, 1e-3, None, 1e-3]
 
 
+def test_the_five_most_promising_of_what_fits_the_contact_are_tried_on_the_tail(
+    log: Log, library: SurrogateLibrary
+) -> None:
+    drop = weighted(library, record(library, QUIET))
+    of = space(density=None)
+    contact = Misfit((drop,), of, 640.0, 64)
+    best = Minimum(true_point(of), 0.3)
+    # Six within the model's own error of the best one, and one beyond.
+    others = tuple(
+        Minimum(best.point + 0.005 * n, 0.3 + cost)
+        for n, cost in enumerate((0.2, 0.4, 0.6, 0.8, 0.99, 1.01), start=1)
+    )
+    module._with_tail(GroundFit(best, others, (), False, 0, contact, (drop,)))
+    assert log.tried == [6]
+    assert log.runs[0] == (5, 8)
+
+
 def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> WeightedDrop:
     """A drop with a vibration, m/s, after the window of the contact or within it."""
     drop = record(library, QUIET)
