@@ -130,18 +130,18 @@ class SessionLines:
             self._say(fault, logging.WARNING)
 
     def _saved(self, event: DropSaved) -> None:
-        one = event.one
-        self._identical[one.point, one.number] = event.identical
-        where = "" if one.spare is None else f" in the spare folder {one.spare}"
-        log.info("drop %s/%s saved as %s%s", one.point, one.number, one.record, where)
+        handed = event.handed
+        self._identical[handed.point, handed.number] = event.identical
+        where = "" if handed.spare is None else f" in the spare folder {handed.spare}"
+        log.info("drop %s/%s saved as %s%s", handed.point, handed.number, handed.record, where)
         for mark in event.marks:
-            self._say(f"drop {one.point}/{one.number}: {mark}", logging.WARNING)
+            self._say(f"drop {handed.point}/{handed.number}: {mark}", logging.WARNING)
         if self._bell:
             print("\a", end="", file=sys.stderr, flush=True)
-        if not self._analysed or one.screening.status == "rejected":
-            analysis = DropAnalysis(one.drop, one.screening, None)
-            self._line(one, drop_result(one.file, analysis))
-            self._forget(one)
+        if not self._analysed or handed.screening.status == "rejected":
+            analysis = DropAnalysis(handed.drop, handed.screening, None)
+            self._line(handed, drop_result(handed.file, analysis))
+            self._forget(handed)
 
     def _not_published(self, event: DropNotPublished) -> None:
         self._say(event.text, logging.WARNING)
@@ -156,44 +156,44 @@ class SessionLines:
             print(json_text(line), flush=True)
 
     def _analysis(self, event: DropAnalysed) -> None:
-        one, result = event.one, event.result
+        handed, result = event.handed, event.result
         modulus = result.modulus_pa or math.nan
-        self.moduli[one.number] = modulus
-        before = self._quick.get((one.point, one.number))
+        self.moduli[handed.number] = modulus
+        before = self._quick.get((handed.point, handed.number))
         if not event.final:
-            self._quick[one.point, one.number] = modulus
+            self._quick[handed.point, handed.number] = modulus
         changed = before is None or not abs(modulus - before) <= CHANGED * before
         if self._as_json or changed:
-            self._line(one, result, event.delay)
+            self._line(handed, result, event.delay)
         if event.final:
-            self._forget(one)
+            self._forget(handed)
 
-    def _forget(self, one: HandedOn) -> None:
+    def _forget(self, handed: HandedOn) -> None:
         """Nothing more comes of a drop: a day has thousands."""
-        self._quick.pop((one.point, one.number), None)
-        self._identical.pop((one.point, one.number), None)
+        self._quick.pop((handed.point, handed.number), None)
+        self._identical.pop((handed.point, handed.number), None)
 
-    def _line(self, one: HandedOn, result: DropResult, delay: float | None = None) -> None:
-        identical = self._identical.get((one.point, one.number))
+    def _line(self, handed: HandedOn, result: DropResult, delay: float | None = None) -> None:
+        identical = self._identical.get((handed.point, handed.number))
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
-        log.info("%s%s", drop_line(one.point, one.number, result), after)
+        log.info("%s%s", drop_line(handed.point, handed.number, result), after)
         if self._as_json:
             found = result.to_json()
             line = {
-                "point": one.point,
-                "drop": one.number,
-                "saved": one.record is not None or identical is not None,
-                **({} if one.record is None else {"record": one.record}),
-                **({} if one.spare is None else {"spare": one.spare}),
+                "point": handed.point,
+                "drop": handed.number,
+                "saved": handed.record is not None or identical is not None,
+                **({} if handed.record is None else {"record": handed.record}),
+                **({} if handed.spare is None else {"spare": handed.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
                 **{key: value for key, value in found.items() if key not in ("point", "drop")},
             }
             print(json_text(line), flush=True)
             return
-        line_text = drop_line(one.point, one.number, result)
+        line_text = drop_line(handed.point, handed.number, result)
         if identical is False:
             line_text += "  NOT the recorded traces"
-        if one.spare is not None:
+        if handed.spare is not None:
             line_text += "  IN THE SPARE FOLDER"
         print(line_text, flush=True)

@@ -22,7 +22,7 @@ from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice, TableBu
 class _Asked:
     """An analysis under way."""
 
-    one: HandedOn
+    handed: HandedOn
     urgency: Urgency
     final: bool
     """Whether no other answer follows."""
@@ -72,31 +72,31 @@ class Analyses:
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
-    def ask(self, one: HandedOn) -> None:
+    def ask(self, handed: HandedOn) -> None:
         """Have a drop inverted."""
-        if one.screening.status == "rejected":
+        if handed.screening.status == "rejected":
             return
         if self._one_answer:
-            self._ask(one, Urgency.QUICK, self._options)
+            self._ask(handed, Urgency.QUICK, self._options)
             return
         quick = replace(self._options, method="least-squares")
         if len(self._asked) < MOST_WAITING:
             self._behind = False
-            self._ask(one, Urgency.QUICK, quick, final=False)
-            self._ask(one, Urgency.FULL, self._options)
+            self._ask(handed, Urgency.QUICK, quick, final=False)
+            self._ask(handed, Urgency.FULL, self._options)
             return
-        self._ask(one, Urgency.QUICK, quick)
+        self._ask(handed, Urgency.QUICK, quick)
         if not self._behind:
             self._behind = True
             self._tell(Notice("the full searches do not keep up; drops are left without them"))
 
     def _ask(
-        self, one: HandedOn, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
+        self, handed: HandedOn, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
     ) -> None:
         number = self._worker.analyse(
-            urgency, one.drop, one.setup, one.screening, options, one.file
+            urgency, handed.drop, handed.setup, handed.screening, options, handed.file
         )
-        self._asked[number] = _Asked(one, urgency, final)
+        self._asked[number] = _Asked(handed, urgency, final)
 
     def take_answers(self) -> None:
         """Tell what has been answered."""
@@ -116,8 +116,8 @@ class Analyses:
         left_over, self._asked = list(self._asked.values()), {}
         for asked in left_over:
             if asked.urgency is Urgency.QUICK:  # a drop without any answer
-                result = _failed(asked.one, fault)
-                self._tell(DropAnalysed(asked.one, None, result, None, False, True))
+                result = _failed(asked.handed, fault)
+                self._tell(DropAnalysed(asked.handed, None, result, None, False, True))
 
     def close(self) -> None:
         """End the worker; what is not answered stays so."""
@@ -132,16 +132,16 @@ class Analyses:
         asked = self._asked.pop(answer.task.number, None)
         if asked is None:
             return
-        one, full = asked.one, asked.urgency is Urgency.FULL
+        handed, full = asked.handed, asked.urgency is Urgency.FULL
         result = answer.result
         if result is None:
-            result = _failed(one, str(answer.fault))
-        elif one.record is not None:
-            self._keep_result(one.record, result)
-        delay = None if one.received is None else time.monotonic() - one.received
-        self._tell(DropAnalysed(one, delay, result, answer.curves, full, asked.final))
+            result = _failed(handed, str(answer.fault))
+        elif handed.record is not None:
+            self._keep_result(handed.record, result)
+        delay = None if handed.received is None else time.monotonic() - handed.received
+        self._tell(DropAnalysed(handed, delay, result, answer.curves, full, asked.final))
 
 
-def _failed(one: HandedOn, fault: str) -> DropResult:
+def _failed(handed: HandedOn, fault: str) -> DropResult:
     """The result of a drop that could not be inverted, with all its keys."""
-    return drop_result(one.file, DropAnalysis(one.drop, one.screening, None, fault))
+    return drop_result(handed.file, DropAnalysis(handed.drop, handed.screening, None, fault))

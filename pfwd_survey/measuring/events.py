@@ -104,7 +104,7 @@ class HandedOn:
 class DropSaved:
     """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
 
-    one: HandedOn
+    handed: HandedOn
     marks: tuple[str, ...]
     """What is odd about the record: cut off, saturated, triggered by the operator."""
     identical: bool | None = None
@@ -151,7 +151,7 @@ class DropNotPublished:
 class DropAnalysed:
     """A modulus, or why there is none."""
 
-    one: HandedOn
+    handed: HandedOn
     delay: float | None
     """From the last sample of the drop to now, s; None: in a replay."""
     result: DropResult

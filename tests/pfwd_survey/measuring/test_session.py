@@ -58,7 +58,7 @@ def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> Non
     assert run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer) is Ending.DONE
     (told,) = log.of(DropSaved)
     assert log.index(("saved", "1", 1)) < log.index(told)  # type: ignore[arg-type]
-    assert (told.one.point, told.one.number, told.one.record) == ("1", 1, 1)
+    assert (told.handed.point, told.handed.number, told.handed.record) == ("1", 1, 1)
     assert told.marks == ()
     (record,) = recorded(writer)
     # 8000 sin(pi k / 150) first exceeds 400 N for k = 3; the noise of 3 N may move that by one.
@@ -89,7 +89,7 @@ def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     assert session[0].run() is Ending.DONE
     assert writer.saved == [("1", 1), ("1", 2), ("km 2", 1), ("1", 3)]
-    assert [told.one.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
+    assert [told.handed.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
     assert writer.points == ("1", "km 2")
 
 
@@ -135,7 +135,7 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     session[0].run()
     assert [told.marks for told in log.of(DropSaved)] == [("triggered by the operator",)] * 2
-    assert [told.one.screening.status for told in log.of(DropSaved)] == ["rejected"] * 2
+    assert [told.handed.screening.status for told in log.of(DropSaved)] == ["rejected"] * 2
     assert "no samples come that could be recorded" in log.texts
 
 

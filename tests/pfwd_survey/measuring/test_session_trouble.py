@@ -73,7 +73,7 @@ def test_what_the_disk_does_not_take_is_kept_and_saved_later_in_order(
     assert run(feed, log, writer) is Ending.DONE
     # Each is told once, though it was tried hundreds of times.
     assert [told.number for told in log.of(DropNotSaved)] == [1, 2, 3]
-    assert [told.one.number for told in log.of(DropSaved)] == [1, 2, 3]
+    assert [told.handed.number for told in log.of(DropSaved)] == [1, 2, 3]
     assert [one.drop.number for one in recorded(writer)] == [1, 2, 3]
     # The bounce came while the drop was not safe.
     assert [len(one.rebounds) for one in recorded(writer)] == [1, 0, 0]
@@ -195,7 +195,7 @@ def test_the_same_samples_are_not_held_twice_either(log: Log, writer: Any) -> No
     writer.failures = 2
     again = [connected(again=True), began(), *pieces(ONE_DROP)]
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP), lost(), again), log, writer)
-    assert [told.one.number for told in log.of(DropSaved)] == [1]
+    assert [told.handed.number for told in log.of(DropSaved)] == [1]
 
 
 def test_another_stream_begins_anew_without_being_announced(log: Log, writer: Any) -> None:
@@ -295,7 +295,7 @@ def test_a_drop_that_cannot_be_judged_is_safe_all_the_same(
     monkeypatch.setattr("pfwd_survey.measuring.drop_pipeline.screen_next", fail)
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer)
     assert writer.saved == [("1", 1)]
-    assert log.of(DropSaved)[0].one.screening.status == "rejected"
+    assert log.of(DropSaved)[0].handed.screening.status == "rejected"
     assert "could not be judged: IndexError: planted" in log.texts
 
 
@@ -323,8 +323,8 @@ def test_missing_samples_are_marked_and_judged(
 ) -> None:
     run(ScriptedFeed(connected(), began(), with_gaps(pieces(ONE_DROP), [gap])), log, writer)
     (told,) = log.of(DropSaved)
-    assert told.one.screening.status == status
-    assert text in " ".join([told.one.screening.reason or "", *told.one.screening.warnings])
+    assert told.handed.screening.status == status
+    assert text in " ".join([told.handed.screening.reason or "", *told.handed.screening.warnings])
     assert f"{gap[1]} of 1200 samples missing" in told.marks[0]
     (record,) = recorded(writer)
     missing = np.isnan(record.drop.load)

@@ -161,7 +161,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
     drops = state.current.drops
     assert drops[1].modulus == 30e6
-    assert drops[2].one is not None
+    assert drops[2].handed is not None
     assert drops[2].discarded
     assert state.progress.target == 45e6
 
@@ -180,10 +180,10 @@ def test_old_traces_leave_memory_but_no_drop_does() -> None:
         state.take(analysed(number))
     drops = state.current.drops
     assert len(drops) == 59
-    assert drops[1].one is None
+    assert drops[1].handed is None
     assert drops[1].curves is None
     assert drops[1].modulus is not None
-    assert drops[59].one is not None
+    assert drops[59].handed is not None
 
 
 def test_every_state_has_its_word() -> None:

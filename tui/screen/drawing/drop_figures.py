@@ -49,8 +49,8 @@ def drop_figures(
     curves, result = curves_of(drop, refit)
     if curves is not None:
         return _fitted(drop, curves, result or DropResult(), units, span, sensor)
-    if drop.one is not None:
-        return _raw(drop.one, units, span, sensor)
+    if drop.handed is not None:
+        return _raw(drop.handed, units, span, sensor)
     return []
 
 
@@ -148,9 +148,9 @@ def _place(title: str, offsets: Array, sensor: int, units: Units) -> str:
 
 
 def _raw(
-    one: HandedOn, units: Units, span: tuple[float, float] | None, sensor: int
+    handed: HandedOn, units: Units, span: tuple[float, float] | None, sensor: int
 ) -> list[Figure]:
-    drop = one.drop
+    drop = handed.drop
     time = 1e3 * drop.time
     start, end = (1e3 * t for t in span or (max(float(drop.time[0]), -5e-3), float(drop.time[-1])))
     load = remove_offset(drop.time, drop.load) / units.of("load").scale

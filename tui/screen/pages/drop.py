@@ -122,14 +122,14 @@ class DropPage(Page):
     def _fetch(self, drop: DropState) -> None:
         """Ask for traces and curves that are not in memory, once."""
         key = drop.point, drop.number
-        if key in self._asked or (drop.curves is not None and drop.one is not None):
+        if key in self._asked or (drop.curves is not None and drop.handed is not None):
             return
-        if drop.waits or (drop.one is not None and drop.status == "rejected"):
+        if drop.waits or (drop.handed is not None and drop.status == "rejected"):
             return
-        if drop.one is not None and drop.results and not drop.final:
+        if drop.handed is not None and drop.results and not drop.final:
             return  # its own answer comes
         self._asked.add(key)
-        if drop.one is None:
+        if drop.handed is None:
             self._asked.discard(key)
         self.pfwd.fits.fetch(drop)
 
@@ -142,8 +142,8 @@ class DropPage(Page):
         curves, _ = curves_of(drop, self.refit)
         if curves is not None:
             return default_span(curves)
-        if drop.one is not None:
-            return max(float(drop.one.drop.time[0]), -5e-3), float(drop.one.drop.time[-1])
+        if drop.handed is not None:
+            return max(float(drop.handed.drop.time[0]), -5e-3), float(drop.handed.drop.time[-1])
         return 0.0, 1.0
 
     def action_cursor(self, step: int) -> None:
@@ -167,9 +167,9 @@ class DropPage(Page):
 
     def _whole(self) -> tuple[float, float]:
         drop = self.drop
-        if drop is None or drop.one is None:
+        if drop is None or drop.handed is None:
             return self._window()
-        return float(drop.one.drop.time[0]), float(drop.one.drop.time[-1])
+        return float(drop.handed.drop.time[0]), float(drop.handed.drop.time[-1])
 
     def action_all(self) -> None:
         """The whole record."""
@@ -185,7 +185,9 @@ class DropPage(Page):
     def action_sensor(self) -> None:
         """The next sensor."""
         drop = self.drop
-        count = len(drop.one.drop.channels) if drop is not None and drop.one is not None else 1
+        count = (
+            len(drop.handed.drop.channels) if drop is not None and drop.handed is not None else 1
+        )
         self.sensor = (self.sensor + 1) % max(1, count)
         self.draw()
 
@@ -222,27 +224,27 @@ class DropPage(Page):
     def action_effects(self) -> None:
         """Ask which effects are behind the residual."""
         drop = self.drop
-        if drop is None or drop.one is None or not drop.one.file:
+        if drop is None or drop.handed is None or not drop.handed.file:
             self.pfwd.say("there is no file of this drop yet")
             return
-        self.pfwd.diagnoses.start(drop.one.file)
+        self.pfwd.diagnoses.start(drop.handed.file)
 
     def action_refit(self) -> None:
         """Ask for the settings."""
         drop = self.drop
-        if drop is None or drop.one is None:
+        if drop is None or drop.handed is None:
             self.pfwd.say("the drop is being read; try again in a moment")
             return
-        if drop.one.screening.status == "rejected":
+        if drop.handed.screening.status == "rejected":
             self.pfwd.say("a rejected drop cannot be fitted")
             return
         self.app.push_screen(RefitDialog(), self._refit)
 
     def _refit(self, options: AnalysisOptions | None) -> None:
         drop = self.drop
-        if options is None or drop is None or drop.one is None:
+        if options is None or drop is None or drop.handed is None:
             return
-        self.pfwd.fits.refit(drop.one, options, label_of(options))
+        self.pfwd.fits.refit(drop.handed, options, label_of(options))
 
     def action_back(self) -> None:
         """To where one came from."""

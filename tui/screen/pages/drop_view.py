@@ -160,9 +160,11 @@ def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
             piece(3, f"fitted {units.with_unit('deflection', float(predicted), 4)}"),
             piece(2, f"residual {units.with_unit('deflection', float(predicted - observed))}"),
         ]
-    elif drop.one is not None:
-        place = int(np.argmin(np.abs(drop.one.drop.time - view.cursor)))
-        pieces.append(piece(1, f"load {units.with_unit('load', float(drop.one.drop.load[place]))}"))
+    elif drop.handed is not None:
+        place = int(np.argmin(np.abs(drop.handed.drop.time - view.cursor)))
+        pieces.append(
+            piece(1, f"load {units.with_unit('load', float(drop.handed.drop.load[place]))}")
+        )
     return fit(pieces, width)
 
 
@@ -178,15 +180,15 @@ def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
     lines += _warnings(result, width)
     lines += _heading("record")
     lines += _paragraph(remark(drop, view.units), width)
-    if drop.one is not None:
-        rate = drop.one.drop.sampling_rate
-        count = len(drop.one.drop.channels)
+    if drop.handed is not None:
+        rate = drop.handed.drop.sampling_rate
+        count = len(drop.handed.drop.channels)
         sensors = "sensor" if count == 1 else "sensors"
         lines += _paragraph(
-            f"{count} {sensors}, {rate:g} Hz, {len(drop.one.drop.time)} samples", width
+            f"{count} {sensors}, {rate:g} Hz, {len(drop.handed.drop.time)} samples", width
         )
-        if drop.one.file:
-            lines += _paragraph(Path(drop.one.file).name, width, "dim")
+        if drop.handed.file:
+            lines += _paragraph(Path(drop.handed.file).name, width, "dim")
     if drop.delay is not None:
         lines += _paragraph(f"first modulus {drop.delay:.2f} s after the last sample", width)
     lines += _alternatives(view, drop, width)
@@ -296,7 +298,7 @@ def _short_result(result: DropResult, units: Units) -> str:
 
 
 def _effects(view: DropView, drop: DropState, width: int) -> list[Line]:
-    found = view.state.diagnoses.get(drop.one.file) if drop.one is not None else None
+    found = view.state.diagnoses.get(drop.handed.file) if drop.handed is not None else None
     lines = _heading("effects behind the residual")
     if found is None:
         return [*lines, *_paragraph("v asks for them; it takes some seconds", width, "dim")]

@@ -13,27 +13,27 @@ from tui.screen.session.screen_events import DropRead, Refitted
 
 def saved_drop(event: DropSaved, known: DropState, came: float) -> DropState:
     """A drop that is safe now; what the operator said of it before stays."""
-    one = event.one
+    handed = event.handed
     fresh = DropState(
-        one.point,
-        one.number,
-        record=one.record if one.record is not None else known.record,
-        status=one.screening.status,
-        reason=one.screening.reason or "",
+        handed.point,
+        handed.number,
+        record=handed.record if handed.record is not None else known.record,
+        status=handed.screening.status,
+        reason=handed.screening.reason or "",
         discarded=known.discarded,
         notes=known.notes,
         marks=event.marks,
-        one=one,
+        handed=handed,
         identical=event.identical,
         came=came,
     )
-    _look_at(fresh, one)
+    _look_at(fresh, handed)
     return fresh
 
 
-def _look_at(drop: DropState, one: HandedOn) -> None:
-    drop.facts = point_drop(one.drop, one.setup, one.screening)
-    drop.peak_load, drop.peak_deflection = peaks_of(one.drop)
+def _look_at(drop: DropState, handed: HandedOn) -> None:
+    drop.facts = point_drop(handed.drop, handed.setup, handed.screening)
+    drop.peak_load, drop.peak_deflection = peaks_of(handed.drop)
     if drop.facts.peak_deflection is not None:
         drop.peak_deflection = drop.facts.peak_deflection
 
@@ -58,18 +58,21 @@ def add_answer(drop: DropState, event: DropAnalysed) -> None:
 
 def add_read(drop: DropState, event: DropRead) -> None:
     """Its traces and all its results were read from the survey."""
-    one = event.one
-    drop.one, drop.record = one, one.record if one.record is not None else drop.record
-    _look_at(drop, one)
+    handed = event.handed
+    drop.handed, drop.record = (
+        handed,
+        handed.record if handed.record is not None else drop.record,
+    )
+    _look_at(drop, handed)
     main = [result for result in event.results if not result.is_trial]
     if not drop.results:
-        drop.status, drop.reason = one.screening.status, one.screening.reason or ""
+        drop.status, drop.reason = handed.screening.status, handed.screening.reason or ""
         drop.results = main
     known = {refit.label for refit in drop.refits}
     for result in event.results:
         label = result.refit or ""
         if label and label not in known:
-            drop.refits.append(Refitted(one.point, one.number, label, result, None))
+            drop.refits.append(Refitted(handed.point, handed.number, label, result, None))
 
 
 def add_refit(drop: DropState, event: Refitted) -> None:
@@ -99,7 +102,7 @@ def add_kept(point: PointState, kept: DropContents, *, shown: bool) -> None:
         load = kept.result.known_peak_load_n
         drop.peak_load = math.nan if load is None else load
         drop.facts = PointDrop(drop.number, Kind(drop.status), load)
-    elif kept.result is None and drop.one is None:
+    elif kept.result is None and drop.handed is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
     point.drops = dict(sorted(point.drops.items()))
 

@@ -28,7 +28,7 @@ from tui.screen.units import Units
 class _AskedFit:
     """A fit under way."""
 
-    one: HandedOn
+    handed: HandedOn
     label: str
 
 
@@ -52,16 +52,21 @@ class Refits:
         """How many are under way."""
         return len(self._asked)
 
-    def ask(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
+    def ask(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
         """Fit a drop; an empty label: for its curves alone."""
         if self._worker is None:
             self._worker = InversionWorker(self._take)
         urgency = Urgency.FULL if label else Urgency.QUICK
         with self._lock:  # the answer must not come before its number is noted
             number = self._worker.analyse(
-                urgency, one.drop, one.setup, one.screening, options, one.file
+                urgency,
+                handed.drop,
+                handed.setup,
+                handed.screening,
+                options,
+                handed.file,
             )
-            self._asked[number] = _AskedFit(one, label)
+            self._asked[number] = _AskedFit(handed, label)
 
     def close(self) -> None:
         """End the process."""
@@ -79,7 +84,7 @@ class Refits:
         if result is not None and label:
             result = dataclasses.replace(result, refit=label)
         fault = answer.fault or ""
-        point, number = asked.one.point, asked.one.number
+        point, number = asked.handed.point, asked.handed.number
         self._tell(Refitted(point, number, label, result, answer.curves, fault))
 
 
@@ -141,11 +146,11 @@ class DropFits:
 
     def fetch(self, drop: DropState) -> None:
         """Read the traces of a drop, or compute its curves; they come as events."""
-        if drop.one is not None:
+        if drop.handed is not None:
             options = self._source.plan.options or AnalysisOptions()
             if not options.published:
                 options = dataclasses.replace(options, method="least-squares")
-            self._refits.ask(drop.one, options, "")
+            self._refits.ask(drop.handed, options, "")
             return
         folder, record = self._source.survey, drop.record
         key = f"{drop.point}/{drop.number}"
@@ -154,9 +159,9 @@ class DropFits:
         self._reading.add(key)
         self._in_thread(lambda: self._read_drop(folder, record), "drop")
 
-    def on_read(self, one: HandedOn) -> None:
+    def on_read(self, handed: HandedOn) -> None:
         """The traces of a drop have come; it may be read again."""
-        self._reading.discard(f"{one.point}/{one.number}")
+        self._reading.discard(f"{handed.point}/{handed.number}")
 
     def _read_drop(self, folder: Path, record: int) -> None:
         try:
@@ -167,10 +172,10 @@ class DropFits:
             return
         self._runner.put(DropRead(one, results))
 
-    def refit(self, one: HandedOn, options: AnalysisOptions, label: str) -> None:
+    def refit(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result that counts stays."""
-        self._say(f"fitting drop {one.number}: {label}")
-        self._refits.ask(one, options, label)
+        self._say(f"fitting drop {handed.number}: {label}")
+        self._refits.ask(handed, options, label)
 
     def on_refitted(self, number: int, label: str, result: DropResult | None, units: Units) -> None:
         """Say what a further fit has found, and keep it."""

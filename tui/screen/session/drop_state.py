@@ -24,7 +24,7 @@ class DropState:
     discarded: bool = False
     notes: tuple[str, ...] = ()
     marks: tuple[str, ...] = ()
-    one: HandedOn | None = None
+    handed: HandedOn | None = None
     """With its traces; None: they are read when it is opened."""
     curves: Curves | None = None
     """Measured and fitted, of the last answer; None: they are computed when it is opened."""

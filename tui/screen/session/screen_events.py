@@ -46,7 +46,7 @@ class ContentsRead:
 class DropRead:
     """A drop of the survey with its traces and all its results."""
 
-    one: HandedOn
+    handed: HandedOn
     results: tuple[DropResult, ...]
 
 

@@ -134,7 +134,7 @@ class SessionState:
         """The chosen one, or as many seating drops as are declared and then the measured ones."""
         if self.chosen_procedure is not None:
             return self.chosen_procedure
-        setup = self.last.one.setup if self.last and self.last.one else self.setup
+        setup = self.last.handed.setup if self.last and self.last.handed else self.setup
         return plain_procedure(SEATING if setup is None else setup.seating_drops, self.measured)
 
     def target_of(self, point: PointState) -> float | None:
@@ -187,8 +187,8 @@ class SessionState:
     def _plate(self, drops: list[DropState]) -> tuple[float, float | None]:
         """Plate radius, m, and Poisson's ratio of drops."""
         for one in reversed(drops):
-            if one.one is not None:
-                return one.one.setup.plate_radius, one.one.setup.poisson_ratio
+            if one.handed is not None:
+                return one.handed.setup.plate_radius, one.handed.setup.poisson_ratio
             if one.result and one.result.plate_radius_m:
                 return one.result.plate_radius_m, one.result.poisson_ratio
         if self.setup is not None:
@@ -320,11 +320,11 @@ class SessionState:
         return owner.drops[number]
 
     def _on_saved(self, event: DropSaved) -> None:
-        one = event.one
-        fresh = saved_drop(event, self._drop(one.point, one.number), self._clock())
+        handed = event.handed
+        fresh = saved_drop(event, self._drop(handed.point, handed.number), self._clock())
         fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
-        self.points[one.point].drops[one.number] = fresh
-        self.point, self.last = one.point, fresh
+        self.points[handed.point].drops[handed.number] = fresh
+        self.point, self.last = handed.point, fresh
         self._remember(fresh)
 
     def _remember(self, drop: DropState) -> None:
@@ -332,7 +332,7 @@ class SessionState:
         while len(self._with_traces) > MOST_CURVES:
             old = self._with_traces.popleft()
             if old is not self.last and old.record is not None:
-                old.one = old.curves = None
+                old.handed = old.curves = None
 
     def _on_not_saved(self, event: DropNotSaved) -> None:
         drop = self._drop(event.point, event.number)
@@ -340,14 +340,14 @@ class SessionState:
         self.point, self.last = event.point, drop
 
     def _on_analysed(self, event: DropAnalysed) -> None:
-        add_answer(self._drop(event.one.point, event.one.number), event)
+        add_answer(self._drop(event.handed.point, event.handed.number), event)
 
     def _on_rebound(self, event: Rebounded) -> None:
         drop = self._drop(event.point, event.number)
         drop.rebounds.append(event.peak_load)
 
     def _on_read(self, event: DropRead) -> None:
-        drop = self._drop(event.one.point, event.one.number)
+        drop = self._drop(event.handed.point, event.handed.number)
         add_read(drop, event)
         self._remember(drop)
 
