@@ -11,6 +11,16 @@ import pytest
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, check, read_survey
+from pfwd_device.recording.drop_file import DIGEST
+from pfwd_device.recording.hdf5_tree import (
+    Dataset,
+    Group,
+    digest,
+    opened,
+    read_attributes,
+    write_attributes,
+    write_dataset,
+)
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.files.imported import Imported
 from pfwd_survey.files.importing import import_files
@@ -27,9 +37,18 @@ def strange(survey: Path, path: Path, change: Change) -> Path:
         change(said)
         text = json.dumps(said)
         del file["survey"]
-        dataset = file.create_dataset("survey", data=text)
-        dataset.attrs["units"] = "JSON"
-        dataset.attrs["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+        attributes = {
+            "units": "JSON",
+            "sha256": hashlib.sha256(text.encode("ascii")).hexdigest(),
+        }
+        write_dataset(file, "survey", Dataset(text, attributes))
+    with opened(path) as file:
+        known = read_attributes(file, str(path))
+        known.pop(DIGEST)
+        right = digest(Group({"survey": Dataset(text, attributes)}, known))
+    with h5py.File(path, "r+") as file:
+        del file.attrs[DIGEST]
+        write_attributes(file, {DIGEST: right})
     return path
 
 

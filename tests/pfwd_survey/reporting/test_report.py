@@ -257,7 +257,7 @@ def test_chinese_where_there_is_a_font(survey: Path) -> None:
     ("name", "options", "message"),
     [
         ("report.txt", {}, "a name ending in .html or .pdf"),
-        ("report.html", {"language": "fr"}, "one of de, en, zh, came 'fr'"),
+        ("report.html", {"language": "fr"}, "one of de, en, zh, or a file .toml, came 'fr'"),
         ("no/such/folder/report.html", {}, "a file to write"),
         ("report.html", {"procedure": "mndott"}, "pfwd procedures lists them"),
     ],
