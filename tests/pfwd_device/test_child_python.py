@@ -25,14 +25,14 @@ def test_text_that_is_no_utf_8_does_not_end_it() -> None:
     assert (out.strip(), err.strip(), child.returncode) == ("a\ufffd", "why", 1)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="Windows has no process groups of this kind")
+@pytest.mark.posix
 def test_ctrl_c_does_not_reach_it() -> None:
     child = start_text_child("-c", SAYS_IT, str(os.getpgid(0)), stdin=subprocess.DEVNULL)
     out, _ = child.communicate(timeout=30)
     assert out.split() == ["True", "True"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="Windows sends no SIGINT to one process")
+@pytest.mark.posix
 def test_a_process_that_works_for_another_ignores_interrupts() -> None:
     code = (
         "from pfwd_device.child_python import ignore_interrupts; ignore_interrupts(); "

@@ -258,7 +258,7 @@ def test_a_folder_is_refused(tmp_path: Path) -> None:
         read_traces(tmp_path)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this platform has no named pipes")
+@pytest.mark.posix
 def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(TraceError, match="came a device or pipe"):
