@@ -6,6 +6,7 @@ import math
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.errors import ModelError, RecordError
 from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
+from inversion.fitting.layered.misfit import LayeredDrop
+from inversion.fitting.layered.number import MOST_LAYERS
 from inversion.fitting.misfit import WeightedDrop, model_floor
 from inversion.fitting.parameters import (
     DENSITY,
@@ -23,14 +26,30 @@ from inversion.fitting.parameters import (
     parameter_space,
 )
 from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
-from inversion.forward.contact import PlateModel, PlateProblem
+from inversion.forward.contact import PLATE_MODELS, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.forward.layered import (
+    LayeredForwardModel,
+    LayeredGround,
+    LayeredGrounds,
+    LayeredPlateModel,
+    Medium,
+)
+from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
+from inversion.layered_inversion import LayeredInversion, LayerRequest, invert_layers
 from inversion.measured.half_sine import fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
-from inversion.result import InversionResult, Subgrade, TimeHistories, Value
+from inversion.result import (
+    Effective,
+    InversionResult,
+    LayerValue,
+    Subgrade,
+    TimeHistories,
+    Value,
+)
 from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -52,18 +71,44 @@ class Settings:
     bedrock_depth : m; inf: none; "declared": as the record says, fitted where it says nothing;
         "unknown": fitted
     elastic : True: no viscosity
+    layers : number of media with a modulus, the lowest included (1 to 4), or "auto": as many as the
+        record can tell
+    thickness : m, of all media but the lowest, from the top; None: fitted
     method : "mpga" (genetic search, then polish), "least-squares" (several starts), or
         "published" (the genetic search of the paper on its own fitness, without polish)
     seed : int, of the search
     """
 
-    plate: PlateModel = "rigid-rough"
+    plate: LayeredPlateModel = "rigid-rough"
     load: Load = "measured"
     all_sensors: bool = True
     bedrock_depth: float | Literal["declared", "unknown"] = "declared"
     elastic: bool = False
     method: Method = "mpga"
     seed: int = 0
+    layers: int | Literal["auto"] = 1
+    thickness: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.layers != "auto" and self.layers not in range(1, MOST_LAYERS + 1):
+            raise ModelError(f"layers: expected 1 to {MOST_LAYERS} or auto, got {self.layers}")
+        if self.method == "published" and self.layers != 1:
+            raise ModelError(
+                f"layers: the published method knows one, got {self.layers}; leave one of them out"
+            )
+        if self.thickness is not None:
+            if self.layers == "auto" or len(self.thickness) != self.layers - 1:
+                raise ModelError(
+                    "thickness: expected a value for each layer but the lowest, got "
+                    f"{len(self.thickness)} for layers {self.layers}"
+                )
+            if not all(0.0 < h < math.inf for h in self.thickness):
+                raise ModelError(f"thickness: expected values > 0 m, got {self.thickness}")
+
+    @property
+    def homogeneous(self) -> bool:
+        """Whether the ground is one medium under a plate that the tables of responses know."""
+        return self.layers == 1 and self.plate in PLATE_MODELS
 
     def depth_of(self, record: Record) -> float | None:
         """Bedrock depth of the model, m: inf none, None fitted."""
@@ -122,6 +167,8 @@ def _invert_joint(
 ) -> tuple[InversionResult, ...]:
     _check_alike(records)
     used = [_selected(record, settings) for record in records]
+    if not settings.homogeneous:
+        return _invert_layered(used, settings)
     first = used[0]
     depth = settings.depth_of(first)
     surrogate = library.get(*surrogate_request(first, settings))
@@ -187,19 +234,130 @@ def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem,
     offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
     if depth is not None and not depth > 0.0:
         raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
-    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)
+    assert settings.homogeneous  # the plate is one that the tables know
+    problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)  # type: ignore[arg-type]
     return problem, None if depth is None else round(depth / radius, 10)
 
 
 def _weighted_drop(record: Record, settings: Settings, surrogate: Surrogate) -> WeightedDrop:
     drop = prepare(record)
-    load = drop.load
-    if settings.load != "measured":
-        fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
-        load = fit(drop.time, drop.load).load(drop.time)
     return WeightedDrop(
-        drop, surrogate, record.instrument, load, model_floor(drop, record.model_floor)
+        drop,
+        surrogate,
+        record.instrument,
+        _model_load(drop, settings),
+        model_floor(drop, record.model_floor),
     )
+
+
+def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
+    """The load the model sees, N."""
+    if settings.load == "measured":
+        return drop.load
+    fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
+    return fit(drop.time, drop.load).load(drop.time)
+
+
+def _invert_layered(records: list[Record], settings: Settings) -> tuple[InversionResult, ...]:
+    begun = clock.perf_counter()
+    first = records[0]
+    drops = []
+    for record in records:
+        drop = prepare(record)
+        floor = model_floor(drop, record.model_floor)
+        scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
+        load = _model_load(drop, settings)
+        drops.append(LayeredDrop(drop, record.instrument, load, scale, floor))
+    peaks = [_peak(item.drop, first) for item in drops]
+    request = LayerRequest(
+        layers=settings.layers,
+        thickness=settings.thickness,
+        rock_depth=settings.depth_of(first),
+        density=first.density,
+        elastic=settings.elastic,
+        plate=settings.plate,
+        poisson_ratio=first.poisson_ratio,
+        plate_radius=first.instrument.plate_radius,
+        surface_modulus=float(np.median([peak.modulus for peak in peaks])),
+        genetic=settings.method == "mpga",
+    )
+    found = invert_layers(drops, request, np.random.default_rng(settings.seed))
+    reports = [
+        _layered_report(item, found, peak, settings)
+        for item, peak in zip(found.fit.drops, peaks, strict=True)
+    ]
+    elapsed = clock.perf_counter() - begun
+    return tuple(replace(report, elapsed=elapsed) for report in reports)
+
+
+def _layered_report(
+    item: LayeredDrop, found: LayeredInversion, peak: PeakModulus, settings: Settings
+) -> InversionResult:
+    drop, fit = item.drop, found.fit
+    history = _layered_histories(item, found, settings.plate)
+    lowest = found.layers[-1]
+    column = fit.space.index("modulus", fit.space.media - 1)
+    rock = None
+    if fit.space.rock and fit.space.rock_depth is None:
+        rock = fit.space.index("thickness", fit.space.media - 1)
+    correlation = None
+    if column is not None and rock is not None:
+        correlation = float(found.uncertainty.correlation[column, rock])
+    result = InversionResult(
+        subgrade=Subgrade(
+            lowest.modulus,
+            Value(lowest.viscosity, None if settings.elastic else found.viscosity_deviation),
+            Value(lowest.density, found.density_deviation),
+            found.bedrock_depth,
+        ),
+        modulus_interval=lowest.modulus_interval,
+        depth_interval=found.depth_interval,
+        modulus_depth_correlation=correlation,
+        method=settings.method,
+        model="layer" if found.ground.rock else "half-space",
+        plate=settings.plate,
+        load="measured" if settings.load == "measured" else "half-sine",
+        poisson_ratio=fit.space.poisson_ratio,
+        plate_radius=item.instrument.plate_radius,
+        half_sine=fit_half_sine(drop.time, drop.load),
+        half_sine_equal_area=fit_half_sine_equal_area(drop.time, drop.load),
+        peak=peak,
+        r_squared=_r_squared(drop, history),
+        noise_rms=float(max(drop.noise[0], drop.quantisation[0], item.model_floor[0])),
+        residual_rms_over_peak=_residual_until(drop, history, math.inf),
+        contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
+        window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
+        explained=bool(np.sqrt(fit.cost) <= _EXPLAINED_FACTOR),
+        converged=fit.converged,
+        at_bound=fit.space.at_bound(fit.best.point),
+        forward_solves=found.solves,
+        elapsed=0.0,
+        seed=settings.seed,
+        warnings=(),
+        history=history,
+        layers=found.layers,
+        effective=found.effective,
+        modulus_known=found.modulus_known,
+    )
+    return replace(result, warnings=(*_common_warnings(result, fit.cost), *found.remarks))
+
+
+def _layered_histories(
+    item: LayeredDrop, found: LayeredInversion, plate: LayeredPlateModel
+) -> TimeHistories:
+    drop = item.drop
+    model = LayeredForwardModel(
+        plate,
+        item.instrument,
+        [abs(float(offset)) for offset in drop.offsets],
+        drop.time,
+        item.model_load,
+        drop.time[1:],
+        FULL_BAND_HZ,
+    )
+    predicted = np.zeros_like(drop.displacement)
+    predicted[:, 1:] = model.displacement(LayeredGrounds.of([found.ground]))[0]
+    return _time_histories(drop, item.model_load, predicted)
 
 
 def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
@@ -252,6 +410,15 @@ def _report(
         seed=settings.seed,
         warnings=(),
         history=history,
+        layers=(_only_layer(space, fit.best.point, uncertainty, item.surrogate.problem),),
+        effective=_homogeneous_effective(
+            float(space.values(MODULUS, fit.best.point[None])[0]),
+            uncertainty.modulus_interval,
+            settings.plate,
+            item.instrument.plate_radius,
+            item.surrogate.problem.poisson_ratio,
+            depth,
+        ),
     )
     return replace(result, warnings=_warnings(result, fit, uncertainty))
 
@@ -262,6 +429,43 @@ def _subgrade(space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty
         return Value(found, uncertainty.standard_deviation.get(name))
 
     return Subgrade(value(MODULUS), value(VISCOSITY), value(DENSITY), value(DEPTH))
+
+
+def _only_layer(
+    space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty, problem: PlateProblem
+) -> LayerValue:
+    """Homogeneous ground as the one medium that it is."""
+    ground = _subgrade(space, point, uncertainty)
+    return LayerValue(
+        modulus=ground.modulus,
+        modulus_interval=uncertainty.modulus_interval,
+        modulus_open=(False, False),
+        thickness=ground.bedrock_depth,
+        thickness_interval=uncertainty.depth_interval,
+        viscosity=ground.viscosity.value,
+        density=ground.density.value,
+        poisson_ratio=problem.poisson_ratio,
+    )
+
+
+def _homogeneous_effective(
+    modulus: float,
+    interval: tuple[float, float],
+    plate: LayeredPlateModel,
+    radius: float,
+    poisson_ratio: float,
+    depth: float,
+) -> Effective:
+    """The modulus itself, and how deep it reaches."""
+    radii = math.inf if math.isinf(depth) else float(f"{depth / radius:.3g}")
+    return Effective(modulus, interval, radius * _effective_radii(plate, poisson_ratio, radii))
+
+
+@lru_cache(maxsize=1024)
+def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
+    """Effective depth of one medium on rock at ``depth``, both in plate radii."""
+    medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
+    return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
 
 
 def _modulus_depth_correlation(space: ParameterSpace, uncertainty: Uncertainty) -> float | None:
@@ -276,10 +480,16 @@ def _histories(item: WeightedDrop, space: ParameterSpace, point: FloatArray) -> 
     model = item.model(drop.time[1:], FULL_BAND_HZ)
     predicted = np.zeros_like(drop.displacement)
     predicted[:, 1:] = model.displacement(space.grounds(point[None]))[0][-drop.offsets.size :]
+    return _time_histories(drop, item.model_load, predicted)
+
+
+def _time_histories(
+    drop: PreparedDrop, model_load: FloatArray, predicted: FloatArray
+) -> TimeHistories:
     return TimeHistories(
         time=drop.time + drop.start,
         load=drop.load,
-        model_load=item.model_load,
+        model_load=model_load,
         observed=drop.displacement,
         predicted=predicted,
         offsets=drop.offsets,
@@ -303,22 +513,27 @@ def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
 
 
 def _warnings(result: InversionResult, fit: GroundFit, uncertainty: Uncertainty) -> tuple[str, ...]:
-    found = []
-    for name in result.at_bound:
-        found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
-    if not result.explained:
-        found.append(
-            "residual not explained: over the fit it is "
-            f"{np.sqrt(fit.best.cost):.1f} times the noise and the model's error together "
-            f"({100 * result.window_residual_rms_over_peak:.1f} % of the peak); the model lacks "
-            "an effect, so do not take the modulus for corrected"
-        )
+    found = [*_common_warnings(result, fit.best.cost)]
     if not uncertainty.depth_unique and uncertainty.depth_interval is not None:
         low, high = uncertainty.depth_interval
         found.append(
             f"depth not unique: the data allow bedrock from {low:.2g} m to {high:.2g} m; the "
             "interval of the modulus covers them"
         )
+    return tuple(found)
+
+
+def _common_warnings(result: InversionResult, cost: float) -> list[str]:
+    found = []
+    for name in result.at_bound:
+        found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
+    if not result.explained:
+        found.append(
+            "residual not explained: over the fit it is "
+            f"{np.sqrt(cost):.1f} times the noise and the model's error together "
+            f"({100 * result.window_residual_rms_over_peak:.1f} % of the peak); the model lacks "
+            "an effect, so do not take the modulus for corrected"
+        )
     if not result.converged:
         found.append("the fit did not converge")
-    return tuple(found)
+    return found

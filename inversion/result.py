@@ -41,6 +41,46 @@ class Subgrade:
     bedrock_depth: Value
 
 
+@dataclass(frozen=True)
+class LayerValue:
+    """One medium of layered ground as it was found.
+
+    Parameters
+    ----------
+    modulus : Value, Pa
+    modulus_interval : (float, float), Pa, 95 %
+    modulus_open : (bool, bool), whether an end is that of the search, for want of data
+    thickness : Value, m; inf: without end
+    thickness_interval : (float, float), m, or None where it was not fitted
+    viscosity, density, poisson_ratio : float, Pa s, kg/m3 and -
+    """
+
+    modulus: Value
+    modulus_interval: tuple[float, float]
+    modulus_open: tuple[bool, bool]
+    thickness: Value
+    thickness_interval: tuple[float, float] | None
+    viscosity: float
+    density: float
+    poisson_ratio: float
+
+
+@dataclass(frozen=True)
+class Effective:
+    """One modulus for all media.
+
+    Parameters
+    ----------
+    modulus : float, Pa, of one medium that the plate at rest would press in as far
+    interval : (float, float), Pa, 95 %
+    depth : float, m, above which 90 % of that deflection arises
+    """
+
+    modulus: float
+    interval: tuple[float, float]
+    depth: float
+
+
 @dataclass(frozen=True, eq=False)
 class TimeHistories:
     """What was measured and what the model says, for plots.
@@ -95,6 +135,9 @@ class InversionResult:
     seed : int
     warnings : tuple of str
     history : TimeHistories
+    layers : tuple of LayerValue, every medium from the surface down; one for homogeneous ground
+    effective : Effective
+    modulus_known : bool, whether the subgrade's modulus is known within a factor of ten
     """
 
     subgrade: Subgrade
@@ -123,3 +166,6 @@ class InversionResult:
     seed: int
     warnings: tuple[str, ...]
     history: TimeHistories = field(repr=False)
+    layers: tuple[LayerValue, ...]
+    effective: Effective
+    modulus_known: bool = True

@@ -71,9 +71,11 @@ def invert(
     ----------------
     model : "layer" or "half-space"; not said: the layer, unless the depth says otherwise
     bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; not said: as declared
+    layers : media with a modulus, the lowest included, 1 to 4, or "auto"; not said: 1
+    thickness : of all but the lowest, m, from the top, or "unknown"; not said: fitted
     elastic : True: no viscosity
     load : "measured" or "half-sine"
-    plate : "rigid-rough", "rigid-smooth" or "published"
+    plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
     sensors : "all" or "centre"
     joint : True: all measured drops of a point have one soil
     method : "mpga" (genetic search and polish) or "least-squares" (several starts)

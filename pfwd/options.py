@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any, TypedDict, get_args
 
@@ -14,11 +14,13 @@ from pfwd_survey.inverting.options import (
     OPTION_OF_KEY,
     AnalysisOptions,
     Depth,
+    Layers,
     Load,
     Method,
     Model,
     Plate,
     Sensors,
+    Thickness,
 )
 
 _CHOICES = {
@@ -48,6 +50,8 @@ class InvertOptions(DiagnoseOptions, total=False):
 
     model: Model | None
     bedrock_depth: Depth | None
+    layers: Layers | None
+    thickness: Thickness | Sequence[float] | None
     plate: Plate | None
     sensors: Sensors | None
     joint: bool
@@ -76,6 +80,8 @@ def analysis_options(known: tuple[str, ...], given: Mapping[str, Any]) -> Analys
         if value is not None:
             _check(name, value)
     said = {name: value for name, value in given.items() if value is not None}
+    if "thickness" in said and not isinstance(said["thickness"], str):
+        said["thickness"] = tuple(_plain(value) for value in said["thickness"])
     numbers = {n: _plain(v) for n, v in said.items() if isinstance(v, Real) and n not in _FLAGS}
     return AnalysisOptions(**{**said, **numbers})
 
@@ -92,6 +98,14 @@ def _check(name: str, value: object) -> None:
         number = isinstance(plain, int | float) and not isinstance(plain, bool) and plain > 0
         if not number and value not in ("unknown", "none"):
             expected = "a number > 0, in m, or 'unknown' or 'none'"
+            raise OptionError(refusal(name, expected, quote(value)))
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if name == "layers" and value != "auto" and not whole:
+        raise OptionError(refusal(name, "a whole number from 1 to 4, or 'auto'", quote(value)))
+    if name == "thickness" and value != "unknown":
+        parts = value if isinstance(value, Sequence) and not isinstance(value, str) else [None]
+        if not all(isinstance(_plain(part), int | float) for part in parts):
+            expected = "a list of numbers in m, from the top, or 'unknown'"
             raise OptionError(refusal(name, expected, quote(value)))
     if name in _DECLARED:
         try:

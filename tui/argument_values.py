@@ -48,6 +48,26 @@ def depth(text: str) -> float | str:
     return "none" if value == float("inf") else value
 
 
+def layers(text: str) -> int | str:
+    """A number of layers, or the word for as many as the record can tell."""
+    if text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise _refused("a whole number from 1 to 4, or auto", text) from None
+
+
+def thickness(text: str) -> tuple[float, ...] | str:
+    """Thicknesses in m from the top, with commas between, or the word for not known."""
+    if text == "unknown":
+        return text
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise _refused("numbers in m with commas between, or unknown", text) from None
+
+
 def report_file(text: str) -> str:
     """The name of a report."""
     if not text.lower().endswith((".html", ".pdf")):

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.results import DropResult, HalfSinePulse
+from pfwd_survey.inverting.results import DropResult, HalfSinePulse, LayerResult
 from tui.output import clean
 
 NOTHING = "-"
@@ -39,6 +39,7 @@ def result_lines(results: Sequence[DropResult]) -> list[str]:
             rows = list(same)
             lines += [f"  {line}" for line in settings]
             lines += _table(_GROUND, rows)
+            lines += _layer_lines(rows)
             lines += _table(_PULSE, rows)
             lines += _search_lines(rows)
         lines += [
@@ -59,6 +60,24 @@ def _settings(result: DropResult) -> tuple[str, ...]:
         f"model {_text(result.model)}, load {_text(result.load)}, "
         f"method {_text(result.method)}, seed {_text(result.seed)}",
     )
+
+
+def _layer_lines(rows: Iterable[DropResult]) -> list[str]:
+    """A table of the layers of every drop that has more than one, and what stands for all."""
+    lines = []
+    layered = [row for row in rows if row.layers is not None and len(row.layers) > 1]
+    found = [(row, number) for row in layered for number in range(len(row.layers or ()))]
+    if found:
+        cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in found)]
+        lines += _aligned(cells)
+    for row in layered:
+        modulus = _finite(row.effective_modulus_pa, 1e6)
+        ends = _ends(row.effective_modulus_interval_pa, 1e6)
+        lines.append(
+            f"  drop {_text(row.drop)}: one modulus for all {_short(modulus)} MPa ({ends}), down "
+            f"to {_short(_finite(row.effective_depth_m))} m"
+        )
+    return lines
 
 
 def _search_lines(rows: Iterable[DropResult]) -> list[str]:
@@ -87,7 +106,10 @@ def _warning_lines(results: Iterable[DropResult]) -> list[str]:
 def _table(
     columns: Mapping[str, Callable[[DropResult], str]], rows: Sequence[DropResult]
 ) -> list[str]:
-    cells = [list(columns), *([show(row) for show in columns.values()] for row in rows)]
+    return _aligned([list(columns), *([show(row) for show in columns.values()] for row in rows)])
+
+
+def _aligned(cells: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
         "  " + "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
@@ -117,16 +139,24 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
 
 
 def _interval(result: DropResult) -> str:
-    ends = result.modulus_interval_pa
+    return _ends(result.modulus_interval_pa, 1e6)
+
+
+def _ends(ends: tuple[float, float] | None, scale: float = 1.0) -> str:
+    """An interval over `scale`, with the digits that its width is worth."""
     if ends is None or not all(map(math.isfinite, ends)):
         return NOTHING
-    low, high = (end / 1e6 for end in ends)
+    low, high = (end / scale for end in ends)
     decimals = _decimals((high - low) / 2, digits=2)
     return f"{low:.{decimals}f} to {high:.{decimals}f}"
 
 
 def _peak_load(result: DropResult) -> str:
     return _short(_finite(result.half_sine_load_n, 1e3))
+
+
+def _layer(result: DropResult, number: int) -> LayerResult:
+    return (result.layers or ())[number]
 
 
 def _pulse(result: DropResult) -> HalfSinePulse:
@@ -140,6 +170,16 @@ _GROUND: dict[str, Callable[[DropResult], str]] = {
     "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
     "ρ kg/m³": _with_deviation("density", "kg_m3"),
     "bedrock m": _with_deviation("bedrock_depth", "m"),
+}
+_LAYER: dict[str, Callable[[DropResult, int], str]] = {
+    "drop": lambda result, number: _text(result.drop),
+    "layer": lambda result, number: str(number + 1),
+    "E MPa": lambda result, number: _short(_finite(_layer(result, number).modulus_pa, 1e6)),
+    "95 % MPa": lambda result, number: _ends(_layer(result, number).modulus_interval_pa, 1e6),
+    "thick m": lambda result, number: _short(_finite(_layer(result, number).thickness_m)),
+    "95 % m": lambda result, number: _ends(_layer(result, number).thickness_interval_m),
+    "η kPa s": lambda result, number: _short(_finite(_layer(result, number).viscosity_pa_s, 1e3)),
+    "ρ kg/m³": lambda result, number: _short(_finite(_layer(result, number).density_kg_m3)),
 }
 _PULSE: dict[str, Callable[[DropResult], str]] = {
     "drop": lambda result: _text(result.drop),

@@ -9,10 +9,12 @@ from tui.argument_values import (
     PLOT_FORMATS,
     count,
     depth,
+    layers,
     not_negative,
     number,
     plot_file,
     report_file,
+    thickness,
     whole,
 )
 
@@ -120,9 +122,22 @@ def _add_invert(commands: "Commands") -> None:
         metavar="M",
         help="depth of the rigid base in m, or unknown, or none",
     )
+    model.add_argument(
+        "--layers",
+        type=layers,
+        metavar="N",
+        help="media with a modulus, the lowest included, 1 to 4 (default 1), or auto: as many as "
+        "the record can tell",
+    )
+    model.add_argument(
+        "--thickness",
+        type=thickness,
+        metavar="M[,M...]",
+        help="of all layers but the lowest, from the top, m, or unknown (default: fitted)",
+    )
     model.add_argument("--elastic", action="store_true", help="no viscosity")
     model.add_argument("--load", choices=["measured", "half-sine"])
-    model.add_argument("--plate", choices=["rigid-rough", "rigid-smooth", "published"])
+    model.add_argument("--plate", choices=["rigid-rough", "rigid-smooth", "published", "uniform"])
     model.add_argument("--sensors", choices=["all", "centre"])
     model.add_argument("--joint", action="store_true", help="one soil for all drops of a point")
     search = invert.add_argument_group("search")

@@ -21,7 +21,7 @@ from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
 from inversion.forward.model import transfer_function
-from inversion.measured.record import NoiseModel, native_rows
+from inversion.measured.record import NoiseModel, PreparedDrop, native_rows
 
 # Two-sided 95 % of a normal distribution.
 NORMAL_95 = 1.96
@@ -91,17 +91,20 @@ def _covariances(
             first += rows.size
             weights = pseudo[:, part] / scale
             on_displacement.append(weights)
-            random += _sensor_noise(item, sensor, rows, weights, values[part] * scale)
+            random += sensor_noise(item.drop, sensor, rows, weights, values[part] * scale)
             floor = item.model_floor[sensor] ** 2 * max(1.0, fit.best.cost)
             model += smooth.quadratic_form(weights) * floor
         random += _load_noise(fit, item, rows, np.stack(on_displacement, axis=1))
     return random, model
 
 
-def _sensor_noise(
-    item: WeightedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
+def sensor_noise(
+    drop: PreparedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
 ) -> FloatArray:
-    drop = item.drop
+    """Covariance (d, d) from a sensor's noise, for weights (d, n) on its displacement at ``rows``.
+
+    ``left`` (n,) is what the fit leaves there, m: it serves where the record begins with the pulse.
+    """
     channel = drop.channels[sensor]
     quantum: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
     full = np.zeros((weights.shape[0], int(rows[-1]) + 1))

@@ -101,6 +101,8 @@ def settings_of(options: AnalysisOptions, setup: Setup) -> Settings:
         elastic=options.elastic,
         method="published" if options.published else choices.method,
         seed=options.seed,
+        layers=options.layers or 1,
+        thickness=None if options.thickness == "unknown" else options.thickness,
     )
 
 
@@ -162,8 +164,9 @@ def load_surrogate(
     ------
     InversionError
     """
-    record = record_of(drop, setup, options)
-    library.get(*surrogate_request(record, settings_of(options, setup)))
+    settings = settings_of(options, setup)
+    if settings.homogeneous:
+        library.get(*surrogate_request(record_of(drop, setup, options), settings))
 
 
 def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:

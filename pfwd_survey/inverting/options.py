@@ -10,10 +10,15 @@ from pfwd_survey.files.header import check_value
 
 Model = Literal["layer", "half-space"]
 Load = Literal["measured", "half-sine"]
-Plate = Literal["rigid-rough", "rigid-smooth", "published"]
+Plate = Literal["rigid-rough", "rigid-smooth", "published", "uniform"]
 Sensors = Literal["all", "centre"]
 Method = Literal["mpga", "least-squares"]
 Depth = float | Literal["unknown", "none"]
+Layers = int | Literal["auto"]
+Thickness = tuple[float, ...] | Literal["unknown"]
+
+MOST_LAYERS = 4
+"""Media that can be asked for."""
 
 OPTION_OF_KEY = {
     "plate_radius_m": "plate_radius",
@@ -59,6 +64,10 @@ class AnalysisOptions:
     """Layer on a rigid base or half-space; not said: the layer, unless the depth says otherwise."""
     bedrock_depth: Depth | None = None
     """Depth of the rigid base, m, or that it is unknown or that there is none."""
+    layers: Layers | None = None
+    """Media with a modulus, the lowest included, or as many as the record can tell; not said: 1."""
+    thickness: Thickness | None = None
+    """Of all media but the lowest, from the top, m, or that it is fitted; not said: fitted."""
     elastic: bool = False
     """Leave the viscosity out of the model."""
     load: Load | None = None
@@ -99,7 +108,28 @@ class AnalysisOptions:
             raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
         if self.seed < 0:
             raise OptionError(refusal("--seed", "a whole number >= 0", str(self.seed)))
+        self._check_layers()
         self._refuse_contradictions()
+
+    def _check_layers(self) -> None:
+        layers = self.layers
+        if layers not in (None, "auto", *range(1, MOST_LAYERS + 1)):
+            expected = f"a whole number from 1 to {MOST_LAYERS}, or auto"
+            raise OptionError(refusal("--layers", expected, str(layers)))
+        if self.thickness is None or self.thickness == "unknown":
+            return
+        said = ",".join(f"{value:g}" for value in self.thickness)
+        if not all(0.0 < value < math.inf for value in self.thickness):
+            raise OptionError(refusal("--thickness", "numbers > 0, in m, or unknown", said))
+        wanted = None if layers == "auto" else (layers or 1) - 1
+        if wanted is None or len(self.thickness) != wanted:
+            expected = "a value for each layer but the lowest, from the top, with --layers"
+            came = f"--thickness {said} and --layers {layers or 1}"
+            raise OptionError(refusal("--thickness", expected, came))
+        depth = self.bedrock_depth
+        if isinstance(depth, float | int) and sum(self.thickness) >= depth:
+            expected = f"layers that end above the rock at {depth:g} m"
+            raise OptionError(refusal("--thickness", expected, f"{sum(self.thickness):g} m"))
 
     def _refuse_contradictions(self) -> None:
         depth = self.bedrock_depth
@@ -114,6 +144,8 @@ class AnalysisOptions:
                 raise _contradiction("--published", f"--{name} {getattr(self, name)}")
         if self.joint:
             raise _contradiction("--published", "--joint")
+        if self.layers not in (None, 1):
+            raise _contradiction("--published", f"--layers {self.layers}")
         if depth == "unknown":
             raise _contradiction("--published", "--bedrock-depth unknown")
 

@@ -17,6 +17,7 @@ from pfwd_survey.inverting.stored import Interval, StoredRecord
 if TYPE_CHECKING:
     # Only for annotations: a logger shows results without loading the inversion.
     from inversion import InversionResult
+    from inversion.result import LayerValue
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,26 @@ class HalfSinePulse(StoredRecord):
     duration_s: float | None = None
     rms_over_peak: float | None = None
     """How far the load is from it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerResult(StoredRecord):
+    """One medium, from the surface down."""
+
+    modulus_pa: float | None = None
+    modulus_sd_pa: float | None = None
+    """From the noise, Pa."""
+    modulus_interval_pa: Interval | None = None
+    """95 %, Pa."""
+    thickness_m: float | None = None
+    """None: goes on without end."""
+    thickness_sd_m: float | None = None
+    """None: given, not fitted."""
+    thickness_interval_m: Interval | None = None
+    """95 %, m."""
+    viscosity_pa_s: float | None = None
+    density_kg_m3: float | None = None
+    poisson_ratio: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +103,14 @@ class DropResult(StoredRecord):
     """95 %, m."""
     modulus_depth_correlation: float | None = None
     """Of the two as fitted, -1 to 1."""
+    layers: tuple[LayerResult, ...] | None = None
+    """All media from the surface down; modulus_pa is the lowest one's."""
+    effective_modulus_pa: float | None = None
+    """Of one medium that the plate at rest would press in as far, Pa."""
+    effective_modulus_interval_pa: Interval | None = None
+    """95 %, Pa."""
+    effective_depth_m: float | None = None
+    """Above which 90 % of that deflection arises, m."""
     poisson_ratio: float | None = None
     """Of the ground; given."""
     plate_radius_m: float | None = None
@@ -204,8 +233,8 @@ def _found(result: InversionResult) -> dict[str, Any]:
     return {
         "method": result.method,
         "model": result.model,
-        "modulus_pa": ground.modulus.value,
-        "modulus_sd_pa": ground.modulus.deviation,
+        "modulus_pa": ground.modulus.value if result.modulus_known else None,
+        "modulus_sd_pa": ground.modulus.deviation if result.modulus_known else None,
         "viscosity_pa_s": ground.viscosity.value,
         "viscosity_sd_pa_s": ground.viscosity.deviation,
         "density_kg_m3": ground.density.value,
@@ -215,6 +244,10 @@ def _found(result: InversionResult) -> dict[str, Any]:
         "modulus_interval_pa": result.modulus_interval,
         "bedrock_depth_interval_m": result.depth_interval,
         "modulus_depth_correlation": result.modulus_depth_correlation,
+        "layers": tuple(_layer(layer) for layer in result.layers),
+        "effective_modulus_pa": result.effective.modulus,
+        "effective_modulus_interval_pa": result.effective.interval,
+        "effective_depth_m": result.effective.depth,
         "poisson_ratio": result.poisson_ratio,
         "plate_radius_m": result.plate_radius,
         "plate": result.plate,
@@ -236,6 +269,20 @@ def _found(result: InversionResult) -> dict[str, Any]:
         "elapsed_s": result.elapsed,
         "seed": result.seed,
     }
+
+
+def _layer(layer: LayerValue) -> LayerResult:
+    return LayerResult(
+        modulus_pa=layer.modulus.value,
+        modulus_sd_pa=layer.modulus.deviation,
+        modulus_interval_pa=layer.modulus_interval,
+        thickness_m=_finite(layer.thickness.value),
+        thickness_sd_m=layer.thickness.deviation,
+        thickness_interval_m=layer.thickness_interval,
+        viscosity_pa_s=layer.viscosity,
+        density_kg_m3=layer.density,
+        poisson_ratio=layer.poisson_ratio,
+    )
 
 
 def _finite(value: float) -> float | None:

@@ -18,6 +18,14 @@ from inversion import (
     fit_half_sine_equal_area,
 )
 from inversion.forward.laplace import FULL_BAND_HZ
+from inversion.forward.layered import (
+    LAYERED_PLATE_MODELS,
+    LayeredForwardModel,
+    LayeredGround,
+    LayeredGrounds,
+    LayeredPlateModel,
+    Medium,
+)
 from inversion.invert import surrogate_request
 from inversion.measured.record import PreparedDrop, prepare
 from pfwd_device import Drop
@@ -61,11 +69,35 @@ def is_sound(result: DropResult) -> bool:
     """Whether a result that was kept, by whatever program, says what a report needs of it."""
     depth = result.bedrock_depth_m
     return (
-        all(getattr(result, key) is not None for key in _NEEDED)
+        all(
+            getattr(result, key) is not None
+            for key in _NEEDED
+            # Layers may leave the lowest one's modulus open; then they say what is known.
+            if key != "modulus_pa" or not result.layers
+        )
+        and layers_are_whole(result)
         and not result.unreadable.intersection(_SHOWN)
         and (depth is None or depth > 0)
-        and result.plate in PLATE_MODELS
+        and result.plate in LAYERED_PLATE_MODELS
     )
+
+
+def layers_are_whole(result: DropResult) -> bool:
+    """Whether all layers that a result names can be computed with."""
+    layers = result.layers or ()
+    return all(
+        layer.modulus_pa is not None
+        and layer.viscosity_pa_s is not None
+        and layer.density_kg_m3 is not None
+        and layer.poisson_ratio is not None
+        and (layer.thickness_m is not None or layer is layers[-1])
+        for layer in layers
+    )
+
+
+def is_layered(result: DropResult) -> bool:
+    """Whether the result's model is that of layered ground."""
+    return len(result.layers or ()) > 1 or result.plate not in PLATE_MODELS
 
 
 def rests_on(result: DropResult, setup: Setup) -> bool:
@@ -106,8 +138,9 @@ def curves_of(
     Curves or None
         None when the result names no ground, or its model cannot be evaluated.
     """
+    layered = is_layered(result)
     ground = (result.modulus_pa, result.viscosity_pa_s, result.density_kg_m3)
-    if None in ground:
+    if None in ground and not layered:
         return None
     depth = result.bedrock_depth_m
     settings = _settings_of(result)
@@ -118,6 +151,9 @@ def curves_of(
         record = _in_order(record, centre_only=published)
         prepared = prepare(record)
         load = _model_load(prepared, result)
+        if layered:
+            predicted = _layered_motion(prepared, record, load, result)
+            return _curves(prepared, load, predicted, result)
         model = ForwardModel(
             library.get(*surrogate_request(record, settings)),
             record.instrument,
@@ -133,6 +169,45 @@ def curves_of(
         return None
     predicted = np.zeros_like(prepared.displacement)
     predicted[:, 1:] = moved[-prepared.offsets.size :]
+    return _curves(prepared, load, predicted, result)
+
+
+def _layered_motion(
+    prepared: PreparedDrop, record: Record, load: NDArray[np.floating[Any]], result: DropResult
+) -> NDArray[np.floating[Any]]:
+    """Displacement of layered ground, (n_sensors, n), m."""
+    layers = result.layers or ()
+    media = tuple(
+        Medium(
+            cast(float, layer.modulus_pa),
+            cast(float, layer.viscosity_pa_s),
+            cast(float, layer.density_kg_m3),
+            cast(float, layer.poisson_ratio),
+            math.inf if layer.thickness_m is None else layer.thickness_m,
+        )
+        for layer in layers
+    )
+    model = LayeredForwardModel(
+        cast(LayeredPlateModel, result.plate),
+        record.instrument,
+        [abs(float(offset)) for offset in prepared.offsets],
+        prepared.time,
+        load,
+        prepared.time[1:],
+        FULL_BAND_HZ,
+    )
+    ground = LayeredGround(media, rock=math.isfinite(media[-1].thickness))
+    predicted = np.zeros_like(prepared.displacement)
+    predicted[:, 1:] = model.displacement(LayeredGrounds.of([ground]))[0]
+    return predicted
+
+
+def _curves(
+    prepared: PreparedDrop,
+    load: NDArray[np.floating[Any]],
+    predicted: NDArray[np.floating[Any]],
+    result: DropResult,
+) -> Curves:
     return Curves(
         time=_double(prepared.time + prepared.start),
         load=_double(prepared.load),

@@ -57,6 +57,8 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
     return AnalysisOptions(
         model=args.model,
         bedrock_depth=args.bedrock_depth,
+        layers=args.layers,
+        thickness=args.thickness,
         elastic=args.elastic,
         load=args.load,
         plate=args.plate,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
@@ -150,6 +151,15 @@ class LayeredGrounds:
             column("thickness"),
             grounds[0].rock,
         )
+
+    def __len__(self) -> int:
+        return int(self.modulus.shape[0])
+
+    def take(self, places: Sequence[int] | NDArray[np.intp]) -> LayeredGrounds:
+        """The grounds at some places."""
+        rows = np.asarray(places)
+        columns = {name: getattr(self, name)[rows] for name in FIELDS}
+        return LayeredGrounds(**columns, rock=self.rock)
 
     @property
     def media(self) -> int:

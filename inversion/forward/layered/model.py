@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
@@ -23,8 +24,11 @@ from inversion.forward.layered.plate import (
     displacement_per_force,
     displacement_slopes,
 )
-from inversion.forward.layered.quadrature import FAST, WavenumberRule
+from inversion.forward.layered.quadrature import FAST, Layout, WavenumberRule, nodes
 from inversion.forward.model import Instrument
+
+# Grounds that need so many times the wavenumbers of the least demanding one are solved apart.
+_MORE_NODES = 1.4
 
 
 class LayeredForwardModel:
@@ -109,9 +113,13 @@ def layered_transfer(
     -------
     (m, n_sensors, n) ndarray of complex
     """
+    if plate_mass != 0.0:
+        setup = _with_centre(setup)
+    compliance = np.empty((len(grounds), len(setup.offsets), s.size), dtype=np.complex128)
+    for alike in _alike(setup, grounds, s, rule):
+        compliance[alike] = displacement_per_force(setup, grounds.take(alike), s, rule)
     if plate_mass == 0.0:
-        return displacement_per_force(setup, grounds, s, rule)
-    compliance = displacement_per_force(_with_centre(setup), grounds, s, rule)
+        return compliance
     centre, sensors = compliance[:, :1], compliance[:, 1:]
     result: ComplexArray = sensors / (1.0 + plate_mass * s**2 * centre)
     return result
@@ -133,14 +141,51 @@ def layered_transfer_slopes(
     -------
     (m, n_sensors, n) and (m, len(parameters), n_sensors, n) ndarrays of complex
     """
+    if plate_mass != 0.0:
+        setup = _with_centre(setup)
+    shape = (len(setup.offsets), s.size)
+    compliance = np.empty((len(grounds), *shape), dtype=np.complex128)
+    slopes = np.empty((len(grounds), len(parameters), *shape), dtype=np.complex128)
+    for alike in _alike(setup, grounds, s, rule):
+        compliance[alike], slopes[alike] = displacement_slopes(
+            setup, grounds.take(alike), s, parameters, rule
+        )
     if plate_mass == 0.0:
-        return displacement_slopes(setup, grounds, s, parameters, rule)
-    compliance, slopes = displacement_slopes(_with_centre(setup), grounds, s, parameters, rule)
+        return compliance, slopes
     inertia = plate_mass * s**2
     whole = 1.0 + inertia * compliance[:, :1]
     transfer: ComplexArray = compliance[:, 1:] / whole
     moved = slopes[:, :, 1:] - inertia * transfer[:, None] * slopes[:, :, :1]
     return transfer, moved / whole[:, None]
+
+
+def _alike(
+    setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule
+) -> list[NDArray[np.intp]]:
+    """Places of grounds that need about as many wavenumbers.
+
+    All grounds of a call share theirs, so that one of hardly any viscosity among many would make
+    all of them as slow as itself.
+    """
+    if len(grounds) == 1:
+        return [np.zeros(1, dtype=np.intp)]
+    counts = np.array(
+        [_node_count(setup, grounds.take([place]), s, rule) for place in range(len(grounds))]
+    )
+    order = np.argsort(counts, kind="stable")
+    found, first = [], 0
+    for place in range(1, order.size + 1):
+        if place == order.size or counts[order[place]] > _MORE_NODES * counts[order[first]]:
+            found.append(order[first:place])
+            first = place
+    return found
+
+
+def _node_count(
+    setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule
+) -> int:
+    layout = Layout.of(rule, grounds.at(s, setup.radius), grounds.rock, setup.farthest)
+    return int(nodes(layout)[0].size)
 
 
 def _with_centre(setup: PlateSetup) -> PlateSetup:
