@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,8 +13,16 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
+from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform
+from inversion.forward.layered import (
+    LayeredGround,
+    LayeredGrounds,
+    Medium,
+    PlateSetup,
+    layered_transfer,
+)
 from inversion.forward.model import Grounds, transfer_function
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, effective_force, hat_response
 from inversion.forward.surrogate import Surrogate
@@ -84,6 +93,7 @@ class DropModel:
     largest_load : float, N, of the point's drops
     index : int, of the drop within the point
     point : PointRecords
+    layers : FirstLook or None, the point's drops as layered ground
     """
 
     def __init__(
@@ -93,8 +103,10 @@ class DropModel:
         largest_load: float,
         index: int,
         point: PointRecords,
+        layers: FirstLook | None = None,
     ) -> None:
         drop = prepare(record)
+        self._layers = layers
         whole = drop.with_tail()
         self.drop: PreparedDrop = whole
         self.record = record
@@ -165,7 +177,9 @@ class DropModel:
             index=index,
             count=len(point.records),
             elastic=point.elastic,
+            density_given=record.density is not None,
             load_left=(drop.load - load)[self.rows] if point.half_sine else None,
+            layers=self._layers,
             plate_mass=record.instrument.plate_mass,
             has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
             flat=tuple(
@@ -234,7 +248,8 @@ class DropModel:
         self, parts: FloatArray, ground: Ground, shaping: Active, law: NonlinearStiffness
     ) -> FloatArray:
         """What the nonlinear static resistance adds to the motion of the linear ground."""
-        still = self._compliance(ground, shaping, np.array([_STILL + 0j]))
+        at_rest = 0.0 if ground.above else _STILL
+        still = self._compliance(ground, shaping, np.array([at_rest + 0j]))
         plate = int(np.argmin(self.context.offsets))
         stiffness = 1.0 / float(still[plate, 0].real)
         hats = hat_response(parts @ self._ramp, self.context.step)
@@ -260,6 +275,15 @@ class DropModel:
         known = self._memory.get(key)
         if known is not None:
             return known
+        compliance = self._layered(ground, s) if ground.above else self._homogeneous(ground, s)
+        for effect, values in shaping:
+            compliance = effect.compliance(compliance, s, values, self.context)
+        if len(self._memory) >= _REMEMBERED:
+            self._memory.pop(next(iter(self._memory)))
+        self._memory[key] = compliance
+        return compliance
+
+    def _homogeneous(self, ground: Ground, s: ComplexArray) -> ComplexArray:
         grounds = Grounds(
             np.array([ground.modulus]),
             np.array([ground.viscosity]),
@@ -268,13 +292,24 @@ class DropModel:
         )
         instrument = replace(self._instrument, plate_mass=ground.plate_mass)
         every = transfer_function(self._surrogate, instrument, s, grounds)[0]
-        compliance: ComplexArray = every[-self.context.offsets.size :]
-        for effect, values in shaping:
-            compliance = effect.compliance(compliance, s, values, self.context)
-        if len(self._memory) >= _REMEMBERED:
-            self._memory.pop(next(iter(self._memory)))
-        self._memory[key] = compliance
-        return compliance
+        result: ComplexArray = every[-self.context.offsets.size :]
+        return result
+
+    def _layered(self, ground: Ground, s: ComplexArray) -> ComplexArray:
+        rock = ground.inverse_depth > 0.0
+        above = sum(medium.thickness for medium in ground.above)
+        below = Medium(
+            ground.modulus,
+            ground.viscosity,
+            ground.density,
+            self.context.poisson_ratio,
+            1.0 / ground.inverse_depth - above if rock else math.inf,
+        )
+        grounds = LayeredGrounds.of([LayeredGround((*ground.above, below), rock)])
+        offsets = tuple(abs(float(offset)) for offset in self.context.offsets)
+        setup = PlateSetup("rigid-rough", self.context.plate_radius, offsets)
+        result: ComplexArray = layered_transfer(setup, ground.plate_mass, s, grounds)[0]
+        return result
 
     @property
     def peak_in_contact(self) -> float:

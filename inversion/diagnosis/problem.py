@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,18 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.effects.base import Effect, Ground
+from inversion.fitting.layered.first_look import FirstLook
+from inversion.fitting.layered.misfit import LayeredDrop
+from inversion.fitting.misfit import model_floor
 from inversion.fitting.parameters import Parameter, soil_parameters
 from inversion.forward.library import SurrogateLibrary
+from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.peak_method import peak_modulus
+from inversion.measured.record import prepare
 
 _STEP = 1e-4
+# Modulus of the ground under layers over that by the peak method.
+_BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
 
 def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
@@ -77,8 +84,9 @@ class Point:
         problem, ratio = surrogate_request(first, Settings(bedrock_depth=depth))
         surrogate = library.get(problem, ratio)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
+        layers = _first_look(records)
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, records)
+            DropModel(record, surrogate, largest, index, records, layers)
             for index, record in enumerate(records.records)
         )
         peaks = [
@@ -91,21 +99,26 @@ class Point:
             for model in self.drops
         ]
         self.peak_modulus = float(np.median(peaks))
+        layers.peak_modulus = self.peak_modulus
         self._soil = relative_soil(self.peak_modulus)
 
-    @property
-    def soil(self) -> list[Unknown]:
-        """Unknowns of the base model."""
+    def soil(self, below: bool = False) -> list[Unknown]:
+        """Unknowns of the base model; ``below``: of the ground under layers, of wider bounds."""
         known = self.records.records[0].density is not None
         left_out = {"density"} if known else set()
         if self.records.elastic:
             left_out.add("relaxation")
-        return [Unknown(p) for p in self._soil if p.name not in left_out]
+        soil = [p for p in self._soil if p.name not in left_out]
+        if below:
+            soil = [replace(p, **_BELOW) if p.name == "modulus_ratio" else p for p in soil]
+        return [Unknown(p) for p in soil]
 
     def unknowns(self, effects: Sequence[Effect]) -> list[Unknown]:
         """Of the ground and of the effects that are not the device's."""
         # On a rig there is no ground to be fitted.
-        found = [] if any(effect.replaces_ground for effect in effects) else self.soil
+        found = []
+        if not any(effect.replaces_ground for effect in effects):
+            found = self.soil(any(effect.ground_is_below for effect in effects))
         for effect in effects:
             if effect.scope == "device":
                 continue
@@ -139,6 +152,28 @@ class Point:
             inverse_depth=0.0 if depth is None or np.isinf(depth) else 1.0 / depth,
             plate_mass=record.instrument.plate_mass,
         )
+
+
+def _first_look(records: PointRecords) -> FirstLook:
+    """The drops of a point as layered ground."""
+    first = records.records[0]
+    drops = []
+    for record in records.records:
+        drop = prepare(record)
+        floor = model_floor(drop, record.model_floor)
+        scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
+        load = drop.load
+        if records.half_sine:
+            load = fit_half_sine(drop.time, drop.load).load(drop.time)
+        drops.append(LayeredDrop(drop, record.instrument, load, scale, floor))
+    return FirstLook(
+        drops,
+        first.poisson_ratio,
+        first.density,
+        first.bedrock_depth,
+        records.elastic,
+        math.nan,
+    )
 
 
 class Problem:

@@ -110,6 +110,11 @@ class Search:
             for effect in catalogue
             if effect.name not in self.fixed and all(effect.offered(drops) for drops in contexts)
         )
+        self._imitators = tuple(
+            effect
+            for effect in catalogue
+            if effect.imitates and effect not in self.catalogue and effect.name not in self.fixed
+        )
         self._in_order = tuple(dict.fromkeys((*CATALOGUE, *catalogue)))
         self._given = tuple(effect for effect in self._in_order if effect.name in self.fixed)
         self._joint_sets = _joint_sets((*self.catalogue, *self._given))
@@ -166,7 +171,7 @@ class Search:
         """From the best smaller set, the rest at each of its own starts."""
         smaller = [c for key, c in self._known.items() if key < names]
         parent = min(smaller, key=lambda c: c.score, default=None)
-        known = _unit_values_of(parent.fit) if parent is not None else {}
+        known = _values_of(parent.fit) if parent is not None else {}
         missing = {
             unknown.effect.name
             for unknown in _all_unknowns(problem)
@@ -189,7 +194,22 @@ class Search:
             starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
         if len(names) > 1 and any(joint <= names | set(self.fixed) for joint in self._joint_sets):
             starts = [starts[0], *self._joint_starts(problem, names)]
+        told = self._told_by_records(problem, names | set(self.fixed))
+        if told:
+            # A look at the records tells better than any number of guesses.
+            starts = [_start(problem, known | told, 0), *([starts[0]] if parent else [])]
         return starts
+
+    def _told_by_records(self, problem: Problem, names: Collection[str]) -> dict[Key, float]:
+        """Values from which effects of the set want to begin, point by point."""
+        found: dict[Key, float] = {}
+        for index, point in enumerate(self.points):
+            values: dict[tuple[str, str], float] = {}
+            for effect in problem.effects:
+                values |= effect.set_starts(point.drops[0].context, frozenset(names))
+            if values:
+                found |= {key: v for key, v in _of(problem, values).items() if key[0] == index}
+        return found
 
     def _joint_starts(
         self, problem: Problem, names: frozenset[str]
@@ -202,7 +222,7 @@ class Search:
         alone = self._known.get(
             frozenset(e.name for e in problem.effects if e.replaces_ground and e.name in names)
         )
-        known = _unit_values_of(alone.fit) if alone is not None and alone.effects else {}
+        known = _values_of(alone.fit) if alone is not None and alone.effects else {}
         offered = {effect.name: effect.joint_starts_for(drop) for effect in problem.effects}
         found = []
         for number in range(max(map(len, offered.values()))):
@@ -221,7 +241,7 @@ class Search:
                 self.points, self._given, self.fixed, scope=replace(self.scope, contact_only=True)
             )
             found = [fit(problem, *_start(problem, {}, choice)) for choice in range(3)]
-            self._contact = _unit_values_of(min(found, key=lambda attempt: attempt.cost))
+            self._contact = _values_of(min(found, key=lambda attempt: attempt.cost))
         return self._contact
 
     def run(self, likely: Collection[str] = ()) -> Candidate:
@@ -348,7 +368,8 @@ class Search:
         """Effects that would do in the unit_value of one, the best first, each with its fit."""
         rest = tuple(e for e in best.effects if e is not effect)
         found = []
-        for other in self.catalogue:
+        hidden = [other for other in self._imitators if effect.name in other.imitates]
+        for other in (*self.catalogue, *hidden):
             if other in best.effects or not _compatible((*rest, other)):
                 continue
             ordered = self._ordered((*rest, other))
@@ -389,24 +410,24 @@ def _key(unknown: Unknown, point: int) -> Key:
 
 
 def _of(problem: Problem, values: Mapping[tuple[str, str], float]) -> dict[Key, float]:
-    """Places of values by effect and parameter, alike for all points and drops."""
+    """Values by effect and parameter, alike for all points and drops."""
     known = {}
     for index, unknowns in ((0, problem.device), *enumerate(problem.own)):
         for unknown in unknowns:
             name = (unknown.effect.name if unknown.effect else "", unknown.parameter.name)
             if name in values:
-                known[_key(unknown, index)] = unknown.parameter.unit_value(values[name])
+                known[_key(unknown, index)] = values[name]
     return known
 
 
-def _unit_values_of(found: Fit) -> dict[Key, float]:
+def _values_of(found: Fit) -> dict[Key, float]:
     known = {
-        _key(unknown, 0): float(unit_value)
+        _key(unknown, 0): float(unknown.parameter.value(unit_value))
         for unknown, unit_value in zip(found.problem.device, found.device, strict=True)
     }
     for index, (unknowns, unit_values) in enumerate(zip(found.problem.own, found.own, strict=True)):
         for unknown, unit_value in zip(unknowns, unit_values, strict=True):
-            known[_key(unknown, index)] = float(unit_value)
+            known[_key(unknown, index)] = float(unknown.parameter.value(unit_value))
     return known
 
 
@@ -416,7 +437,7 @@ def _start(
     def unit_value(unknown: Unknown, point: int) -> float:
         found = known.get(_key(unknown, point))
         if found is not None:
-            return found
+            return unknown.parameter.unit_value(found)
         starts = unknown.parameter.starts
         value = starts[choice % len(starts)]
         if unknown.effect is None and unknown.parameter.name == "modulus_ratio":

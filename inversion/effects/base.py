@@ -22,7 +22,9 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
+from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.parameters import Parameter
+from inversion.forward.layered import Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
@@ -54,7 +56,9 @@ class DropContext:
     plate_mass : float, kg, declared
     has_bedrock : bool, whether a rigid base is declared
     elastic : bool, whether the base model's ground is
+    density_given : bool, whether the ground's density is declared
     load_left : (n,) ndarray of float, N: what the load in use leaves of the measured one
+    layers : FirstLook or None, the point's drops as layered ground
     """
 
     time: FloatArray
@@ -74,7 +78,9 @@ class DropContext:
     plate_mass: float = 0.0
     has_bedrock: bool = False
     elastic: bool = False
+    density_given: bool = False
     load_left: FloatArray | None = None
+    layers: FirstLook | None = None
 
     @property
     def step(self) -> float:
@@ -89,6 +95,7 @@ class Ground:
     Parameters
     ----------
     modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
+    above : tuple of Medium, from the surface down, on top of that ground
     """
 
     modulus: float
@@ -96,6 +103,7 @@ class Ground:
     density: float
     inverse_depth: float
     plate_mass: float
+    above: tuple[Medium, ...] = ()
 
 
 class Effect:
@@ -111,12 +119,17 @@ class Effect:
     """What to do in the field."""
     replaces_ground: ClassVar[bool] = False
     """Whether there is no ground where it is: then none is fitted."""
+    ground_is_below: ClassVar[bool] = False
+    """Whether the ground's modulus is that of what lies below, far from what the plate says."""
     excludes: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that are not tried together with it, because both would explain anything.
     It is enough that one of two names the other."""
     may_be_masked: ClassVar[bool] = False
     """Whether other effects can hide it: then it is tried in larger sets even if it explains
     nothing alone."""
+    imitates: ClassVar[frozenset[str]] = frozenset()
+    """Names of effects that it looks like in records that cannot show it by itself: there it is
+    named as their alternative, if it fits as well."""
     joint_sets: ClassVar[tuple[frozenset[str], ...]] = ()
     """Sets of effects, it among them, that explain a residual only together."""
     in_every_joint_set: ClassVar[bool] = False
@@ -132,6 +145,15 @@ class Effect:
     def joint_starts_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
         """The joint starts that fit the plate."""
         return self.joint_starts
+
+    def set_starts(
+        self, drop: DropContext, names: frozenset[str]
+    ) -> Mapping[tuple[str, str], float]:
+        """Where the fit of a set of effects, it among them, begins, as the records themselves tell.
+
+        By effect ("": the ground) and parameter; what is not said begins elsewhere.
+        """
+        return {}
 
     def acts_on(self, drop: DropContext) -> bool:
         """Whether it can show in this drop of a point, and has values there."""

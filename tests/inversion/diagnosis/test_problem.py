@@ -59,12 +59,12 @@ def test_declared_values_are_no_unknowns(point: Point, library: SurrogateLibrary
     known = replace(point.records.records[0], density=1900.0)
     other = Point(PointRecords("a", (known,), (1,), elastic=True), library)
     assert names(other.unknowns([])) == [("modulus_ratio", None)]
-    ground = other.ground(other.soil, np.array([0.5]))
+    ground = other.ground(other.soil(), np.array([0.5]))
     assert (ground.viscosity, ground.density) == (0.0, 1900.0)
 
 
 def test_the_ground_of_unknowns(point: Point) -> None:
-    unknowns = point.soil
+    unknowns = point.soil()
     ratio, relaxation, density = 1.1, 8e-4, 1750.0
     unit_values = np.array(
         [
