@@ -8,6 +8,8 @@ from inversion.diagnosis.search import EXPLAINED, Candidate
 
 # So many effects at once can be told from one record, and from several: more would fit anything.
 _MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
+# From so many records on (drops times sensors) one more for each six.
+_MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
 # Times the noise that slow noise may reach by chance.
 _SLOW_NOISE = 2.5
 # Standard deviations by which a value may miss what is usual.
@@ -30,7 +32,7 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
     if not (best.over_noise <= EXPLAINED or slow):
         reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
     records = len(point.drops) * point.drops[0].observed.shape[0]
-    if len(best.effects) > (_MOST_OF_ONE_RECORD if records == 1 else _MOST_EFFECTS):
+    if len(best.effects) > _most_effects(records):
         reasons.append(
             f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
             "measure again, with more drops or sensors"
@@ -39,6 +41,13 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
     if any(unknown.effect is not None for unknown in best.fit.at_bound()):
         reasons.append("an effect that would go on past its bounds is no explanation")
     return reasons
+
+
+def _most_effects(records: int) -> int:
+    """Effects at once that so many records can tell."""
+    if records == 1:
+        return _MOST_OF_ONE_RECORD
+    return _MOST_EFFECTS + max(0, records - _MANY_RECORDS) // _RECORDS_PER_EFFECT
 
 
 def _unusual(best: Candidate) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,18 +11,11 @@ import numpy as np
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
+from inversion.diagnosis.ground_response import GroundResponse
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.layered import (
-    LayeredGround,
-    LayeredGrounds,
-    Medium,
-    PlateSetup,
-    layered_transfer,
-)
-from inversion.forward.model import Grounds, transfer_function
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, effective_force, hat_response
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
@@ -94,6 +86,8 @@ class DropModel:
     index : int, of the drop within the point
     point : PointRecords
     layers : FirstLook or None, the point's drops as layered ground
+    response : GroundResponse or None, which the drops of a point share
+    duration : float or None, s, of the longest record of the point: what is shared has one length
     """
 
     def __init__(
@@ -104,17 +98,20 @@ class DropModel:
         index: int,
         point: PointRecords,
         layers: FirstLook | None = None,
+        response: GroundResponse | None = None,
+        duration: float | None = None,
     ) -> None:
         drop = prepare(record)
         self._layers = layers
         whole = drop.with_tail()
         self.drop: PreparedDrop = whole
         self.record = record
-        self._surrogate = surrogate
         # What the geophone does belongs to the record stage, behind what the ground does in time.
         self._instrument = replace(
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
+        self.response = response or GroundResponse(surrogate, self._instrument, drop.offsets)
+        self._duration = duration
         count_samples = int(np.searchsorted(drop.time, whole.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MOST_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
@@ -149,7 +146,7 @@ class DropModel:
         band = min(_BAND_HZ, 0.5 / self.drop.step)
         if self.record.instrument.load_filter is not None:
             band = min(band, 2.0 * self.record.instrument.load_filter)
-        transform = DampedTransform(float(time[-1]), band)
+        transform = DampedTransform(self._duration or float(time[-1]), band)
         self._s = transform.s
         spectrum = transform.of_samples(self.drop.time, load)
         spectrum = spectrum * self._instrument.response(self._s)
@@ -209,6 +206,18 @@ class DropModel:
         return np.stack(
             [channel.read(row) for channel, row in zip(self.channels, motion, strict=True)]
         )
+
+    def prime(self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]]) -> None:
+        """Have the ground's responses a small step away ready, see `GroundResponse.prime`."""
+        here = self._under(ground, active)
+        there = [self._under(*other) for other in moved]
+        self.response.prime(here, there, self._s)
+
+    def _under(self, ground: Ground, active: Active) -> Ground:
+        """The ground with what effects make of it."""
+        for effect, values in active:
+            ground = effect.ground(ground, values, self.context)
+        return ground
 
     def _ground_motion(self, ground: Ground, active: Active) -> FloatArray:
         """Motion of the ground, whose static resistance may be nonlinear.
@@ -275,41 +284,13 @@ class DropModel:
         known = self._memory.get(key)
         if known is not None:
             return known
-        compliance = self._layered(ground, s) if ground.above else self._homogeneous(ground, s)
+        compliance = self.response.compliance(ground, s)
         for effect, values in shaping:
             compliance = effect.compliance(compliance, s, values, self.context)
         if len(self._memory) >= _REMEMBERED:
             self._memory.pop(next(iter(self._memory)))
         self._memory[key] = compliance
         return compliance
-
-    def _homogeneous(self, ground: Ground, s: ComplexArray) -> ComplexArray:
-        grounds = Grounds(
-            np.array([ground.modulus]),
-            np.array([ground.viscosity]),
-            np.array([ground.density]),
-            np.array([ground.inverse_depth]),
-        )
-        instrument = replace(self._instrument, plate_mass=ground.plate_mass)
-        every = transfer_function(self._surrogate, instrument, s, grounds)[0]
-        result: ComplexArray = every[-self.context.offsets.size :]
-        return result
-
-    def _layered(self, ground: Ground, s: ComplexArray) -> ComplexArray:
-        rock = ground.inverse_depth > 0.0
-        above = sum(medium.thickness for medium in ground.above)
-        below = Medium(
-            ground.modulus,
-            ground.viscosity,
-            ground.density,
-            self.context.poisson_ratio,
-            1.0 / ground.inverse_depth - above if rock else math.inf,
-        )
-        grounds = LayeredGrounds.of([LayeredGround((*ground.above, below), rock)])
-        offsets = tuple(abs(float(offset)) for offset in self.context.offsets)
-        setup = PlateSetup("rigid-rough", self.context.plate_radius, offsets)
-        result: ComplexArray = layered_transfer(setup, ground.plate_mass, s, grounds)[0]
-        return result
 
     @property
     def peak_in_contact(self) -> float:

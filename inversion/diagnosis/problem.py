@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
@@ -62,6 +63,11 @@ class Unknown:
     effect: Effect | None = None
     drop: int | None = None
 
+    @property
+    def moves_ground(self) -> bool:
+        """Whether it changes the parameters of the ground."""
+        return self.effect is None or type(self.effect).ground is not Effect.ground
+
 
 class Point:
     """A test point: its drops' models and the unknowns of its own.
@@ -85,8 +91,14 @@ class Point:
         surrogate = library.get(problem, ratio)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _first_look(records)
+        longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
+        response = GroundResponse(
+            surrogate,
+            replace(first.instrument, geophone_natural_frequency=None, geophone_damping=None),
+            layers.drops[0].drop.offsets,
+        )
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, records, layers)
+            DropModel(record, surrogate, largest, index, records, layers, response, longest)
             for index, record in enumerate(records.records)
         )
         peaks = [
@@ -299,6 +311,7 @@ class Problem:
         By differences; a unit_value that belongs to one drop moves that drop alone.
         """
         count = len(self.points[index].drops)
+        self._prime(index, device, own)
         parts = np.split(there, np.cumsum(self._sizes(index))[:-1])
         rows = np.cumsum([0, *self._sizes(index)])
         result = np.zeros((there.size, device.size + own.size))
@@ -315,6 +328,28 @@ class Problem:
                 part = slice(rows[number], rows[number + 1])
                 result[part, column] = (changed - parts[number]) / step
         return result
+
+    def _prime(self, index: int, device: FloatArray, own: FloatArray) -> None:
+        """Have the responses of all grounds ready that the differences will ask for."""
+        point = self.points[index]
+        for number, model in enumerate(point.drops):
+            if (index, number) in self.left_out:
+                continue
+            moved = []
+            for column in range(device.size + own.size):
+                is_own = column >= device.size
+                unknown = self.own[index][column - device.size] if is_own else self.device[column]
+                if unknown.drop not in (None, number) or not unknown.moves_ground:
+                    continue
+                moved_device, moved_own = device.copy(), own.copy()
+                part, place = (
+                    (moved_own, column - device.size) if is_own else (moved_device, column)
+                )
+                part[place] += _difference(part[place])
+                values = self.values(index, moved_device, moved_own, number)
+                moved.append((point.ground(self.own[index], moved_own), values))
+            here = point.ground(self.own[index], own)
+            model.prime(here, self.values(index, device, own, number), moved)
 
     def _sizes(self, index: int) -> list[int]:
         """Number of residuals of each drop of a point."""

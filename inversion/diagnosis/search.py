@@ -40,6 +40,9 @@ ENOUGH = 1.15
 _PAIRS_REFINED = 6
 _BEAM = 2
 _MOST_EFFECTS = 4
+# A set that the records tell of is built on when it leaves no more than this of the residual, and
+# up to so many effects, which several sensors and drops can tell.
+_LEADS, _MOST_EXTENDED = 0.7, 7
 _QUICK = 5
 # Forward solves of a drop after which no larger sets are begun: a few seconds. Nonlinear ground
 # takes so many more.
@@ -261,6 +264,9 @@ class Search:
                 return self._shrink(first)
         singles = [self.candidate((effect,)) for effect in self.catalogue]
         best = self._better(base, singles)
+        led = self._better(best, self._led_by_records())
+        if led is not best and led.over_noise <= _LEADS * base.over_noise:
+            return self._shrink(self._extended(led))
         if best.fit.excess > ENOUGH:
             best = self._pairs(best)
         if best.fit.excess > ENOUGH:
@@ -273,6 +279,36 @@ class Search:
                 break
             best = grown
         return self._shrink(best)
+
+    def _led_by_records(self) -> list[Candidate]:
+        """Joint sets of effects whose place the records themselves tell, see `Effect.set_starts`.
+
+        They are fitted before anything is combined: their starts are no guesses.
+        """
+        first = self.points[0].drops[0].context
+        offered = {effect.name for effect in self.catalogue} | set(self.fixed)
+        found = []
+        for effect in self.catalogue:
+            sets = [names for names in effect.joint_sets if names <= offered]
+            if sets and effect.set_starts(first, frozenset({effect.name})):
+                found += [self.candidate(e for e in self.catalogue if e.name in s) for s in sets]
+        return found
+
+    def _extended(self, best: Candidate) -> Candidate:
+        """A set with one effect more at a time, as long as that is worth it."""
+        while best.fit.excess > ENOUGH and len(best.effects) < _MOST_EXTENDED and not self._spent:
+            larger = [
+                (*best.effects, effect)
+                for effect in self.catalogue
+                if effect not in best.effects and _compatible((*best.effects, effect))
+            ]
+            quick = [self._fit(self._ordered(effects), _QUICK) for effects in larger]
+            chosen = sorted(quick, key=lambda c: c.score)[:_BEAM]
+            grown = self._better(best, [self._fit(c.effects, 30) for c in chosen])
+            if grown is best:
+                break
+            best = grown
+        return best
 
     @property
     def _spent(self) -> bool:
