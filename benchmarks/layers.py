@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import layers_inverted
 from benchmarks.output import Reporter
 from inversion import Grounds, Instrument, PlateProblem, SurrogateLibrary, plate_compliance
 from inversion.forward.contact import PLATE_MODELS, QuadratureRule
@@ -59,8 +60,20 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--short", action="store_true", help="fewer grounds, no finite elements")
     parser.add_argument("--records", type=Path, help="folder with truth.json and traces of drops")
+    parser.add_argument(
+        "--inverted", action="store_true", help="invert drops with a known truth, nothing else"
+    )
+    parser.add_argument("--cases", type=int, default=60, help="own drops that are inverted")
+    parser.add_argument("--seed", type=int, default=1, help="of their grounds")
+    parser.add_argument("--jobs", type=int, default=1, help="processes for them")
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
+    if options.inverted:
+        layers_inverted.speed(report)
+        if options.records:
+            layers_inverted.records(report, options.records)
+        layers_inverted.own_finite_elements(report, options.cases, options.seed, options.jobs)
+        return 0
     with single_threaded_blas():
         _speed(report)
         _homogeneous(report)

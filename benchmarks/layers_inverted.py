@@ -1,0 +1,225 @@
+"""Layered ground inverted from drops whose truth is known: errors, intervals, what they cost.
+
+The drops are those of the simulators' finite elements on random grounds, with noise; the inversion
+sees the traces alone.  It is that of ``pfwd invert --layers``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from inversion import Instrument, Record, Settings, invert
+from inversion.measured.record import Sensor
+from inversion.result import InversionResult
+from pfwd_survey import read_traces, record_of
+from pfwd_survey.spawning import worker_pool
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Layer, Plate
+
+_RADIUS, _MASS = 0.15, 5.0
+_STEP = 2e-4
+# Rms of the velocity's noise over its peak, and of the load's.
+_NOISE, _LOAD_NOISE = 0.002, 0.002
+_BEFORE_S = 0.012
+
+
+@dataclass(frozen=True)
+class Case:
+    """A ground with the sensors on it."""
+
+    number: int
+    layers: tuple[Layer, ...]
+    rock: bool
+    offsets: tuple[float, ...]
+
+    @property
+    def moduli(self) -> list[float]:
+        """From the top, Pa."""
+        return [layer.modulus for layer in self.layers]
+
+    @property
+    def rock_depth(self) -> float:
+        """m; inf: none."""
+        return sum(layer.thickness for layer in self.layers) if self.rock else math.inf
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Crusts, soft tops and three layers, half of them on declared rock; four sensors."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+    found = []
+    for number in range(count):
+        media, rock = (3 if number % 3 == 2 else 2), bool(number % 2)
+        modulus = between(3e7, 1.2e8)
+        moduli = [modulus]
+        for _ in range(media - 1):
+            factor = between(1.5, 5.0)
+            moduli.insert(0, moduli[0] * (factor if rng.uniform() < 0.6 else 1.0 / factor))
+        above = [between(0.15, 0.45) for _ in range(media - 1)]
+        last = between(0.7, 2.5) if rock else math.inf
+        layers = tuple(
+            Layer(m, m * between(0.5e-3, 2e-3), rng.uniform(1750, 2200), 0.35, h)
+            for m, h in zip(moduli, [*above, last], strict=True)
+        )
+        offsets = (0.0, 0.3, 0.6, float(round(between(0.85, 1.2), 2)))
+        found.append(Case(number, layers, rock, offsets))
+    return found
+
+
+def record_of_case(case: Case, seed: int = 5) -> Record:
+    """The drop as an instrument records it: noise, and nothing of the truth."""
+    drop = simulate_drop(
+        Ground(case.layers, "rigid" if case.rock else "none"),
+        Plate(_RADIUS, _MASS, "rough"),
+        Hammer(10.0, 5.6e5, 3.0),
+        case.offsets,
+        duration=0.06,
+        time_step=_STEP,
+    )
+    rng = np.random.default_rng((seed, case.number))
+    quiet = round(_BEFORE_S / _STEP)
+    velocities = np.gradient(drop.ground_displacement, _STEP, axis=1)
+    size = quiet + drop.time.size
+    load = np.zeros(size)
+    load[quiet:] = drop.load
+    sensors = []
+    for offset, row in zip(case.offsets, velocities, strict=True):
+        values = np.zeros(size)
+        values[quiet:] = row
+        values += rng.normal(0.0, _NOISE * np.abs(row).max(), size)
+        sensors.append(Sensor(offset, "velocity", values))
+    load += rng.normal(0.0, _LOAD_NOISE * drop.load.max(), size)
+    return Record(
+        time=_STEP * (np.arange(size) - quiet),
+        load=load,
+        sensors=tuple(sensors),
+        instrument=Instrument(_RADIUS, _MASS),
+        poisson_ratio=0.35,
+        bedrock_depth=case.rock_depth,
+    )
+
+
+def _solved(case: Case) -> tuple[Case, InversionResult, InversionResult, float]:
+    record = record_of_case(case)
+    begun = time.process_time()
+    every = invert(record, Settings(layers=len(case.layers)))
+    spent = time.process_time() - begun
+    centre = invert(record, Settings(layers=len(case.layers), all_sensors=False))
+    return case, every, centre, spent
+
+
+def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
+    """Errors and intervals over random grounds of the simulators' finite elements."""
+    report.title(
+        f"{count} drops of the simulators' finite elements, four sensors, noise "
+        f"{100 * _NOISE:g} %, true number of media (%)"
+    )
+    drawn = cases(count, seed)
+    if jobs > 1:
+        with worker_pool(jobs) as pool:
+            solved = list(pool.map(_solved, drawn))
+    else:
+        solved = [_solved(case) for case in drawn]
+    for what, place in (("subgrade", -1), ("top", 0)):
+        errors, inside, widths, alone = [], [], [], []
+        for case, every, centre, _ in solved:
+            truth, found = case.moduli[place], every.layers[place]
+            errors.append(abs(found.modulus.value / truth - 1.0))
+            low, high = found.modulus_interval
+            inside.append(low <= truth <= high)
+            widths.append(0.5 * math.log(high / low))
+            low, high = centre.layers[place].modulus_interval
+            alone.append(low <= truth <= high)
+        report.record(
+            what=what, **_summary(errors, inside, widths), centre_alone=100 * _share(alone)
+        )
+    errors, inside, widths = [], [], []
+    for case, every, _, _ in solved:
+        for layer, found in zip(case.layers[:-1], every.layers[:-1], strict=True):
+            errors.append(abs(found.thickness.value / layer.thickness - 1.0))
+            assert found.thickness_interval is not None
+            low, high = found.thickness_interval
+            inside.append(low <= layer.thickness <= high)
+            widths.append(0.5 * math.log(high / low))
+    report.record(what="thickness", **_summary(errors, inside, widths))
+    report.record(
+        what="processor time, s",
+        two_media=float(np.median([s for c, _, _, s in solved if len(c.layers) == 2])),
+        three_media=float(np.median([s for c, _, _, s in solved if len(c.layers) == 3])),
+    )
+
+
+def _summary(
+    errors: Sequence[float], inside: Sequence[bool], widths: Sequence[float]
+) -> dict[str, Any]:
+    return {
+        "median": 100 * float(np.median(errors)),
+        "p90": 100 * float(np.quantile(errors, 0.9)),
+        "worst": 100 * max(errors),
+        "interval_holds": 100 * _share(inside),
+        "half_width": 100 * float(np.median(widths)),
+        "cases": len(errors),
+    }
+
+
+def _share(said: Sequence[bool]) -> float:
+    return sum(said) / len(said)
+
+
+def speed(report: Reporter) -> None:
+    """Time of an inversion beside that of homogeneous ground in the same run."""
+    report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
+    portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
+    trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
+    for name, case in (("4 sensors", portable), ("9 sensors", trailer)):
+        record = record_of_case(case)
+        plain = _least(partial(invert, record, Settings()))
+        layered = _least(partial(invert, record, Settings(layers=3)))
+        report.record(
+            sensors=name, homogeneous_s=plain, three_media_s=layered, ratio=layered / plain
+        )
+
+
+def _least(action: Any) -> float:
+    action()
+    times = []
+    for _ in range(3):
+        begun = time.process_time()
+        action()
+        times.append(time.process_time() - begun)
+    return min(times)
+
+
+def records(report: Reporter, folder: Path) -> None:
+    """Errors over drops of another program, with their truth."""
+    report.title(f"drops of {folder.name}: found over true (%), and whether the interval holds it")
+    for name, truth in json.loads((folder / "truth.json").read_text()).items():
+        point = read_traces(folder / f"{name}.csv")
+        record = record_of(point.drops[0], point.setup)
+        depth = truth["rock_depth_m"]
+        record = replace(record, bedrock_depth=math.inf if depth is None else depth)
+        found = invert(record, Settings(layers=len(truth["layers"])))
+        values: dict[str, Any] = {}
+        for number, (layer, true) in enumerate(zip(found.layers, truth["layers"], strict=True), 1):
+            modulus = 1e6 * true["modulus_MPa"]
+            low, high = layer.modulus_interval
+            values[f"modulus_{number}"] = 100 * (layer.modulus.value / modulus - 1.0)
+            values[f"holds_{number}"] = low <= modulus <= high
+        for number, (layer, true) in enumerate(
+            zip(found.layers, truth["thickness_m"], strict=False), 1
+        ):
+            values[f"thickness_{number}"] = 100 * (layer.thickness.value / true - 1.0)
+        report.record(drop=name, kind=truth["kind"], sensors=len(record.sensors), **values)
