@@ -214,10 +214,10 @@ def _check_alike(records: Sequence[Record]) -> None:
 
 def _selected(record: Record, settings: Settings) -> Record:
     """The record with the sensors that take part, nearest first."""
-    ordered = tuple(sorted(record.sensors, key=lambda s: s.offset))
+    ordered = record.nearest_first().sensors
     if not settings.all_sensors:
         ordered = ordered[:1]
-        if ordered[0].offset > record.instrument.plate_radius:
+        if abs(ordered[0].offset) > record.instrument.plate_radius:
             raise RecordError(
                 "centre sensor alone: expected a sensor within the plate radius, the nearest is "
                 f"at {ordered[0].offset:g} m; use all sensors"
@@ -229,7 +229,7 @@ def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem,
     """The surrogate an inversion will ask its library for: problem and depth in plate radii."""
     chosen = _selected(record, settings)
     radius, depth = record.instrument.plate_radius, settings.depth_of(record)
-    ratios = [round(s.offset / radius, 10) for s in chosen.sensors]
+    ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
     # Offset 0 leads: the plate's own motion couples its mass.
     offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
     if depth is not None and not depth > 0.0:
@@ -492,7 +492,7 @@ def _time_histories(
         model_load=model_load,
         observed=drop.displacement,
         predicted=predicted,
-        offsets=drop.offsets,
+        offsets=drop.positions,
         window_end=drop.window_end + drop.start,
         contact_end=drop.contact_end + drop.start,
     )

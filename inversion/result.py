@@ -90,7 +90,7 @@ class TimeHistories:
     time : (n,) ndarray of float, s, 0 = trigger
     load, model_load : (n,) ndarray of float, N: measured without offset, and as the model saw it
     observed, predicted : (n_sensors, n) ndarray of float, m
-    offsets : (n_sensors,) ndarray of float, m
+    offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
     window_end, contact_end : float, s: last sample of the fit; load at 3 % of its peak
     """
 

@@ -347,7 +347,8 @@ def drop(
     values : (n,) or (n_sensors, n), m or m/s, downward positive
     plate_radius : float, m
     quantity : what `values` are, ``displacement`` (m) or ``velocity`` (m/s)
-    offsets : distance of each sensor from the plate centre, m; one sensor: 0 when not said
+    offsets : distance of each sensor from the plate centre, m, negative on its other side; one
+        sensor: 0 when not said
     plate_mass : float, kg, between load cell and ground; not said: 0, with a warning
     poisson_ratio : float; not said: 0.35
     density : float, kg/m3; not said: fitted
@@ -410,8 +411,8 @@ def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[floa
         expected = f"the distances of {sensors} sensors from the plate centre, in m"
         raise OptionError(refusal("offsets", expected, "none"))
     places = np.atleast_1d(_numbers("offsets", offsets))
-    if places.shape != (sensors,) or np.any(places < 0) or np.unique(places).size != sensors:
-        expected = f"{count(sensors, 'different distance')} >= 0, in m"
+    if places.shape != (sensors,) or np.unique(places).size != sensors:
+        expected = f"{count(sensors, 'different distance')}, in m"
         raise OptionError(refusal("offsets", expected, quote(offsets)))
     found: list[float] = places.tolist()
     return found

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.drop import Channel, Drop, Quantity
+from pfwd_device.drop import Channel, Drop, Quantity, nearest_first
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 
@@ -69,7 +69,7 @@ def load_channel(identity: Identity) -> int:
 
 
 def sensor_channels(identity: Identity) -> list[int]:
-    """Indices of the channels that measure motion, by their offset.
+    """Indices of the channels that measure motion, the nearest to the plate centre first.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def sensor_channels(identity: Identity) -> list[int]:
             f"channels of {identity.serial_number!r}: expected at least one with the role geophone "
             "or displacement, came none; give the roles in [[channels]] of the setup file"
         )
-    return sorted(found, key=lambda i: channels[i].offset)
+    return sorted(found, key=lambda i: nearest_first(channels[i].offset))
 
 
 def calibrate(

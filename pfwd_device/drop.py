@@ -9,18 +9,26 @@ from numpy.typing import NDArray
 Quantity = Literal["velocity", "displacement"]
 
 
+def nearest_first(offset: float) -> tuple[float, bool]:
+    """Sorts sensors from the plate centre outward; at one distance the negative side comes last."""
+    return abs(offset), offset < 0
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Channel:
     """The record of one sensor."""
 
     offset: float
-    """Distance from the plate centre, m, >= 0; 0 is the centre sensor."""
+    """Distance from the plate centre, m; 0 is the centre sensor, negative the other side of the
+    plate: -0.3 and 0.3 are two sensors."""
     quantity: Quantity
     """What the sensor measured."""
     values: NDArray[np.float64]
     """Record, (n,), m/s or m, downward positive; read-only."""
 
     def __post_init__(self) -> None:
+        # -0 is the centre, not another side: 0.0 takes the sign off it.
+        object.__setattr__(self, "offset", self.offset + 0.0)
         object.__setattr__(self, "values", _read_only_vector(self.values, "values"))
 
 

@@ -41,7 +41,8 @@ class ChannelIdentity:
     role: Role
     """What it measures."""
     offset: float = 0.0
-    """Distance from the plate centre, m, >= 0; 0 is the centre (and the load cell)."""
+    """Distance from the plate centre, m; 0 is the centre (and the load cell), negative the other
+    side of the plate."""
     sensitivity: float = 1.0
     """V per N, V per m/s or V per m; not 0. A sensor that is mounted upside down has a negative
     one: downward is positive."""
@@ -62,7 +63,7 @@ class ChannelIdentity:
         where = f"channel {self.name!r}"
         length = len(self.name)
         _require(length <= LONGEST_NAME, where, f"a name up to {LONGEST_NAME} letters", length)
-        _require(0 <= self.offset < math.inf, where, "offset >= 0 m", self.offset)
+        _require(math.isfinite(self.offset), where, "a finite offset, m", self.offset)
         sound = self.sensitivity != 0 and math.isfinite(self.sensitivity)
         _require(sound, where, "a finite sensitivity other than 0", self.sensitivity)
         _require(math.isfinite(self.zero), where, "a finite zero, V", self.zero)

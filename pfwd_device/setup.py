@@ -109,7 +109,7 @@ CHANNEL_KEYS = {
     "role": Rule("role", _alternatives(tuple(Role)), _one_of(*Role)),
     "column": Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
     "resolution": Rule("resolution", "a number > 0: what one count stands for", _number(0)),
-    "offset_m": Rule("offset", "a number >= 0, in m", _number(0, or_low=True)),
+    "offset_m": Rule("offset", "a finite number, in m", _number(-math.inf)),
     "sensitivity": Rule(
         "sensitivity",
         "a number other than 0, in V per N, V per m/s or V per m",

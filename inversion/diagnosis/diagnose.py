@@ -246,7 +246,7 @@ def _curves(point: Point, base: Candidate, best: Candidate) -> tuple[DropCurves,
             observed=model.observed,
             before=before,
             after=after,
-            offsets=model.context.offsets,
+            offsets=model.drop.positions,
             contact_end=model.context.contact_end + model.drop.start,
         )
         for number, model, before, after in zip(

@@ -86,7 +86,7 @@ class DropCurves:
     time : (n,) ndarray of float, s
     load : (n,) ndarray of float, N
     observed, before, after : (n_sensors, n) ndarray of float, m
-    offsets : (n_sensors,) ndarray of float, m
+    offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
     contact_end : float, s
     """
 

@@ -101,6 +101,8 @@ class DropModel:
         response: GroundResponse | None = None,
         duration: float | None = None,
     ) -> None:
+        # The surrogate answers in this order, whatever order the record has.
+        record = record.nearest_first()
         drop = prepare(record)
         self._layers = layers
         whole = drop.with_tail()

@@ -40,7 +40,7 @@ class DropContext:
     Parameters
     ----------
     time : (n,) ndarray of float, s, uniform, of the model's samples
-    offsets : (n_sensors,) ndarray of float, m
+    offsets : (n_sensors,) ndarray of float, m, >= 0: distances from the plate centre
     load : (n,) ndarray of float, N
     peak_load : float, N
     largest_load : float, N, peak of the point's largest drop

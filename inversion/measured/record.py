@@ -35,7 +35,8 @@ class Sensor:
 
     Parameters
     ----------
-    offset : float, m, distance from the plate centre, >= 0
+    offset : float, m, distance from the plate centre; negative: the other side of the plate. The
+        ground is alike on all sides, so the model takes the distance alone
     quantity : "velocity" (m/s) or "displacement" (m), downward positive
     values : (n,) ndarray of float
     """
@@ -84,9 +85,20 @@ class Record:
                 raise RecordError(f"{name}: expected {count} samples, got shape {values.shape}")
             if not np.all(np.isfinite(values)):
                 raise RecordError(f"{name}: expected finite values, got NaN or infinity")
+        if not all(np.isfinite(s.offset) for s in self.sensors):
+            raise RecordError("sensor offsets: expected finite distances, got NaN or infinity")
         steps = np.diff(self.time)
         if not (steps[0] > 0.0 and np.all(np.abs(steps - steps[0]) <= 0.011 * steps[0])):
             raise RecordError("time: expected uniform, rising steps (within 1 %)")
+
+    def nearest_first(self) -> Record:
+        """The same drop with its sensors from the plate centre outward.
+
+        At one distance the negative side comes last. Models answer in this order.
+        """
+        return replace(
+            self, sensors=tuple(sorted(self.sensors, key=lambda s: (abs(s.offset), s.offset < 0)))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +111,8 @@ class PreparedDrop:
     start : float, s, recorded time of that start
     load : (n,) ndarray of float, N, without offset
     displacement : (n_sensors, n) ndarray of float, m, zero before the pulse
-    offsets : (n_sensors,) ndarray of float, m
+    offsets : (n_sensors,) ndarray of float, m, >= 0: distances from the plate centre
+    positions : (n_sensors,) ndarray of float, m: the same, negative on the other side of the plate
     noise : (n_sensors,) ndarray of float, m: rms of the displacement noise over the window,
         from the record before the pulse (integrated and correlated as it is)
     quantisation : (n_sensors,) ndarray of float, m: rms error of the displacement from it
@@ -117,6 +130,7 @@ class PreparedDrop:
     load: FloatArray
     displacement: FloatArray
     offsets: FloatArray
+    positions: FloatArray
     noise: FloatArray
     quantisation: FloatArray
     peak_load: float
@@ -231,7 +245,8 @@ def prepare(record: Record) -> PreparedDrop:
         start=float(time[first]),
         load=load[first:],
         displacement=displacement,
-        offsets=np.array([s.offset for s in record.sensors]),
+        offsets=np.array([abs(s.offset) for s in record.sensors]),
+        positions=np.array([s.offset for s in record.sensors]),
         noise=noise,
         quantisation=quantum / np.sqrt(12.0),
         peak_load=float(load[peak]),

@@ -24,7 +24,7 @@ class Sensor:
     quantity: Quantity
     """What it holds."""
     offset: float
-    """Distance from the plate centre, m."""
+    """Distance from the plate centre, m; negative: the other side of the plate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def sensor_name(quantity: Quantity, offset: float) -> str:
 def _parse_sensor(index: int, name: str, where: str) -> Sensor:
     found = _SENSOR.fullmatch(name)
     offset = _offset(found[2]) if found else math.nan
-    if found is None or not 0 <= offset < math.inf:
+    if found is None or not math.isfinite(offset):
         hint = "separate the columns with commas" if re.search(r"[;\t]", name) else ""
         if name in _PREFIXES:
             hint = f"the centre sensor is {name}@0.0000"

@@ -17,7 +17,11 @@ from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next
-from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.screening.signals import (
+    channels_outward,
+    displacement_of,
+    remove_offset,
+)
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.setup_file import setup_of
 
@@ -184,7 +188,7 @@ def peaks_of(drop: Drop) -> tuple[float, float]:
     peak_load = _largest(load)
     if not drop.channels:
         return peak_load, float("nan")
-    return peak_load, _largest(displacement_of(drop.channels[0], drop.time))
+    return peak_load, _largest(displacement_of(channels_outward(drop)[0], drop.time))
 
 
 def _largest(values: Any) -> float:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.recording.record import point_name
@@ -160,7 +161,7 @@ def _geophone_response(identity: Identity) -> dict[str, float]:
 
 def _geophones(identity: Identity) -> list[ChannelIdentity]:
     found = [channel for channel in identity.channels if channel.role is Role.GEOPHONE]
-    return sorted(found, key=lambda channel: channel.offset)
+    return sorted(found, key=lambda channel: nearest_first(channel.offset))
 
 
 def response_warnings(identity: Identity) -> list[str]:

@@ -214,7 +214,7 @@ def _curves(
         model_load=_double(load),
         observed=_double(prepared.displacement),
         predicted=_double(predicted),
-        offsets=_double(prepared.offsets),
+        offsets=_double(prepared.positions),
         window_end=float(result.window_end_s or prepared.window_end + prepared.start),
         contact_end=float(result.contact_end_s or prepared.contact_end + prepared.start),
     )
@@ -241,5 +241,5 @@ def _double(values: Any) -> NDArray[np.float64]:
 
 
 def _in_order(record: Record, *, centre_only: bool) -> Record:
-    sensors = tuple(sorted(record.sensors, key=lambda sensor: sensor.offset))
+    sensors = record.nearest_first().sensors
     return replace(record, sensors=sensors[:1] if centre_only else sensors)

@@ -101,7 +101,9 @@ class ChannelSettings:
         one_of(*(role.value for role in Role)),
         "what it measures, sent: one of the roles",
     )
-    offset: float = key(0.0, AT_LEAST_0, "from the plate centre, m, sent")
+    offset: float = key(
+        0.0, ANY, "from the plate centre, m, negative on the other side of the plate, sent"
+    )
     sensitivity: float = key(1.0, ANY, "V per N, V per m/s or V per m, sent")
     zero: float = key(0.0, ANY, "volts at rest, sent")
     natural_frequency: float | None = key(

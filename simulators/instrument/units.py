@@ -104,8 +104,8 @@ def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
 
 
 def sensor_offsets(scenario: Scenario) -> tuple[float, ...]:
-    """Of every channel, in order; that of a load channel does not matter."""
-    return tuple(channel.offset for channel in scenario.device.channels)
+    """Distance of every channel, in order; that of a load channel does not matter."""
+    return tuple(abs(channel.offset) for channel in scenario.device.channels)
 
 
 def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float]) -> UnitDrop:

@@ -1,5 +1,6 @@
 """Counts to SI by numbers worked out by hand, and what is said of dates."""
 
+import dataclasses
 import datetime
 
 import numpy as np
@@ -56,6 +57,10 @@ def test_a_drop_has_its_sensors_by_offset_and_nan_where_samples_are_missing() ->
         (0.3, "velocity"),
         (0.6, "displacement"),
     ]
+    left = dataclasses.replace(FAR, name="left", offset=-0.3)
+    both = identity(left, FAR, LOAD, CENTRE)
+    # The plate first, whatever side the others are on.
+    assert [c.offset for c in calibrate(1, counts, [], 2, both).channels] == [0.0, 0.3, -0.3]
     np.testing.assert_allclose(drop.channels[0].values, [0, 0, 0.001, 0.002, np.nan, 0], atol=1e-12)
     assert np.isnan(drop.channels[2].values[4])
 

@@ -22,6 +22,7 @@ from simulators.instrument.scenario import (
     Scenario,
     Soil,
 )
+from simulators.instrument.units import sensor_offsets
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "simulator.md"
 TABLES = {
@@ -187,3 +188,15 @@ def test_the_documented_kinds_are_those_of_the_code(title: str, class_: Any) -> 
     rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \|", section(title), re.M)
     found = {kind: tuple(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
     assert found == class_.KEYS
+
+
+def test_a_sensor_on_the_other_side_of_the_plate_moves_alike() -> None:
+    scenario = load_scenario("default")
+    load, centre = scenario.device.channels
+    left, right = (
+        dataclasses.replace(centre, name=name, offset=place)
+        for name, place in (("left", -0.3), ("right", 0.3))
+    )
+    device = dataclasses.replace(scenario.device, channels=(load, centre, left, right))
+    assert sensor_offsets(dataclasses.replace(scenario, device=device)) == (0.0, 0.0, 0.3, 0.3)
+    assert left.identity().offset == -0.3

@@ -41,7 +41,7 @@ class SensorColumn:
     where: Column
     quantity: Quantity
     offset: float
-    """Distance from the plate centre, m."""
+    """Distance from the plate centre, m; negative: the other side of the plate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +163,8 @@ class _Reader:
         kinds: dict[str, Quantity] = {"velocity": "velocity", "displacement": "displacement"}
         quantity = kinds[self._choice(table, f"{name}.quantity", None, kinds)]
         offset = self._number(table, f"{name}.offset_m", None)
-        if offset is None or offset < 0:
-            raise self._error(f"{name}.offset_m", "a distance >= 0, in m", offset)
+        if offset is None:
+            raise self._error(f"{name}.offset_m", "a distance in m", offset)
         made = SensorColumn(self._column(table, name, quantity), quantity, offset)
         self._refuse_unknown(name, table)
         return made

@@ -140,11 +140,10 @@ def refuse_infinite(values: Values, name: str, where: str) -> None:
         raise TraceError(refusal(where, f"finite numbers in {name}", came))
 
 
-def one_side(offsets: Sequence[float]) -> tuple[list[int], list[str]]:
-    """Which sensors are used when some stand on the other side of the plate.
+def one_a_place(offsets: Sequence[float]) -> tuple[list[int], list[str]]:
+    """Which sensors are taken where two are said to stand at one place: the first.
 
-    The ground is taken as alike on all sides, so only the distance counts; two sensors at one
-    distance would be one place with two records.
+    Two sides of the plate at one distance are two places.
 
     Parameters
     ----------
@@ -153,21 +152,19 @@ def one_side(offsets: Sequence[float]) -> tuple[list[int], list[str]]:
     Returns
     -------
     indices : list of int
-        Of the sensors that are used, in their order.
+        Of the sensors that are taken, in their order.
     remarks : list of str
         What was left out.
     """
-    used: list[int] = []
+    taken: list[int] = []
     remarks = []
-    # The side with positive positions is the longer one.
-    for index in sorted(range(len(offsets)), key=lambda i: (offsets[i] < 0, i)):
-        distance = abs(offsets[index])
-        if any(abs(abs(offsets[other]) - distance) < SAME_PLACE for other in used):
-            where = f"another one stands {distance:g} m from the centre"
-            remarks.append(f"the sensor at {offsets[index]:g} m is left out: {where}")
+    for index, offset in enumerate(offsets):
+        if any(abs(offsets[other] - offset) < SAME_PLACE for other in taken):
+            meant = "on the other side of the plate it would be negative"
+            remarks.append(f"a second sensor at {offset:g} m is left out: {meant}")
         else:
-            used.append(index)
-    return sorted(used), remarks
+            taken.append(index)
+    return taken, remarks
 
 
 def point_of(

@@ -24,7 +24,7 @@ from pfwd_survey.files.foreign.common import (
     even_time,
     finite,
     make_drop,
-    one_side,
+    one_a_place,
     point_of,
     short_text,
     temperature_of,
@@ -202,7 +202,11 @@ def _offsets(
     if len(numbers) != count or any(n is None or np.isinf(n) for n in numbers):
         expected = f"{OFFSETS}: {count} distances in m, one a column, nan to leave one out"
         raise TraceError(refusal(file, expected, quote(declared)))
-    return [float("nan") if number is None else number for number in numbers], []
+    places = [float("nan") if number is None else number for number in numbers]
+    wanted = [index for index, place in enumerate(places) if not np.isnan(place)]
+    taken, remarks = one_a_place([places[index] for index in wanted])
+    left = set(wanted) - {wanted[index] for index in taken}
+    return [float("nan") if index in left else p for index, p in enumerate(places)], remarks
 
 
 def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
@@ -223,12 +227,11 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
         expected = f"{len(offsets)} sensors as in the first drop"
         raise TraceError(refusal(where, expected, str(table.shape[1] - 2)))
     wanted = [index for index, offset in enumerate(offsets) if not np.isnan(offset)]
-    used, _ = one_side([offsets[index] for index in wanted])
     sensors = []
-    for index in (wanted[i] for i in used):
+    for index in wanted:
         # Negative is downward in the file; 0.0 - x, so that nothing becomes -0.
         values = 0.0 - table[:, 2 + index] * DISPLACEMENT["mil"]
-        sensors.append((abs(offsets[index]), "displacement", values))
+        sensors.append((offsets[index], "displacement", values))
     time = even_time(table[:, 0] * TIME["ms"], where)
     load = table[:, 1] * FORCE["kip"]
     return make_drop(number, time, load, sensors, where)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from pfwd_survey.files.foreign.common import (
     Request,
     distinct,
     make_drop,
-    one_side,
+    one_a_place,
     point_of,
     sampled_time,
 )
@@ -195,11 +195,11 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
     if len(offsets) != channels:
         expected = f"{len(offsets)} displacements, as the database lists sensors"
         raise TraceError(refusal(where, expected, str(channels)))
-    used, left_out = one_side(offsets)
+    used, left_out = one_a_place(offsets)
     drops = []
     for number, one in enumerate(stored.drops, start=1):
         time = sampled_time(one.load.size, rate, facts.pre_trigger)
-        sensors = [(abs(offsets[i]), "displacement", one.displacement[i]) for i in used]
+        sensors = [(offsets[i], "displacement", one.displacement[i]) for i in used]
         drops.append(
             make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )

@@ -328,7 +328,7 @@ def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
 
 
 def _is_centre(channel: Channel) -> bool:
-    return channel.offset < CENTRE
+    return abs(channel.offset) < CENTRE
 
 
 def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:

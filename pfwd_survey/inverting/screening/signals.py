@@ -1,9 +1,10 @@
-"""What every reader of a raw record needs: its offset and the displacement of a channel."""
+"""What every reader of a raw record needs: its offset, its sensors, their displacement."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device import Channel
+from pfwd_device import Channel, Drop
+from pfwd_device.drop import nearest_first
 
 
 def quiet_samples(time: NDArray[np.float64]) -> int:
@@ -23,6 +24,11 @@ def quiet_samples(time: NDArray[np.float64]) -> int:
         0 when the record has no pre-trigger.
     """
     return int(np.count_nonzero(time < 0)) // 2
+
+
+def channels_outward(drop: Drop) -> list[Channel]:
+    """The channels of a drop from the plate centre outward, as a fit has them; files need not."""
+    return sorted(drop.channels, key=lambda channel: nearest_first(channel.offset))
 
 
 def remove_offset(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

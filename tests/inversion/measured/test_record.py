@@ -361,3 +361,26 @@ def test_load_without_a_pulse(level: float) -> None:
 def test_load_of_the_wrong_polarity() -> None:
     with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
         prepare(make_record(load=-PEAK * half_sine(time_axis())))
+
+
+# --- both sides of the plate ---------------------------------------------------------------------
+
+
+def test_sensors_on_both_sides_have_one_distance_and_two_positions() -> None:
+    time = time_axis()
+    values = swing(time)[0]
+    places = (-0.3, 0.6, 0.0, 0.3)
+    sensors = tuple(Sensor(place, "velocity", values / (1 + i)) for i, place in enumerate(places))
+    record = replace(make_record(), sensors=sensors)
+    drop = prepare(record)
+    assert drop.offsets.tolist() == [0.3, 0.6, 0.0, 0.3]
+    assert drop.positions.tolist() == list(places)
+    outward = record.nearest_first()
+    assert [sensor.offset for sensor in outward.sensors] == [0.0, 0.3, -0.3, 0.6]
+    assert outward.sensors[2] is sensors[0]
+
+
+@pytest.mark.parametrize("place", [math.nan, math.inf, -math.inf])
+def test_a_sensor_stands_somewhere(place: float) -> None:
+    with pytest.raises(RecordError, match="sensor offsets: expected finite distances"):
+        replace(make_record(), sensors=(Sensor(place, "velocity", swing(time_axis())[0]),))

@@ -104,11 +104,12 @@ def test_a_file_of_another_program_needs_a_header_file(write: Write, first: str)
         (NAMES + ",", "came ''"),
         (NAMES + ",acceleration_m_s2@0.3", "came 'acceleration_m_s2@0.3'"),
         (NAMES + ",velocity_m_s", "the centre sensor is velocity_m_s@0.0000"),
-        (NAMES + ",velocity_m_s@-0.3", "came 'velocity_m_s@-0.3'"),
+        (NAMES + ",velocity_m_s@-1e999", "came 'velocity_m_s@-1e999'"),
         (NAMES + ",velocity_m_s@1e999", "came 'velocity_m_s@1e999'"),
         (NAMES + ",velocity_m_s@0.3.1", "came 'velocity_m_s@0.3.1'"),
         (NAMES + ",load_N", "expected every column once, came 'load_N' again"),
         (NAMES + ",displacement_m@0", "expected every column once, came 'displacement_m@0' again"),
+        (NAMES + ",displacement_m@-0.0", "once, came 'displacement_m@-0.0' again"),
         (NAMES.replace(",", ";"), "separate the columns with commas"),
     ],
 )

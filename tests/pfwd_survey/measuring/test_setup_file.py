@@ -88,7 +88,7 @@ resolution = 0.5
         ('[[channels]]\nname = "a"\nsensitivity = 0', "sensitivity"),
         ('[[channels]]\nname = "a"\nsensitivity = -1' + "0" * 400, "sensitivity"),
         ('[[channels]]\nname = "a"\nzero_v = inf', "zero_v"),
-        ('[[channels]]\nname = "a"\noffset_m = -0.3', "offset_m"),
+        ('[[channels]]\nname = "a"\noffset_m = -inf', "offset_m"),
         ('[[channels]]\nname = "a"\nnatural_frequency_hz = 0', "natural_frequency_hz"),
         ('[[channels]]\nname = "a"\ndamping = nan', "damping"),
         ('[[channels]]\nname = "a"\nshunt_n = 0', "shunt_n"),
@@ -257,6 +257,10 @@ def test_geophones_that_differ_from_the_centre_one_are_named() -> None:
     near = dataclasses.replace(GEOPHONE, name="g1", offset=0.3, natural_frequency=4.6)
     far = dataclasses.replace(GEOPHONE, name="g2", offset=0.6, natural_frequency=10.0)
     identity = dataclasses.replace(IDENTITY, channels=(LOAD, far, near, GEOPHONE))
+    (line,) = response_warnings(identity)
+    assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
+    other_side = dataclasses.replace(far, offset=-0.6)
+    identity = dataclasses.replace(IDENTITY, channels=(LOAD, other_side, near, GEOPHONE))
     (line,) = response_warnings(identity)
     assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
 

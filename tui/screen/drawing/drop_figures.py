@@ -6,7 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.signals import displacement_of, remove_offset
+from pfwd_survey.inverting.screening.signals import (
+    channels_outward,
+    displacement_of,
+    remove_offset,
+)
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
@@ -166,11 +170,13 @@ def _raw(
         )
     ]
     if drop.channels:
-        sensor = min(sensor, len(drop.channels) - 1)
-        moved = displacement_of(drop.channels[sensor], drop.time) / units.of("deflection").scale
+        # In the order of the fit, so that the sensor stays when the fit comes.
+        channels = channels_outward(drop)
+        sensor = min(sensor, len(channels) - 1)
+        moved = displacement_of(channels[sensor], drop.time) / units.of("deflection").scale
         finite = moved[np.isfinite(moved)]
         peak = figures(float(finite.max()), 3) if len(finite) else "-"
-        offsets = np.array([channel.offset for channel in drop.channels])
+        offsets = np.array([channel.offset for channel in channels])
         found.append(
             Figure(
                 _place("deflection", offsets, sensor, units),

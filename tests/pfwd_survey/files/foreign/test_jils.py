@@ -51,6 +51,26 @@ def test_units_and_signs_are_ours(file: Path, header: Path) -> None:
     assert wanted == pytest.approx([40033.99, 40033.99], abs=0.01)
 
 
+def test_sensors_on_both_sides_at_one_distance_are_two(tmp_path: Path, file: Path) -> None:
+    header = tmp_path / "h.toml"
+    header.write_text("plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3, -0.3]\n")
+    first, _ = read_points(file, header)
+    for drop, (_, _, recorded) in zip(first.drops, DROPS, strict=False):
+        assert [channel.offset for channel in drop.channels] == [0.0, 0.3, -0.3]
+        np.testing.assert_allclose(drop.channels[2].values, recorded.sensors[2], atol=2e-11)
+    assert not any("left out" in text for text in first.warnings)
+
+
+def test_a_second_sensor_at_one_place_is_left_out_and_that_is_said(
+    tmp_path: Path, file: Path
+) -> None:
+    header = tmp_path / "h.toml"
+    header.write_text("plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3, 0.3]\n")
+    first, _ = read_points(file, header)
+    assert [channel.offset for channel in first.drops[0].channels] == [0.0, 0.3]
+    assert any("a second sensor at 0.3 m is left out" in text for text in first.warnings)
+
+
 def test_rounded_times_become_even(tmp_path: Path, header: Path) -> None:
     path = tmp_path / "a.thy"
     path.write_bytes(thy(DROPS, digits=2))

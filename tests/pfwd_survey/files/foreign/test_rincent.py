@@ -112,11 +112,21 @@ def test_several_sensors_stand_where_the_database_says(
     (point,) = read(prjz(drops, acquired(drops, offsets=offsets), by_sample=by_sample), "a.prjz")
     assert point.setup.plate_radius == 0.15
     for drop, one in zip(point.drops, drops["1F"], strict=True):
-        # The sensor on the other side is left out: another one is as far from the centre.
-        assert [channel.offset for channel in drop.channels] == [0.0, 0.3, 0.6]
-        for channel, values in zip(drop.channels, one.sensors[1:], strict=True):
+        assert [channel.offset for channel in drop.channels] == offsets
+        for channel, values in zip(drop.channels, one.sensors, strict=True):
             np.testing.assert_array_equal(channel.values, values.astype("f4"))
-    assert any("-0.3 m is left out" in text for text in point.warnings)
+    assert not any("left out" in text for text in point.warnings)
+
+
+def test_of_two_sensors_that_a_database_puts_at_one_place_the_first_is_taken(
+    read: Callable[..., list[TracePoint]],
+) -> None:
+    drops = {"1F": [pulse(channels=4)]}
+    (point,) = read(prjz(drops, acquired(drops, offsets=[-0.3, 0.0, 0.3, -0.3])), "a.prjz")
+    (drop,) = point.drops
+    assert [channel.offset for channel in drop.channels] == [-0.3, 0.0, 0.3]
+    np.testing.assert_array_equal(drop.channels[0].values, drops["1F"][0].sensors[0].astype("f4"))
+    assert any("a second sensor at -0.3 m is left out" in text for text in point.warnings)
 
 
 def test_accelerations_are_no_traces_but_the_stored_ones_are(

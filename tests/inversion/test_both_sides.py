@@ -1,0 +1,83 @@
+"""The ground is alike on all sides: which side a sensor stands on changes no result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inversion import Record, RecordError, Sensor, Settings, SurrogateLibrary, invert
+from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.forward.contact import PlateProblem
+from inversion.invert import surrogate_request
+from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
+
+QUICK = Settings(method="least-squares")
+SCENE = Scene(offsets=(0.0, 0.3, 0.6))
+
+
+def moved(drop: Record, *places: float) -> Record:
+    """The same sensors at other places."""
+    return replace(
+        drop,
+        sensors=tuple(
+            Sensor(place, sensor.quantity, sensor.values)
+            for place, sensor in zip(places, drop.sensors, strict=True)
+        ),
+    )
+
+
+@pytest.mark.parametrize("places", [(0.0, -0.3, 0.6), (0.0, 0.3, -0.6), (0.0, -0.3, -0.6)])
+def test_a_sensor_on_the_other_side_tells_the_same(
+    library: SurrogateLibrary, places: tuple[float, ...]
+) -> None:
+    drop = record(library, SCENE)
+    right = invert(drop, QUICK, library)
+    found = invert(moved(drop, *places), QUICK, library)
+    assert found.subgrade == right.subgrade
+    assert found.subgrade.modulus.value == pytest.approx(TRUTH["modulus"], rel=1e-3)
+    assert found.history.offsets.tolist() == list(places)
+    np.testing.assert_array_equal(found.history.predicted, right.history.predicted)
+
+
+def test_the_order_of_the_sensors_does_not_matter(library: SurrogateLibrary) -> None:
+    drop = moved(record(library, SCENE), 0.0, -0.3, 0.6)
+    other = replace(drop, sensors=drop.sensors[::-1])
+    found, right = (invert(one, QUICK, library) for one in (other, drop))
+    assert found.subgrade == right.subgrade
+    assert found.history.offsets.tolist() == [0.0, -0.3, 0.6]
+
+
+def test_two_sensors_at_one_distance_are_both_fitted(library: SurrogateLibrary) -> None:
+    drop = record(library, SCENE)
+    twin = replace(drop.sensors[1], offset=-0.3)
+    both = replace(drop, sensors=(twin, *drop.sensors))
+    problem, _ = surrogate_request(both, QUICK)
+    assert problem.offsets == (0.0, 2.0, 2.0, 4.0)
+
+
+def test_the_centre_alone_is_the_nearest_of_both_sides(library: SurrogateLibrary) -> None:
+    drop = moved(record(library, SCENE), 0.0, -0.3, 0.6)
+    centre = replace(QUICK, all_sensors=False)
+    assert surrogate_request(drop, centre)[0].offsets == (0.0,)
+    far = replace(drop, sensors=drop.sensors[1:])
+    with pytest.raises(RecordError, match=r"the nearest is at -0\.3 m"):
+        invert(far, centre, library)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_a_diagnosis_gives_each_sensor_its_own_prediction(
+    library: SurrogateLibrary, order: tuple[int, ...]
+) -> None:
+    """Whatever the order of the columns: the surrogate answers from the plate outward."""
+    straight = record(library, SCENE)
+    sensors = moved(straight, 0.0, -0.3, 0.6).sensors
+    drop = replace(straight, sensors=tuple(sensors[i] for i in order))
+    surrogate = library.get(PlateProblem("rigid-rough", POISSON_RATIO, (0.0, 2.0, 4.0)), None)
+    model = DropModel(drop, surrogate, 8000.0, 0, PointRecords("a", (drop,), (1,)))
+    assert model.context.offsets.tolist() == [0.0, 0.3, 0.6]
+    assert model.drop.positions.tolist() == [0.0, -0.3, 0.6]
+    peaks = model.observed.max(axis=1)
+    assert peaks[0] > peaks[1] > peaks[2]
+    assert model.peak_in_contact == pytest.approx(peaks[0])
