@@ -176,13 +176,15 @@ def _said(options: AnalysisOptions) -> dict[str, Any]:
 
 def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Result:
     from pfwd_survey.inverting.analysis import analyse_drop
+    from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
     from pfwd_survey.inverting.screening.drops import screen_point
 
     if options.joint:
         hint = "give the point, or leave joint out"
         raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
     # Seen among the drops of its point: a rebound is told by the largest of them.
-    screening = screen_point(chosen._point)[chosen._index]
+    whole = chosen._point
+    screening = leave_out_bad_sensors(whole, screen_point(whole))[chosen._index]
     (point,) = points_of(chosen, header, options.overrides())
     found = analyse_drop(point.drops[0], point.setup, screening, options, library())
     return _result(point, found)

@@ -73,8 +73,8 @@ def _make_drop(
     channels = []
     for place in offsets:
         # 0.5 mm per 8 kN in the centre, later and less further out; late and long like a real one.
-        pulse = 5e-4 * _half_sine(time - 1e-3 - place / 100, 1.2 * duration) * peak / 8000
-        values = pulse / (1 + 5 * place)
+        pulse = 5e-4 * _half_sine(time - 1e-3 - abs(place) / 100, 1.2 * duration) * peak / 8000
+        values = pulse / (1 + 5 * abs(place))
         if quantity == "velocity":
             values = np.gradient(values, time)
         channels.append(Channel(place, quantity, values))  # type: ignore[arg-type]

@@ -30,6 +30,7 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
+from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.spawning import worker_pool
@@ -111,10 +112,10 @@ def analyse_point(
 ) -> list[DropAnalysis]:
     """Screen and invert the drops of one point, in their order."""
     settings = settings_of(options, point.setup)
-    screenings = screen_point(point)
+    screenings = leave_out_bad_sensors(point, screen_point(point))
     drops = [whole_part(drop)[0] for drop in point.drops]
     records = {
-        index: record_of(drop, point.setup, options, found.dead)
+        index: record_of(drop, point.setup, options, found.left_out)
         for index, (drop, found) in enumerate(zip(drops, screenings, strict=True))
         if found.status != "rejected"
     }
@@ -147,8 +148,9 @@ def analyse_drop(
     if screening.status == "rejected":
         return DropAnalysis(drop, screening, None)
     settings = settings_of(options, setup)
+    (screening,) = leave_out_bad_sensors(TracePoint("", setup, (drop,)), (screening,))
     try:
-        record = record_of(whole_part(drop)[0], setup, options, screening.dead)
+        record = record_of(whole_part(drop)[0], setup, options, screening.left_out)
         (result,) = invert_joint([record], settings, library)
     except InversionError as error:
         return DropAnalysis(drop, screening, None, str(error))

@@ -147,7 +147,7 @@ def curves_of(
     try:
         published = result.plate == "published"
         options = AnalysisOptions(published=published)
-        record = record_of(whole_part(drop)[0], setup, options, screening.dead)
+        record = record_of(whole_part(drop)[0], setup, options, screening.left_out)
         record = _in_order(record, centre_only=published)
         prepared = prepare(record)
         load = _model_load(prepared, result)

@@ -22,6 +22,7 @@ from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult, drop_result
+from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.procedures import (
     Procedure,
@@ -231,7 +232,8 @@ class _Gatherer:
         known = {key: Declaration(value, where) for key, value in declared.items()}
         setup = setup_from(known | {"point": Declaration(point.title, where)}, where)
         records = tuple(record.drop for _, record in drops)
-        screenings = screen_point(TracePoint(where, setup, records))
+        whole = TracePoint(where, setup, records)
+        screenings = leave_out_bad_sensors(whole, screen_point(whole))
         self.tell(f"point {point.title}: {len(drops)} drops")
         found = tuple(
             self._drop(one, record, setup, screening)

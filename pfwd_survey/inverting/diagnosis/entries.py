@@ -7,6 +7,7 @@ from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import record_of
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import screen_point
 from pfwd_survey.inverting.screening.missing import whole_part
 
@@ -33,7 +34,7 @@ def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
 
 def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
     """A point that was read already, screened."""
-    screenings = screen_point(point)
+    screenings = leave_out_bad_sensors(point, screen_point(point))
     chosen = [
         (whole_part(drop)[0], found)
         for drop, found in zip(point.drops, screenings, strict=True)
@@ -44,13 +45,15 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         for drop, found in zip(point.drops, screenings, strict=True)
         if found.status == "rejected"
     )
-    warnings = (*point.warnings, *(w for _, found in chosen for w in found.warnings))
+    # A bad sensor is the same in every drop: said once.
+    every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
+    warnings = tuple(dict.fromkeys(every))
     device = point.setup.device
     name = None if device is None else str(device)
     if not chosen:
         return DiagnosisPoint(file, name, None, rejected, warnings)
-    dead = {offset for _, found in chosen for offset in found.dead}
-    records = tuple(record_of(drop, point.setup, options, dead) for drop, _ in chosen)
+    left_out = {offset for _, found in chosen for offset in found.left_out}
+    records = tuple(record_of(drop, point.setup, options, left_out) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
     # Only what was declared is held; the search for effects needs the rest free.
     made = PointRecords(

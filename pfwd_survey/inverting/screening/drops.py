@@ -88,8 +88,9 @@ class Screening:
     """Why it was rejected; None when it was not."""
     warnings: tuple[str, ...] = ()
     """What should be known of a drop that was not rejected."""
-    dead: tuple[float, ...] = ()
-    """Offsets of the extra channels that measured nothing, m; they take no part in the fit."""
+    left_out: tuple[float, ...] = ()
+    """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
+    cannot be believed."""
 
 
 @dataclass(frozen=True, slots=True)
