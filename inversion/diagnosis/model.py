@@ -131,7 +131,7 @@ class DropModel:
         self.observed = self._everywhere[:, self.before :]
         self.context = self._make_context(load, largest_load, index, point)
         self._recorded = replace(self.context, time=drop.step * (samples - first))
-        floor = model_floor(drop, record.model_floor)
+        floor = model_floor(whole, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
         self._floor = floor
         self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}

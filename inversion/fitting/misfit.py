@@ -54,12 +54,14 @@ class WeightedDrop:
 
 
 def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
-    """Displacement error of the model per sensor, m: as granted, or the default fraction."""
+    """Displacement error of the model per sensor, m: as granted, or the default fraction.
+
+    At least what the two sides of the plate differ by: no model alike on all sides has both.
+    """
     plate = float(drop.peak_displacement[int(np.argmin(drop.offsets))])
     share = np.hypot(drop.peak_displacement, _FAR_SENSOR_SHARE * plate)
-    if granted is not None:
-        return np.asarray(granted * share / plate)
-    return MODEL_FLOOR_FRACTION * share
+    floor = MODEL_FLOOR_FRACTION * share if granted is None else granted * share / plate
+    return np.maximum(floor, drop.side_floor)
 
 
 class Misfit:

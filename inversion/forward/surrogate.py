@@ -17,7 +17,7 @@ but undamped oscillators must then be as dense as the record is long: 600 and mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -69,6 +69,16 @@ class Surrogate:
     @cached_property
     def _echo_weights(self) -> FloatArray:
         return numerators(self.echo_poles, self.echo_coefficients)
+
+    def at(self, offsets: tuple[float, ...]) -> Surrogate:
+        """The same for other sensors at distances that are among its own, in their order."""
+        rows = [self.problem.offsets.index(offset) for offset in offsets]
+        return replace(
+            self,
+            problem=replace(self.problem, offsets=offsets),
+            half_space_coefficients=self.half_space_coefficients[rows],
+            echo_coefficients=self.echo_coefficients[:, rows],
+        )
 
     def echo_at(self, inverse_depth: FloatArray) -> FloatArray:
         """Numerators (m, k, 2 n_offsets) of the echo at values (m,) of a/h0, by interpolation.

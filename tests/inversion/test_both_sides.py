@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from inversion import Record, RecordError, Sensor, Settings, SurrogateLibrary, invert
-from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.diagnosis.model import DropModel, FitScope, PointRecords
+from inversion.effects import Ground
 from inversion.forward.contact import PlateProblem
 from inversion.invert import surrogate_request
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
@@ -55,6 +56,63 @@ def test_two_sensors_at_one_distance_are_both_fitted(library: SurrogateLibrary) 
     both = replace(drop, sensors=(twin, *drop.sensors))
     problem, _ = surrogate_request(both, QUICK)
     assert problem.offsets == (0.0, 2.0, 2.0, 4.0)
+
+
+def tilted(drop: Record, part: float) -> Record:
+    """With a sensor on the other side; the plate tilts, and one side moves more than the other."""
+    plate, near, far = drop.sensors
+    sides = (
+        replace(near, values=(1 + part) * near.values),
+        replace(near, offset=-0.3, values=(1 - part) * near.values),
+    )
+    return replace(drop, sensors=(plate, *sides, far))
+
+
+def test_what_two_sides_differ_by_is_no_effect_that_the_model_lacks(
+    library: SurrogateLibrary,
+) -> None:
+    drop = record(library, SCENE)
+    found = invert(tilted(drop, 0.04), QUICK, library)
+    assert found.residual_rms_over_peak > 0.01
+    assert found.explained
+    assert not any("residual not explained" in text for text in found.warnings)
+    assert found.subgrade.modulus.value == pytest.approx(TRUTH["modulus"], rel=0.01)
+    low, high = found.modulus_interval
+    assert low < TRUTH["modulus"] < high
+    # The same error where both sides have it is one.
+    both = tilted(drop, 0.0)
+    plate, right, left, far = both.sensors
+    alike = (replace(s, values=1.3 * s.values) for s in (right, left))
+    wrong = invert(replace(both, sensors=(plate, *alike, far)), QUICK, library)
+    assert not wrong.explained
+
+
+def test_a_diagnosis_measures_a_residual_by_what_two_sides_differ_by(
+    library: SurrogateLibrary,
+) -> None:
+    drop = record(library, SCENE)
+    surrogate = library.get(PlateProblem("rigid-rough", POISSON_RATIO, (0.0, 2.0, 2.0, 4.0)), None)
+    alike, apart = (
+        DropModel(one, surrogate, 8000.0, 0, PointRecords("a", (one,), (1,)))
+        for one in (tilted(drop, 0.0), tilted(drop, 0.04))
+    )
+    assert apart.noise[[0, 3]] == pytest.approx(alike.noise[[0, 3]])
+    whole = apart.drop.side_floor[1]
+    assert apart.noise[1:3] == pytest.approx([whole, whole])
+    assert whole > 5 * alike.noise[1]
+    # Over it, a prediction alike on both sides leaves half of the difference: a half of one.
+    ground = Ground(
+        TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 1 / TRUTH["bedrock_depth"], 10.0
+    )
+    found = apart.predict(ground, [])
+    sides = np.split(apart.weighted_residual(found, FitScope(plain=True)), 4)[1:3]
+    for left in sides:
+        assert np.sum(left**2) == pytest.approx(
+            0.5 * apart.independent(FitScope(plain=True)) / 4, rel=0.02
+        )
+    # With its correlation too: what is left of either side weighs less than where both agree.
+    parts = [np.split(m.weighted_residual(m.predict(ground, [])), 4) for m in (apart, alike)]
+    assert all(np.sum(parts[0][i] ** 2) < 0.2 * np.sum(parts[1][i] ** 2) for i in (1, 2))
 
 
 def test_the_centre_alone_is_the_nearest_of_both_sides(library: SurrogateLibrary) -> None:

@@ -157,6 +157,25 @@ def test_the_models_error_is_a_part_of_each_peak_but_not_too_small_a_one(
     assert floor == pytest.approx((0.003 if granted is None else granted / near) * shares)
 
 
+@pytest.mark.parametrize("granted", [None, 2e-6])
+def test_the_floor_is_at_least_what_two_sides_differ_by(
+    granted: float | None, library: SurrogateLibrary
+) -> None:
+    alone = record(library, Scene(offsets=(0.0, 0.3, 0.6)))
+    near = alone.sensors[1]
+    twin = replace(near, offset=-0.3, values=1.2 * near.values)
+    both = prepare(replace(alone, sensors=(*alone.sensors, twin)))
+    floor, without = model_floor(both, granted), model_floor(prepare(alone), granted)
+    assert floor[[0, 2]] == pytest.approx(without[[0, 2]])
+    right = 0.2 / np.sqrt(2) * np.sqrt(np.mean(both.displacement[1, both.window] ** 2))
+    assert floor[[1, 3]] == pytest.approx(right)
+    assert right > 5 * without[1]
+    # A difference below it leaves the model's own error.
+    close = replace(twin, values=1.001 * near.values)
+    small = model_floor(prepare(replace(alone, sensors=(*alone.sensors, close))), granted)
+    assert small[:3] == pytest.approx(without)
+
+
 def test_a_weighted_drop_is_not_changed_and_is_itself_alone(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene()))
     with pytest.raises(FrozenInstanceError):

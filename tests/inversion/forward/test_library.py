@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,28 @@ def test_a_surrogate_is_built_once_and_then_read(tmp_path: Path, builder: Builde
     read = SurrogateLibrary(folder).get(CENTRE, None)
     assert same(read, built)
     assert len(builder.asked) == 1
+
+
+def test_two_sensors_at_one_distance_are_served_by_one_fit(
+    tmp_path: Path, builder: Builder
+) -> None:
+    library = SurrogateLibrary(tmp_path)
+    both = replace(CENTRE, offsets=(0.0, 2.0, 2.0, 4.0))
+    found = library.get(both, None)
+    assert [problem.offsets for problem, _ in builder.asked] == [(0.0, 2.0, 4.0)]
+    assert found.problem == both
+    assert found.half_space_coefficients.shape[0] == found.echo_coefficients.shape[1] == 4
+    assert library.get(both, None) is found
+    assert library.get(replace(both, offsets=(0.0, 2.0, 4.0)), None) is not found
+    assert len(builder.asked) == 1
+
+
+def test_each_sensor_of_both_sides_has_its_own_distance() -> None:
+    built = build_surrogate(PlateProblem("averaged", 0.3, (0.0, 2.0, 4.0)), 20.0)
+    p = np.array([[0.1 + 0.5j, 0.3 + 2j]])
+    three = built.compliance(p, np.array([0.05]))
+    four = built.at((0.0, 2.0, 2.0, 4.0)).compliance(p, np.array([0.05]))
+    np.testing.assert_array_equal(four, three[:, [0, 1, 1, 2]])
 
 
 def test_numbers_survive_the_file() -> None:

@@ -14,6 +14,7 @@ from scipy import signal
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.measured.record import (
+    SAME_DISTANCE,
     ChannelNoise,
     NoiseModel,
     PreparedDrop,
@@ -378,6 +379,55 @@ def test_sensors_on_both_sides_have_one_distance_and_two_positions() -> None:
     outward = record.nearest_first()
     assert [sensor.offset for sensor in outward.sensors] == [0.0, 0.3, -0.3, 0.6]
     assert outward.sensors[2] is sensors[0]
+
+
+def two_sides(left: Array, right: Array, *others: float, place: float = -0.3) -> PreparedDrop:
+    """A plate with displacements at `place` and 0.3 m, and the same swing elsewhere."""
+    time = time_axis()
+    moved = {0.0: swing(time)[1], place: left, 0.3: right}
+    moved |= dict.fromkeys(others, swing(time)[1])
+    sensors = tuple(Sensor(r, "displacement", values) for r, values in moved.items())
+    return prepare(replace(make_record(), sensors=sensors))
+
+
+def test_two_sides_tell_each_others_error() -> None:
+    time = time_axis()
+    rng = np.random.default_rng(4)
+    right = swing(time)[1]
+    noise = 1e-5 * rng.standard_normal((2, 50, time.size))
+    found = np.mean(
+        [two_sides(right + a, right + b).side_floor[1:] ** 2 for a, b in zip(*noise, strict=True)]
+    )
+    # The zero before the pulse is a mean over 10 samples of the same noise.
+    assert np.sqrt(found) == pytest.approx(1e-5 * np.sqrt(1 + 1 / 10), rel=0.05)
+
+
+def test_tilt_counts_for_both_sides_alike() -> None:
+    time = time_axis()
+    right = swing(time)[1]
+    drop = two_sides(1.1 * right, 0.9 * right, 0.6, -0.9)
+    rms = np.sqrt(np.mean(drop.displacement[0, drop.window] ** 2))
+    assert drop.side_floor[1:3] == pytest.approx(0.2 / np.sqrt(2) * rms)
+    # No other side: neither the plate's own sensor nor those at 0.6 and -0.9 m.
+    assert drop.side_floor[[0, 3, 4]].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("place", "counts"), [(-0.3009, True), (-0.3011, False), (0.3005, False)])
+def test_two_sides_stand_at_one_distance(place: float, counts: bool) -> None:
+    right = swing(time_axis())[1]
+    drop = two_sides(1.1 * right, right, place=place)
+    assert (drop.side_floor[1:] > 0).tolist() == [counts, counts]
+    assert SAME_DISTANCE == 1e-3
+
+
+def test_what_sides_differ_by_is_taken_over_the_fits_window() -> None:
+    time = time_axis()
+    right = swing(time)[1]
+    late = np.where(time > 0.04, 1e-4, 0.0)
+    drop = two_sides(right + late, right)
+    assert drop.side_floor[1] == pytest.approx(0.0, abs=1e-12)
+    part = np.mean(late[time >= drop.start][drop.with_tail().window] > 0)
+    assert drop.with_tail().side_floor[1] == pytest.approx(1e-4 * np.sqrt(part / 2))
 
 
 @pytest.mark.parametrize("place", [math.nan, math.inf, -math.inf])
