@@ -45,6 +45,8 @@ class ReportDrop:
     notes: tuple[str, ...]
     checksum: str
     """SHA-256 of the drop's file; empty: it has none."""
+    left_out: tuple[float, ...] = ()
+    """Distances of sensors that take no part in the fit, m: dead, or not to be believed."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -223,9 +223,14 @@ def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
         _finish(axes)
+    left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
+    for offset in left_out:
+        # Its name alone: what a loose sensor recorded would squeeze the others into a line.
+        moved.plot([], [], color="0.6", label=texts.say("left_out", offset=f"{offset:g}"))
     if ends:
         load.legend(fontsize=7, loc="upper right")
-        if any(drop.curves is not None and drop.curves.offsets.size > 1 for drop in drops):
+        several = any(d.curves is not None and d.curves.offsets.size > 1 for d in drops)
+        if several or left_out:
             moved.legend(fontsize=7, loc="upper right")
         load.set_xlim(right=max(ends) * 1e3)
     figure.align_ylabels([load, moved, residual])

@@ -304,6 +304,7 @@ class _Gatherer:
             marks=tuple(map(str, marks)),
             notes=one.notes,
             checksum=_checksum(one.file),
+            left_out=screening.left_out,
         )
 
 

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device import Channel, Drop
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
@@ -24,6 +26,7 @@ from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import fonts
 from pfwd_survey.reporting.content import Report
+from pfwd_survey.reporting.drawing import draw_traces
 from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.report import write_report
@@ -115,6 +118,39 @@ def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOpti
     close = 2e-2 if options.load == "half-sine" else 1e-9
     scale = np.abs(history.predicted).max()
     np.testing.assert_allclose(curves.predicted, history.predicted, atol=close * scale)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_sensors_are_named_by_side_and_those_left_out_are_marked(
+    survey: Path, make_drop: Any, language: str
+) -> None:
+    places = (0.0, 0.3, -0.3, 0.6, -0.6)
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for number in (1, 2):
+            drop = make_drop(number=number, offsets=places)
+            away = 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0)
+            loose = tuple(
+                Channel(c.offset, c.quantity, away) if c.offset == -0.6 else c
+                for c in drop.channels
+            )
+            kept = Drop(number, drop.time, drop.load, loose if number == 1 else drop.channels)
+            declared = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
+            saved = writer.save_drop(DropRecord("sides", kept, None, declared, {}))
+            writer.save_result(saved, result_of(number))
+    report = gather(survey, ReportOptions())
+    (point,) = [one for one in report.points if one.name == "sides"]
+    for one in point.drops:
+        assert one.left_out == (-0.6,)
+        assert one.curves is not None
+        assert one.curves.offsets.tolist() == [0.0, 0.3, -0.3, 0.6]
+        assert any("bad sensor: displacement at -0.6 m" in text for text in one.warnings)
+    figure = Figure()
+    draw_traces(figure, point.drops, load_texts(language))
+    names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
+    said = load_texts(language).say("left_out", offset="-0.6")
+    assert [name for name in names if "0.3" in name] == ["0.3 m", "-0.3 m"]
+    assert names[-1] == said
+    assert "-0.6 m" in said
 
 
 def test_what_is_missing_or_stale_is_inverted(survey: Path) -> None:
