@@ -85,6 +85,12 @@ def test_arrays_give_what_the_file_gives() -> None:
     got = pfwd.invert(time, load, values, quantity="velocity", offsets=places, **said)
     assert got.modulus == pfwd.invert(drop).modulus
     assert isinstance(got, pfwd.Result)
+    # On the other side of the plate they say the same.
+    mirrored = pfwd.invert(
+        time, load, values, quantity="velocity", offsets=(-0.0, -0.3, 0.6), **said
+    )
+    assert mirrored.modulus == got.modulus
+    assert mirrored.history.offsets.tolist() == [0.0, -0.3, 0.6]
 
 
 def test_a_drop_of_a_point_is_judged_among_the_others() -> None:

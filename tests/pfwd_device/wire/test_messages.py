@@ -50,7 +50,7 @@ def channels(draw: st.DrawFn) -> ChannelIdentity:
     return ChannelIdentity(
         name=draw(NAME),
         role=draw(st.sampled_from(Role)),
-        offset=draw(st.floats(0, allow_infinity=False)),
+        offset=draw(FINITE),
         sensitivity=draw(FINITE.filter(bool)),
         zero=draw(FINITE),
         natural_frequency=draw(POSITIVE) if geophone else None,

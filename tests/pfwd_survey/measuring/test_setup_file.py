@@ -222,6 +222,15 @@ calibrated = 2026-01-02
     assert len(said) == 6
 
 
+def test_a_channel_may_stand_on_the_other_side_of_the_plate() -> None:
+    setup = parse_setup('[[channels]]\nname = "g0"\noffset_m = -0.3', "field.toml")
+    assert setup.identity_with(IDENTITY).channels[1].offset == -0.3
+    said = setup.differences(IDENTITY)
+    assert said == [
+        "channel 'g0': offset_m = -0.3 from the setup file, not 0.0 as the instrument says"
+    ]
+
+
 def test_a_channel_that_the_instrument_does_not_have_is_named_with_the_file() -> None:
     setup = parse_setup('[[channels]]\nname = "g9"\nsensitivity = 1.0', "field.toml")
     with pytest.raises(SetupError, match=r"field.toml: .*among 'load', 'g0', came 'g9'"):

@@ -62,6 +62,16 @@ def test_the_example_reads_what_it_is_for(tmp_path: Path) -> None:
         assert drop.time[200] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_map_may_put_a_sensor_on_the_other_side_of_the_plate(tmp_path: Path) -> None:
+    path, column_map = tmp_path / "a.txt", tmp_path / "m.toml"
+    path.write_bytes(german(DROPS))
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert text.count("offset_m = 0.3\n") == 1
+    column_map.write_text(text.replace("offset_m = 0.3\n", "offset_m = -0.3\n"), encoding="utf-8")
+    (point,) = read_points(path, column_map=column_map)
+    assert [channel.offset for channel in point.drops[0].channels] == [0.0, -0.3]
+
+
 def test_it_goes_into_a_survey_beside_other_files(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(german(DROPS))

@@ -1,0 +1,33 @@
+"""Which sensor the figures of a drop show, before its fit and with it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pfwd_device import Drop
+from tests.tui.screen.scripted import curves, handed_on, result
+from tui.screen.drawing.drop_figures import drop_figures
+from tui.screen.session.drop_state import DropState
+from tui.screen.units import SI
+
+
+@pytest.mark.parametrize(
+    ("sensor", "title"),
+    [(0, "deflection at 0 mm"), (1, "deflection at 300 mm"), (2, "deflection at -300 mm")],
+)
+def test_a_sensor_stays_when_the_fit_comes(
+    make_drop: Callable[..., Drop], sensor: int, title: str
+) -> None:
+    """From the plate outward, with its side, whatever the order of the file."""
+    handed = replace(handed_on(), drop=make_drop(offsets=(-0.3, 0.6, 0.0, 0.3)))
+    raw = drop_figures(DropState("7", 1, handed=handed), SI, sensor=sensor)
+    assert raw[1].title == title
+    one = curves()
+    rows = np.repeat(one.observed, 4, axis=0)
+    of_all = replace(one, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
+    fitted = drop_figures(
+        DropState("7", 1, handed=handed, curves=of_all, results=[result()]), SI, sensor=sensor
+    )
+    assert fitted[1].title == title
