@@ -325,7 +325,7 @@ def _records(report: Reporter, folder: Path) -> None:
             for layer, h in zip(truth["layers"], thicknesses, strict=True)
         )
         time_axis = record.time - record.time[0]
-        offsets = [sensor.offset for sensor in record.sensors]
+        offsets = [abs(sensor.offset) for sensor in record.sensors]
         model = LayeredForwardModel(
             "rigid-rough", record.instrument, offsets, time_axis, record.load, time_axis[1:], 1600.0
         )
