@@ -264,9 +264,10 @@ class Search:
                 return self._shrink(first)
         singles = [self.candidate((effect,)) for effect in self.catalogue]
         best = self._better(base, singles)
-        led = self._better(best, self._led_by_records())
-        if led is not best and led.over_noise <= _LEADS * base.over_noise:
-            return self._shrink(self._extended(led))
+        if best.fit.excess > ENOUGH:
+            led = self._better(best, self._led_by_records())
+            if led is not best and led.over_noise <= _LEADS * base.over_noise:
+                return self._shrink(self._extended(led))
         if best.fit.excess > ENOUGH:
             best = self._pairs(best)
         if best.fit.excess > ENOUGH:
@@ -281,18 +282,17 @@ class Search:
         return self._shrink(best)
 
     def _led_by_records(self) -> list[Candidate]:
-        """Joint sets of effects whose place the records themselves tell, see `Effect.set_starts`.
+        """Sets of effects for which the records themselves tell where a fit begins.
 
         They are fitted before anything is combined: their starts are no guesses.
         """
-        first = self.points[0].drops[0].context
         offered = {effect.name for effect in self.catalogue} | set(self.fixed)
-        found = []
-        for effect in self.catalogue:
-            sets = [names for names in effect.joint_sets if names <= offered]
-            if sets and effect.set_starts(first, frozenset({effect.name})):
-                found += [self.candidate(e for e in self.catalogue if e.name in s) for s in sets]
-        return found
+        every = dict.fromkeys(names for effect in self.catalogue for names in effect.told_sets)
+        return [
+            self.candidate(effect for effect in self.catalogue if effect.name in names)
+            for names in every
+            if names <= offered
+        ]
 
     def _extended(self, best: Candidate) -> Candidate:
         """A set with one effect more at a time, as long as that is worth it."""

@@ -132,6 +132,9 @@ class Effect:
     named as their alternative, if it fits as well."""
     joint_sets: ClassVar[tuple[frozenset[str], ...]] = ()
     """Sets of effects, it among them, that explain a residual only together."""
+    told_sets: ClassVar[tuple[frozenset[str], ...]] = ()
+    """Sets of effects, it among them, for which `set_starts` tells where a fit begins: they are
+    tried before anything is combined."""
     in_every_joint_set: ClassVar[bool] = False
     """Whether it is added to each joint set, its own and those of others."""
     joint_starts: ClassVar[tuple[Mapping[str, float], ...]] = ()

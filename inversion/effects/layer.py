@@ -49,7 +49,7 @@ class Layer(Effect):
     imitates = frozenset(
         {"sensor_lag", "geophone_response", "stress_dependence", "hysteretic_unloading"}
     )
-    joint_sets = (
+    told_sets = (
         frozenset({"layer", "geophone_response"}),
         frozenset({"layer", "bedrock"}),
         frozenset({"layer", "geophone_response", "sensor_lag"}),

@@ -1,5 +1,7 @@
 """The effects of the catalogue against closed forms and integrations written out here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -38,7 +40,6 @@ NOTHING = {
     "plate_inertia": {"mass": 0.0},
     "seating": {"modulus_ratio": 1.0},
     "rough_contact": {"factor": 1.0},
-    "layer": {"modulus_ratio": 1.0, "thickness": 0.2},
     "stress_dependence": {"exponent": 0.0},
     "hysteretic_unloading": {"exponent": 1.0, "unrecovered": 0.0},
     "permanent_set": {"displacement": 0.0, "exponent": 1.5},
@@ -93,13 +94,6 @@ def test_what_is_not_fitted_is_told_with_the_values() -> None:
     assert (name, unit) == ("sigma_ref", "Pa")
     assert value == pytest.approx(8000.0 / (np.pi * 0.15**2))
     assert BY_NAME["acquisition_filter"].held(context()) == (("order", "-", 4.0),)
-
-
-def test_a_strong_layer_leaves_an_error_of_the_modulus() -> None:
-    layer = BY_NAME["layer"]
-    assert layer.model_error({"modulus_ratio": 1.2, "thickness": 0.2}) == 0.0
-    assert 0.25 < layer.model_error({"modulus_ratio": 2.3, "thickness": 0.2}) < 0.5
-    assert layer.model_error({"modulus_ratio": 1 / 2.3, "thickness": 0.2}) > 0.25
 
 
 def test_names_are_unique() -> None:
@@ -237,11 +231,59 @@ def test_a_rig_is_a_resonator() -> None:
     assert still[0, 0].real == pytest.approx(1 / 2e7)
 
 
-def test_a_stiff_crust_lowers_the_centre_more_than_the_far_sensor() -> None:
-    values = {"modulus_ratio": 3.0, "thickness": 0.2}
-    uniform = np.ones((2, 1), complex)
-    near, far = (
-        BY_NAME["layer"].compliance(uniform, np.ones(1, complex), values, context())[:, 0].real
-    )
-    assert near < 0.75
-    assert near < far < 1.1
+def test_a_layer_lies_on_the_ground() -> None:
+    below = Ground(4e7, 6e4, 1900.0, 0.0, 10.0)
+    values = {
+        "modulus_ratio": 3.0,
+        "thickness": 0.2,
+        "relaxation_ratio": 0.5,
+        "density_ratio": 1.1,
+    }
+    found = BY_NAME["layer"].ground(below, values, context())
+    assert replace(found, above=()) == below
+    (top,) = found.above
+    assert top.modulus == pytest.approx(1.2e8)
+    # eta / E of the top is half of that below: 0.5 * 1.5 ms.
+    assert top.viscosity == pytest.approx(0.75e-3 * 1.2e8)
+    assert top.density == pytest.approx(2090.0)
+    assert (top.poisson_ratio, top.thickness) == (0.35, 0.2)
+
+
+def test_a_middle_layer_lies_between() -> None:
+    values = {
+        "modulus_ratio": 3.0,
+        "thickness": 0.2,
+        "middle_modulus_ratio": 0.5,
+        "middle_thickness": 0.4,
+    }
+    found = BY_NAME["layer"].ground(Ground(4e7, 6e4, 1900.0, 0.0, 10.0), values, context())
+    assert [medium.modulus for medium in found.above] == pytest.approx([1.2e8, 2e7])
+    assert [medium.thickness for medium in found.above] == [0.2, 0.4]
+
+
+def test_layers_end_above_the_rock() -> None:
+    on_rock = Ground(4e7, 6e4, 1900.0, 1.0 / 0.5, 10.0)
+    values = {"modulus_ratio": 3.0, "thickness": 2.0}
+    (top,) = BY_NAME["layer"].ground(on_rock, values, context()).above
+    assert 0.4 < top.thickness < 0.5
+
+
+def test_a_layer_needs_sensors_at_two_distances() -> None:
+    layer = BY_NAME["layer"]
+    assert not layer.offered((context(),))
+    assert not layer.set_starts(context(), frozenset({"layer"}))
+
+
+def test_a_top_of_given_density_or_without_dashpot_has_no_ratio_of_it() -> None:
+    def of(**changes: bool) -> list[str]:
+        return [p.name for p in BY_NAME["layer"].parameters_for(context(**changes))]
+
+    assert of() == ["modulus_ratio", "thickness", "relaxation_ratio", "density_ratio"]
+    assert of(elastic=True) == ["modulus_ratio", "thickness", "density_ratio"]
+    assert of(density_given=True) == ["modulus_ratio", "thickness", "relaxation_ratio"]
+
+
+def test_thicknesses_are_what_the_plate_can_feel() -> None:
+    (thickness,) = (p for p in BY_NAME["layer"].parameters_for(context()) if p.name == "thickness")
+    assert thickness.lower == pytest.approx(0.2 * 0.15)
+    assert thickness.upper == pytest.approx(20.0 * 0.15)

@@ -1,0 +1,109 @@
+"""Responses that are remembered, and those nearby by derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inversion import Instrument, PlateProblem, SurrogateLibrary
+from inversion.diagnosis import ground_response as module
+from inversion.diagnosis.ground_response import GroundResponse
+from inversion.effects.base import Ground
+from inversion.forward.laplace import DampedTransform
+from inversion.forward.layered import Medium
+
+RADIUS, OFFSETS = 0.15, (0.0, 0.3)
+S = DampedTransform(0.05, 500.0).s
+BELOW = Ground(4e7, 5e4, 1900.0, 0.0, 6.0)
+TOP = Medium(1.2e8, 8e4, 2000.0, 0.35, 0.25)
+LAYERED = replace(BELOW, above=(TOP,))
+ON_ROCK = replace(LAYERED, inverse_depth=1.0 / 1.5)
+
+
+@pytest.fixture(scope="module")
+def library() -> SurrogateLibrary:
+    return SurrogateLibrary()
+
+
+@pytest.fixture
+def response(library: SurrogateLibrary) -> GroundResponse:
+    problem = PlateProblem("rigid-rough", 0.35, tuple(r / RADIUS for r in OFFSETS))
+    return GroundResponse(library.get(problem, None), Instrument(RADIUS), OFFSETS)
+
+
+def moved(ground: Ground, step: float) -> list[Ground]:
+    """Grounds a small step away, one a parameter."""
+    found = [
+        replace(ground, modulus=ground.modulus * (1 + step)),
+        replace(ground, viscosity=ground.viscosity * (1 + step)),
+        replace(ground, density=ground.density * (1 + step)),
+    ]
+    if ground.inverse_depth > 0.0:
+        found.append(replace(ground, inverse_depth=ground.inverse_depth * (1 + step)))
+    for name in ("modulus", "viscosity", "density", "thickness"):
+        for medium in ground.above:
+            value = getattr(medium, name) * (1 + step)
+            found.append(replace(ground, above=(replace(medium, **{name: value}),)))
+    return found
+
+
+@pytest.mark.parametrize("ground", [BELOW, replace(BELOW, inverse_depth=1.0), LAYERED, ON_ROCK])
+def test_a_small_step_by_derivatives_is_the_step(response: GroundResponse, ground: Ground) -> None:
+    step = 1e-3
+    here = response.compliance(ground, S)
+    near = moved(ground, step)
+    exact = [GroundResponse.compliance(response, other, S) for other in near]
+    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    fresh.prime(ground, near, S)
+    for other, expected in zip(near, exact, strict=True):
+        change = expected - here
+        found = fresh.compliance(other, S) - fresh.compliance(ground, S)
+        # The fast rule's derivatives are right to 0.6 % of the largest (docs/layers.md).
+        assert np.abs(found - change).max() < 0.012 * np.abs(change).max()
+
+
+def test_one_call_serves_all_steps(
+    response: GroundResponse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solves = 0
+
+    def counted(*arguments: object) -> object:
+        nonlocal solves
+        solves += 1
+        return solve(*arguments)
+
+    solve = module.layered_transfer
+    monkeypatch.setattr(module, "layered_transfer", counted)
+    near = moved(LAYERED, 1e-4)
+    response.prime(LAYERED, near, S)
+    for other in (LAYERED, *near):
+        response.compliance(other, S)
+    assert solves == 0
+
+
+def test_another_mass_and_the_step_onto_rock_are_solved(response: GroundResponse) -> None:
+    others = [replace(LAYERED, plate_mass=20.0), replace(LAYERED, inverse_depth=1e-3)]
+    response.prime(LAYERED, [*others, *moved(LAYERED, 1e-4)], S)
+    lone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    for other in others:
+        np.testing.assert_array_equal(response.compliance(other, S), lone.compliance(other, S))
+
+
+def test_a_medium_like_the_ground_below_is_that_ground(response: GroundResponse) -> None:
+    same = replace(BELOW, above=(Medium(4e7, 5e4, 1900.0, 0.35, 0.3),))
+    expected = response.compliance(BELOW, S)
+    found = response.compliance(same, S)
+    # The tables of homogeneous ground are right to some 1e-4 of the response at rest.
+    assert np.abs(found - expected).max() < 1.5e-3 * np.abs(expected).max()
+
+
+def test_what_is_remembered_is_bounded(response: GroundResponse) -> None:
+    for number in range(module._REMEMBERED + 20):
+        response.compliance(replace(BELOW, modulus=4e7 + number), S)
+    assert len(response._known) == module._REMEMBERED
+
+
+def test_another_record_length_is_another_response(response: GroundResponse) -> None:
+    longer = DampedTransform(0.06, 500.0).s[: S.size]
+    short, long = response.compliance(BELOW, S), response.compliance(BELOW, longer)
+    assert np.abs(short - long).max() > 0.01 * np.abs(short).max()
