@@ -323,10 +323,20 @@ class DropModel:
         whiteners = self._whiteners.get(scope)
         if whiteners is None:
             moving = (np.arange(part.start, part.stop) >= self.before).astype(float)
+            # Too short a rest tells no noise: then it counts no more than the rest of the record.
             whiteners = tuple(
-                channel.whitener(part, np.hypot(floor * moving, quantum))
-                for channel, floor, quantum in zip(
-                    self.channels, self._floor, self.drop.quantisation, strict=True
+                channel.whitener(
+                    part,
+                    np.hypot(
+                        floor * (moving if noise.model.samples else np.ones_like(moving)), quantum
+                    ),
+                )
+                for channel, noise, floor, quantum in zip(
+                    self.channels,
+                    self.drop.channels,
+                    self._floor,
+                    self.drop.quantisation,
+                    strict=True,
                 )
             )
             self._whiteners[scope] = whiteners
