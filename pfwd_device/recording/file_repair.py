@@ -1,5 +1,6 @@
 """The published files of a survey: verified, listed, made again, or taken out of the way."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ class FileRepair:
         """What was done with files other than those of drops."""
         self._log = log
         self._layout = log.layout
+        self._folder = str(log.layout.folder)
         self._storage = log.storage
         self._index = index
         self._helper = helper
@@ -59,13 +61,13 @@ class FileRepair:
         made: list[int] = []
         failures = 0
         for number, drop in sorted(self._index.drops.items()):
-            path = self._layout.drop_file(number)
             listed = self._index.files.get(self._layout.drop_file_name(number))
-            if listed is not None and self._is_sound(listed, path):
+            if listed is not None and self._is_sound(listed):
                 self.sound.add(listed.path)
                 continue
             if not publish or failures == MOST_FAILURES:
                 continue
+            path = self._layout.drop_file(number)
             if listed is not None and path.exists():
                 set_aside(self._layout, self._storage, path)
             try:
@@ -85,10 +87,9 @@ class FileRepair:
         for listed in list(self._index.files.values()):
             if not listed.path.startswith(("results/", "captures/")):
                 continue
-            path = self._layout.folder / listed.path
-            if self._is_sound(listed, path):
+            if self._is_sound(listed):
                 self.sound.add(listed.path)
-            elif not self._write_again(listed, path):
+            elif not self._write_again(listed, self._layout.folder / listed.path):
                 self.damaged.append(f"{listed.path} is damaged or missing")
         for folder in (self._layout.results, self._layout.captures):
             for name in names_in(folder):
@@ -102,13 +103,15 @@ class FileRepair:
                 set_aside(self._layout, self._storage, path)
                 self.actions.append(f"{path.name} holds no drop and was moved to damaged")
 
-    def _is_sound(self, listed: FileEntry, path: Path) -> bool:
+    def _is_sound(self, listed: FileEntry) -> bool:
         try:
-            if path.stat().st_size != listed.size:
+            # A Path costs more than the call to the system, and a survey has many files.
+            if os.stat(f"{self._folder}/{listed.path}").st_size != listed.size:
                 return False
             if not self._thorough:
                 return True
-            return bool(file_facts(self._layout, path)["sha256"] == listed.sha256)
+            facts = file_facts(self._layout, self._layout.folder / listed.path)
+            return bool(facts["sha256"] == listed.sha256)
         except OSError:
             return False
 

@@ -111,7 +111,7 @@ def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
     return frames, damage
 
 
-def scan(stream: BinaryIO, size: int | None = None) -> Iterator[Frame | Damage]:
+def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[Frame | Damage]:
     """Records and damaged stretches in the order of the file, without gaps between them.
 
     At most one payload and 1 MiB are in memory. After damage the scan goes on with the next
@@ -122,10 +122,12 @@ def scan(stream: BinaryIO, size: int | None = None) -> Iterator[Frame | Damage]:
     stream : readable and seekable
     size : int, optional
         Bytes to look at; by default up to the end as it is now.
+    start : int
+        Where to begin.
     """
     if size is None:
         size = stream.seek(0, io.SEEK_END)
-    position = bad = 0
+    position = bad = start
     # Crafted headers, each promising a long payload, would cost the square of the file's size.
     patience = 16 * size + 4 * LARGEST_PAYLOAD
     while position < size:

@@ -1,25 +1,45 @@
 """What the records of a survey add up to: points, drops, files, and what is missing."""
 
+import contextlib
+import gc
+import os
 import re
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.agreement import (
+    Agreed,
+    Disagreement,
+    agreed_records,
+    ledger_columns,
+)
+from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout
-from pfwd_device.recording.ledger import Entry, LedgerText, about_drop, read_about, read_ledger
-from pfwd_device.recording.payload import payload_data
+from pfwd_device.recording.ledger import (
+    Entry,
+    LedgerText,
+    about_drop,
+    ledger_data,
+    read_about,
+    read_ledger,
+)
+from pfwd_device.recording.payload import Payload, payload_data
 from pfwd_device.recording.record import point_name
+from pfwd_device.recording.usual_records import usual_file, usual_rebound
 
 EDITS = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
 """What can be said of a point or drop later; nothing that was recorded changes."""
 
 LARGEST_NUMBER = 10**9
 """No survey has as many drops, records of as many kinds, or a millionth of as many records."""
+
+_DROP, _REBOUND, _FILES, _CLOSE = map(int, (Kind.DROP, Kind.REBOUND, Kind.FILE, Kind.CLOSE))
+"""Numbers alone: a survey has many records, and a member of an enumeration takes longer."""
 
 _FILE = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
@@ -60,6 +80,10 @@ class FileEntry:
     number: int | None
     """Survey-wide number of the drop."""
     entry: Entry
+
+
+FileStates = tuple[tuple[str, int, int, int, int, int], ...]
+"""Of every file name, device, number, size (bytes), and times of the last changes (ns)."""
 
 
 class _Numbers:
@@ -165,8 +189,21 @@ class Index:
             self._add(entry, data)
         except (KeyError, TypeError, ValueError, AttributeError) as err:
             raise RecordingError(f"record {entry.sequence}: unexpected data, {err!r}") from err
+        self._added(entry)
+
+    def add_file(self, entry: Entry, facts: tuple[str, int, str, int | None]) -> None:
+        """As :meth:`add`, for the record of a file that is written as usual."""
+        self.files[facts[0]] = FileEntry(*facts, entry)
+        self._added(entry)
+
+    def add_rebound(self, entry: Entry, number: int) -> None:
+        """As :meth:`add`, for the record of a rebound of the drop with this number."""
+        self.rebounds.setdefault(number, []).append(entry)
+        self._added(entry)
+
+    def _added(self, entry: Entry) -> None:
         self.entries[entry.sequence] = entry
-        self.closed = entry.kind == Kind.CLOSE
+        self.closed = entry.kind == _CLOSE
 
     def relocate(self, moved: Mapping[int, Entry]) -> None:
         """Take in the new places of records, by sequence number."""
@@ -292,6 +329,18 @@ def build_index(layout: Layout) -> Index:
     return index
 
 
+def file_states(layout: Layout) -> FileStates:
+    """What changes in ledger and journal when somebody writes to them; raises OSError."""
+    paths = [layout.ledger, *map(layout.segment, layout.segments())]
+    found = []
+    for path in paths:
+        said = os.lstat(path)
+        found.append(
+            (path.name, said.st_dev, said.st_ino, said.st_size, said.st_mtime_ns, said.st_ctime_ns)
+        )
+    return tuple(found)
+
+
 def read_index(layout: Layout) -> Index:
     """As :func:`build_index`, for reading: every byte is compared with its checksum all the same.
 
@@ -306,10 +355,23 @@ def read_index(layout: Layout) -> Index:
         As :func:`build_index`.
     """
     try:
-        found = _agreed_index(layout)
+        with no_collections():
+            found = _agreed_index(layout)
     except RecordingError:
         found = None  # whatever it is, it is found again
     return build_index(layout) if found is None else found
+
+
+@contextlib.contextmanager
+def no_collections() -> Iterator[None]:
+    """Python does not look for cycles meanwhile: an index has several 100,000 tuples and none."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def complete_keys(layout: Layout, index: Index) -> None:
@@ -334,34 +396,53 @@ def complete_keys(layout: Layout, index: Index) -> None:
 
 def _agreed_index(layout: Layout) -> Index | None:
     """What ledger and journal say when they agree; None or RecordingError when they do not."""
-    ledger = read_ledger(layout.ledger)
-    if ledger.survey is None or ledger.damaged:
+    try:
+        data = ledger_data(layout.ledger) or b""
+        columns = ledger_columns(data)
+        ledger = LedgerText(columns.survey, columns.entries, (), data=data)
+        index = Index(ledger=ledger, survey=columns.survey, keys_known=False)
+        for record in agreed_records(layout, columns):
+            if isinstance(record, Agreed):
+                _take_agreed(layout, index, *record)
+            else:
+                _take_next(layout, index, record)
+    except (Disagreement, OSError):
         return None
-    index = Index(ledger=ledger, survey=ledger.survey, keys_known=False)
-    lines = iter(ledger.entries)
-    for sequence, item in enumerate(scan_journal(layout), start=1):
-        if isinstance(item, Stretch):
-            return None
-        segment, frame = item
-        line = next(lines, None)
-        said = read_about(line.about) if line is not None and frame.kind == Kind.DROP else None
-        if said is None:
-            data = _wanted(frame)
-            about = about_of(frame.kind, data)
-        else:
-            data = {"number": said[0], "point": said[1], "drop": said[2]}
-            about = line.about if line is not None else "-"
-        entry = Entry(sequence, frame.kind, segment, frame.offset, frame.length, frame.check, about)
-        if line is None:  # another program is writing
-            index.unacknowledged.append(sequence)
-        elif line != entry:
-            return None
-        if frame.sequence != sequence or frame.identity != ledger.survey:
-            return None
-        if frame.kind == Kind.SURVEY:
+    return index
+
+
+def _take_agreed(layout: Layout, index: Index, entry: Entry, payload: memoryview) -> None:
+    """Take in a record that ledger and journal name alike."""
+    kind = entry.kind
+    if kind == _DROP:
+        about = read_about(entry.about)
+        if about is None:
+            raise Disagreement
+        index.add(entry, {"number": about[0], "point": about[1], "drop": about[2]})
+        return
+    if entry.about != "-":
+        raise Disagreement
+    if kind == _FILES and (facts := usual_file(payload)) is not None:
+        index.add_file(entry, facts)
+    elif kind == _REBOUND and (number := usual_rebound(payload)) is not None:
+        index.add_rebound(entry, number)
+    else:
+        data = _wanted(kind, payload)
+        if kind == Kind.SURVEY:
             _check_version(layout, data)
         index.add(entry, data)
-    return index if next(lines, None) is None else None
+
+
+def _take_next(layout: Layout, index: Index, item: Located) -> None:
+    """Take in a record that the ledger does not name yet: another program is writing."""
+    frame = item.frame
+    if frame.sequence != len(index.entries) + 1 or frame.identity != index.survey:
+        raise Disagreement
+    data = _wanted(frame.kind, frame.payload)
+    if frame.kind == Kind.SURVEY:
+        _check_version(layout, data)
+    index.unacknowledged.append(frame.sequence)
+    index.add(_entry(item, about_of(frame.kind, data)), data)
 
 
 def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
@@ -413,15 +494,15 @@ def _scan(layout: Layout, index: Index) -> list[_Found]:
 def _reduced(item: Located) -> _Found:
     """What the index needs of a record, without metadata and arrays."""
     frame = item.frame
-    data = _wanted(frame)
+    data = _wanted(frame.kind, frame.payload)
     return _Found(_entry(item, about_of(frame.kind, data)), frame.identity, data)
 
 
-def _wanted(frame: Frame) -> dict[str, Any]:
-    wanted = _NEEDED.get(frame.kind)  # type: ignore[call-overload]
+def _wanted(kind: int, payload: Payload) -> dict[str, Any]:
+    wanted = _NEEDED.get(kind)  # type: ignore[call-overload]
     if wanted is None:
         return {}
-    data = payload_data(frame.payload)
+    data = payload_data(payload)
     return {key: data[key] for key in wanted if key in data}
 
 

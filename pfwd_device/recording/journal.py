@@ -3,7 +3,7 @@
 import contextlib
 import io
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording.framing import Damage, Frame, read_frame, scan
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage import Stamp, Storage
 
 LARGEST_SEGMENT = 256 * 2**20
 """Bytes after which a new segment begins: copies and looks at a segment stay quick."""
@@ -51,6 +51,8 @@ class _Segment:
     descriptor: int
     end: int
     """Bytes that it holds as far as this program knows."""
+    stamp: Stamp
+    """When this program has last written to it, or seen that its records are whole."""
 
 
 def open_segment(layout: Layout, number: int, storage: Storage) -> int:
@@ -107,10 +109,10 @@ class JournalWriter:
             if number != last:
                 with contextlib.suppress(OSError):  # then it cannot be read should it be deleted
                     descriptor = storage.open(layout.segment(number))
-                    self._earlier[number] = _Segment(descriptor, storage.size(descriptor))
+                    self._earlier[number] = self._segment(descriptor)
         if continued is not None:
             self._number, descriptor = continued
-            self._current = _Segment(descriptor, storage.size(descriptor))
+            self._current = self._segment(descriptor)
 
     def append(self, record: Record) -> Entry:
         """The record's entry for the ledger, once the record is on the disk.
@@ -180,15 +182,30 @@ class JournalWriter:
 
     def problem(self) -> str | None:
         """Why others do not find in the journal's folder what was written; None: they do."""
-        segments = dict(self._earlier)
-        if self._current is not None:
-            segments[self._number] = self._current
-        for number, segment in sorted(segments.items()):
+        for number, segment in sorted(self._open().items()):
             path = self._layout.segment(number)
             why = self._storage.misplaced(segment.descriptor, path, segment.end)
             if why is not None:
                 return f"journal/{why}"
         return None
+
+    def name_of(self, number: int) -> str:
+        """Path of a segment within the survey."""
+        return self._layout.relative(self._layout.segment(number))
+
+    def stamps_changed(self) -> dict[int, Stamp]:
+        """Segments whose stamp is another since this program has written to them, and which."""
+        found = {}
+        for number, segment in self._open().items():
+            stamp = self._storage.stamp(segment.descriptor)
+            if stamp != segment.stamp:
+                found[number] = stamp
+        return found
+
+    def accept_stamps(self, stamps: Mapping[int, Stamp]) -> None:
+        """Take these stamps of segments for this program's own: their records are whole."""
+        for number, segment in self._open().items():
+            segment.stamp = stamps.get(number, segment.stamp)
 
     def read(self, entry: Entry) -> Record | None:
         """A record from a segment that is still open, whatever its path leads to; None: damaged."""
@@ -214,6 +231,16 @@ class JournalWriter:
                 self._storage.close(segment.descriptor)
         self._earlier.clear()
 
+    def _segment(self, descriptor: int) -> _Segment:
+        storage = self._storage
+        return _Segment(descriptor, storage.size(descriptor), storage.stamp(descriptor))
+
+    def _open(self) -> dict[int, _Segment]:
+        """The segments that are open, by number."""
+        if self._current is None:
+            return self._earlier
+        return {**self._earlier, self._number: self._current}
+
     def _ready(self, length: int) -> _Segment:
         """The segment that takes a record of this length."""
         segment = self._current
@@ -233,10 +260,13 @@ class JournalWriter:
         except OSError:
             self._cut(segment)
             raise
+        # Before it waits for the disk: who writes meanwhile changes the stamp once more.
+        segment.stamp = self._storage.stamp(segment.descriptor)
 
     def _cut(self, segment: _Segment) -> None:
         try:
             self._storage.truncate(segment.descriptor, segment.end)
+            segment.stamp = self._storage.stamp(segment.descriptor)
         except OSError:
             self._leave(whole=False)
 
@@ -259,7 +289,7 @@ class JournalWriter:
         number = max([self._number, *self._layout.segments()]) + 1
         descriptor = self._storage.open(self._layout.segment(number), create=True)
         self._storage.lock(descriptor)  # nobody else can have a file that was made just now
-        self._number, self._current = number, _Segment(descriptor, 0)
+        self._number, self._current = number, self._segment(descriptor)
         try:
             self._storage.sync_directory(self._layout.journal)
         except OSError:

@@ -10,6 +10,8 @@ from pfwd_device.errors import RecordingError
 
 FORMAT_VERSION = 1
 
+_JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # of Windows alone
+
 
 @dataclass(frozen=True, slots=True)
 class Layout:
@@ -106,8 +108,8 @@ def refuse_links(layout: Layout) -> None:
     inner = (*layout.folders, layout.log)
     for folder in (layout.folder, *inner):
         for entry in _entries(folder):
-            path = Path(entry.path)
             if entry.is_symlink() or _is_junction(entry):
+                path = Path(entry.path)
                 expected = "a folder" if path in inner else "a file"
                 raise RecordingError(
                     f"{path}: expected {expected} of the survey, came a link; take it away, and "
@@ -152,18 +154,19 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 def _is_junction(entry: os.DirEntry[str]) -> bool:
     """Whether it is a folder's link of Windows, which does not count as a symbolic one."""
-    tag = getattr(entry.stat(follow_symlinks=False), "st_reparse_tag", 0)
-    return bool(tag) and tag == getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)
+    if _JUNCTION is None:  # elsewhere every look is a call to the system
+        return False
+    return getattr(entry.stat(follow_symlinks=False), "st_reparse_tag", 0) == _JUNCTION
 
 
 def names_in(folder: Path) -> list[str]:
     """Names in a folder, sorted; none when it does not exist."""
     try:
-        return sorted(path.name for path in folder.iterdir())
+        return sorted(os.listdir(folder))
     except OSError:
         return []
 
 
 def _numbers(folder: Path, pattern: str) -> set[int]:
-    matches = (re.fullmatch(pattern, name, re.ASCII) for name in names_in(folder))
+    matches = map(re.compile(pattern, re.ASCII).fullmatch, names_in(folder))
     return {int(match[1][:18]) for match in matches if match}

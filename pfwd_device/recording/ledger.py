@@ -11,13 +11,13 @@ import os
 import re
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
-from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.storage import Stamp, Storage
 from pfwd_device.text import clean
 
 LARGEST_LEDGER = 512 * 2**20
@@ -67,6 +67,8 @@ class LedgerText:
     """Numbers of the lines that are not, from 1."""
     missing: bool = False
     """There is no ledger."""
+    data: bytes | None = field(default=None, compare=False, repr=False)
+    """Its bytes, where they are known to be exactly these lines."""
 
 
 def head_line(survey: bytes) -> bytes:
@@ -89,7 +91,12 @@ def read_about(about: str) -> tuple[int, str, int] | None:
     match = _ABOUT.fullmatch(about)
     if match is None:
         return None
-    return int(match[1]), clean(unquote(match[2])), int(match[3])
+    return int(match[1]), _unquoted(match[2]), int(match[3])
+
+
+@lru_cache(maxsize=4096)
+def _unquoted(point: str) -> str:
+    return clean(unquote(point))
 
 
 def ledger_bytes(survey: bytes, entries: Iterable[Entry]) -> bytes:
@@ -100,14 +107,25 @@ def ledger_bytes(survey: bytes, entries: Iterable[Entry]) -> bytes:
 def read_ledger(path: Path) -> LedgerText:
     """The ledger at `path`; damage is told, never raised."""
     try:
-        if os.path.getsize(path) > LARGEST_LEDGER:
-            return LedgerText(None, (), (1,))
-        data = path.read_bytes()
+        data = ledger_data(path)
     except FileNotFoundError:
         return LedgerText(None, (), (), missing=True)
     except OSError:
-        return LedgerText(None, (), (1,))
-    return parse_ledger(data)
+        data = None
+    return LedgerText(None, (), (1,)) if data is None else parse_ledger(data)
+
+
+def ledger_data(path: Path) -> bytes | None:
+    """The bytes of a ledger; None: more than a ledger has. Raises OSError."""
+    return None if os.path.getsize(path) > LARGEST_LEDGER else path.read_bytes()
+
+
+def head_survey(line: bytes) -> bytes | None:
+    """Identity of the survey in the first line, without its end; None when that is damaged."""
+    head = _HEAD.fullmatch(_text(line))
+    if head is None or head_line(bytes.fromhex(head[1])) != line + b"\n":
+        return None
+    return bytes.fromhex(head[1])
 
 
 def parse_ledger(data: bytes) -> LedgerText:
@@ -120,10 +138,9 @@ def parse_ledger(data: bytes) -> LedgerText:
         if entry is not None:
             entries.append(entry)
             continue
-        head = _HEAD.fullmatch(_text(line)) if number == 1 else None
-        if head is not None and head_line(bytes.fromhex(head[1])) == line + b"\n":
-            survey = bytes.fromhex(head[1])
-        else:
+        if number == 1:
+            survey = head_survey(line)
+        if number > 1 or survey is None:
             damaged.append(number)
     if not data:
         damaged.append(1)
@@ -133,13 +150,22 @@ def parse_ledger(data: bytes) -> LedgerText:
 class LedgerWriter:
     """Appends lines; after a failure the next one first puts a whole new ledger in place."""
 
-    def __init__(self, path: Path, survey: bytes, entries: list[Entry], storage: Storage) -> None:
+    def __init__(
+        self,
+        path: Path,
+        survey: bytes,
+        entries: list[Entry],
+        storage: Storage,
+        data: bytes | None = None,
+    ) -> None:
         self._path = path
+        self._data = data
         self._survey = survey
         self._storage = storage
         self._entries = entries
         self._descriptor: int | None = None
         self._end = 0
+        self._stamp: Stamp | None = None
         self.doubtful: Entry | None = None
         """The line of a failed append that the disk may hold, until the ledger is rewritten."""
         self._in_place = True
@@ -153,6 +179,7 @@ class LedgerWriter:
         self.doubtful = entry
         try:
             self._storage.write_at(self._descriptor, line, self._end)
+            self._stamp = self._storage.stamp(self._descriptor)
         except OSError:
             self.doubtful = None  # a line in part is none
             self._cut()
@@ -177,11 +204,29 @@ class LedgerWriter:
         """Why others do not find in the ledger's place what was written; None: they do."""
         if self._descriptor is None:  # the next line puts a whole ledger in place
             return None
-        return self._storage.misplaced(self._descriptor, self._path, self._end)
+        why = self._storage.misplaced(self._descriptor, self._path, self._end)
+        return why if why is not None else self._changed()
+
+    def _changed(self) -> str | None:
+        """Why the lines are not those that were written, though their length is the same."""
+        assert self._descriptor is not None
+        stamp = self._storage.stamp(self._descriptor)
+        if stamp == self._stamp:
+            return None
+        whole = ledger_bytes(self._survey, self._entries)
+        try:
+            there = self._storage.read_at(self._descriptor, self._end, 0)
+        except OSError as err:
+            return f"{self._path.name} cannot be read any more ({err.strerror or err})"
+        if there != whole:
+            return f"{self._path.name} was written over by another program"
+        self._stamp = stamp
+        return None
 
     def replace(self, entries: list[Entry]) -> None:
         """Put a whole ledger of these entries in place; raises OSError."""
         self.close()
+        self._data = None
         self._rewrite(entries)
         self._entries = entries
 
@@ -195,15 +240,18 @@ class LedgerWriter:
     def forget(self, sequence: int) -> None:
         """Take no line of this number or later for written; the next one rewrites the ledger."""
         self.close()
+        self._data = None
         while self._entries and self._entries[-1].sequence >= sequence:
             self._entries.pop()
 
     def _reopen(self) -> None:
-        whole = ledger_bytes(self._survey, self._entries)
+        # What is known of the beginning holds until the first line is added.
+        whole, self._data = self._data or ledger_bytes(self._survey, self._entries), None
         if not (self._in_place and self._path.exists() and self._path.read_bytes() == whole):
             self._rewrite(self._entries)
         self._descriptor = self._storage.open(self._path)
         self._end = len(whole)
+        self._stamp = None  # compared when it is looked at next
 
     def _rewrite(self, entries: list[Entry]) -> None:
         # Until its name is on the disk, an earlier ledger may come back, whatever can be read now.
@@ -216,6 +264,7 @@ class LedgerWriter:
         assert self._descriptor is not None
         try:
             self._storage.truncate(self._descriptor, self._end)
+            self._stamp = self._storage.stamp(self._descriptor)
         except OSError:
             self.close()
 

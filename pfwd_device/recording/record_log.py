@@ -57,10 +57,14 @@ class RecordFiles:
         storage: Storage,
         *,
         entries: list[Entry],
+        ledger: bytes | None = None,
         continued: tuple[int, int] | None = None,
+        lost: Iterable[int] = (),
     ) -> None:
+        self.lost = set(lost)
+        """Sequence numbers of acknowledged records that were not here any more when it began."""
         self._journal = JournalWriter(layout, storage, continued=continued)
-        self._ledger = LedgerWriter(layout.ledger, survey, entries, storage)
+        self._ledger = LedgerWriter(layout.ledger, survey, entries, storage, ledger)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -96,7 +100,21 @@ class RecordFiles:
 
     def problem(self) -> str | None:
         """Why others do not find what was written; None: they do."""
-        return self._journal.problem() or self._ledger.problem()
+        return self._journal.problem() or self._overwritten() or self._ledger.problem()
+
+    def _overwritten(self) -> str | None:
+        """Why the records are not those that were written, though the length is the same."""
+        changed = self._journal.stamps_changed()
+        if not changed:
+            return None
+        for entry in self._ledger.entries:
+            if entry.segment not in changed or entry.sequence in self.lost:
+                continue
+            if self._journal.read(entry) is None:
+                name = self._journal.name_of(entry.segment)
+                return f"{name} was written over by another program ({_name_of(entry)})"
+        self._journal.accept_stamps(changed)
+        return None
 
     def read(self, entry: Entry) -> Record | None:
         """A record, whatever its path leads to by now; None: it cannot be read."""
@@ -120,6 +138,10 @@ class RecordLog:
     storage : Storage
     entries : list of Entry
         What is acknowledged already.
+    ledger : bytes, optional
+        The same as it stands in the ledger, which is not made anew from `entries` then.
+    lost : iterable of int
+        Sequence numbers of those among them that the journal does not hold any more.
     continued : (int, int), optional
         Number and descriptor of the segment to go on with.
     lock : SurveyLock
@@ -133,6 +155,8 @@ class RecordLog:
         storage: Storage,
         *,
         entries: list[Entry],
+        ledger: bytes | None = None,
+        lost: Iterable[int] = (),
         continued: tuple[int, int] | None,
         lock: SurveyLock,
     ) -> None:
@@ -161,7 +185,15 @@ class RecordLog:
         self._next_try = 0.0
         self._told_problem: str | None = None
         try:
-            self._home = RecordFiles(layout, survey, storage, entries=entries, continued=continued)
+            self._home = RecordFiles(
+                layout,
+                survey,
+                storage,
+                entries=entries,
+                ledger=ledger,
+                continued=continued,
+                lost=lost,
+            )
         except OSError as err:
             raise refused(err, "the journal") from err
 
@@ -364,6 +396,7 @@ class RecordLog:
         except BaseException:
             files.close()
             raise
+        files.lost = {entry.sequence for entry in lost}
         self._home.close()
         self._home = files
         moved = there | again

@@ -4,6 +4,7 @@ import base64
 import contextlib
 import os
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,13 @@ from pfwd_device.recording.drop_payload import (
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import keep_copy, now
 from pfwd_device.recording.framing import Kind
-from pfwd_device.recording.index import Index, about_of, damage_key, read_index
+from pfwd_device.recording.index import (
+    Index,
+    about_of,
+    build_index,
+    damage_key,
+    read_index,
+)
 from pfwd_device.recording.journal import open_segment, read_record
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
@@ -95,7 +102,7 @@ def recover(
     try:
         for path in layout.folders:
             storage.make_folder(path)
-        log, index, actions = begin(layout, storage, helper, lock, spare)
+        log, index, actions = begin(layout, storage, helper, lock, spare, read=build_index)
         report = repair(log, index, helper, thorough=True)
         if not index.closed:
             log.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
@@ -143,11 +150,13 @@ def begin(
     spare: SpareFolder | None = None,
     *,
     fall_back: bool = False,
+    read: Callable[[Layout], Index] = read_index,
 ) -> tuple[RecordLog, Index, list[str]]:
     """Journal and ledger ready to be appended to, and what was brought home.
 
     Torn ends are cut, the ledger is put right. With `fall_back` the spare folder takes what the
-    survey's own refuses from then on. Raises OSError or RecordingError.
+    survey's own refuses from then on. `read` gives what is there, once nobody else can write;
+    :func:`build_index` looks at the content of every record. Raises OSError or RecordingError.
     """
     segments = layout.segments()
     continued: tuple[int, int] | None = None
@@ -155,7 +164,7 @@ def begin(
         # First of all: while another program has it open, nothing is to be cut.
         continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
-        log, index = _begin(layout, storage, helper, lock, spare, continued)
+        log, index = _begin(layout, storage, helper, lock, spare, continued, read)
     except BaseException:
         if continued is not None:
             with contextlib.suppress(OSError):
@@ -186,8 +195,9 @@ def _begin(
     lock: SurveyLock,
     spare: SpareFolder | None,
     continued: tuple[int, int] | None,
+    read: Callable[[Layout], Index],
 ) -> tuple[RecordLog, Index]:
-    index = read_index(layout)
+    index = read(layout)
     if index.survey is None:
         index.survey = (
             _survey_of_files(layout, helper)
@@ -199,12 +209,15 @@ def _begin(
             _cut(layout, storage, stretch.segment, stretch.damage.offset, stretch.damage.length)
     _sync_journal(layout, storage, index)
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
-    _repair_ledger(layout, storage, index, entries)
+    data = _repair_ledger(layout, storage, index, entries)
+    index.ledger = replace(index.ledger, data=None)  # of no use any more, and large
     log = RecordLog(
         layout,
         index.survey,
         storage,
         entries=entries,
+        ledger=data,
+        lost=index.lost,
         continued=continued,
         lock=lock,
     )
@@ -310,13 +323,17 @@ def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
     storage.sync_directory(layout.journal)
 
 
-def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> None:
+def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> bytes:
+    """What is in the ledger now."""
     assert index.survey is not None
-    whole = ledger_bytes(index.survey, entries)
+    ledger = index.ledger
+    known = ledger.survey == index.survey and ledger.entries == tuple(entries)
+    whole = (ledger.data if known else None) or ledger_bytes(index.survey, entries)
     if index.ledger.missing or layout.ledger.read_bytes() != whole:
         if index.ledger.damaged:
             keep_copy(layout, storage, layout.ledger, layout.ledger.name)
         storage.write_file(layout.ledger, whole)
+    return whole
 
 
 def _wait_for_publisher(layout: Layout) -> None:

@@ -21,6 +21,14 @@ _NO_LINK = getattr(
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
+Stamp = tuple[int, int]
+"""Times (ns) of the last change of a file's content, and of what is known of it.
+
+An equal stamp does not say that nobody wrote: the clock of a file system may stand still for 4 ms,
+or 2 s. Another one does not say that somebody did. Content decides.
+"""
+
+
 class Storage:
     """Writes files so that a power cut is survived; nothing here is buffered.
 
@@ -110,6 +118,11 @@ class Storage:
     def names(self, descriptor: int) -> int:
         """How many names the file has: 0 when it was deleted, 2 when it was linked."""
         return os.fstat(descriptor).st_nlink
+
+    def stamp(self, descriptor: int) -> Stamp:
+        """What changes when anybody writes to the file, and hardly ever otherwise."""
+        said = os.fstat(descriptor)
+        return said.st_mtime_ns, said.st_ctime_ns
 
     def misplaced(self, descriptor: int, path: Path, end: int) -> str | None:
         """Why the file at `path` is not the open one with `end` bytes; None when it is."""

@@ -15,7 +15,14 @@ from pfwd_device.recording.drop_payload import (
 )
 from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.framing import Frame, Kind
-from pfwd_device.recording.index import DropEntry, Index, read_index
+from pfwd_device.recording.index import (
+    DropEntry,
+    FileStates,
+    Index,
+    file_states,
+    no_collections,
+    read_index,
+)
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
@@ -105,7 +112,7 @@ class SurveyPoint:
 class Survey:
     """What a survey holds; made by :func:`read_survey`."""
 
-    def __init__(self, layout: Layout, index: Index) -> None:
+    def __init__(self, layout: Layout, index: Index, states: FileStates | None = None) -> None:
         self.folder = layout.folder
         self.info: dict[str, Any] = dict(index.info)
         """``created_utc``, ``software``, ``format_version``."""
@@ -114,6 +121,7 @@ class Survey:
         """What is lost, a short text each; ``check`` tells more."""
         self._layout = layout
         self._index = index
+        self._states = states
         self._edits: dict[tuple[str, object], list[dict[str, Any]]] = {}
         for edit in index.edits:
             key = "number" if edit.get("number") is not None else "point"
@@ -127,6 +135,17 @@ class Survey:
         """All drops by survey-wide number."""
         self.points: tuple[SurveyPoint, ...] = self._points(found)
         """In order."""
+
+    def index_if_unchanged(self) -> Index | None:
+        """What was read, for who writes next; None: ledger or journal have changed since.
+
+        To be asked while nobody else can write. What is read once more a second later would be no
+        safer than this: whatever changes a byte changes the time of the change.
+        """
+        try:
+            return self._index if self._states == file_states(self._layout) else None
+        except OSError:
+            return None
 
     @property
     def events(self) -> tuple[dict[str, Any], ...]:
@@ -349,7 +368,12 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
             f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
         )
     refuse_special_files(layout)
-    return Survey(layout, read_index(layout))
+    try:
+        states = file_states(layout)  # before: what changes while it is read has changed since
+    except OSError:
+        states = None
+    with no_collections():
+        return Survey(layout, read_index(layout), states)
 
 
 def _in_order(paths: list[Path]) -> tuple[Path, ...]:

@@ -5,7 +5,7 @@ import hashlib
 import logging
 import os
 import queue
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +17,7 @@ from pfwd_device.recording.drop_payload import drop_parts, rebound_payload
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
-from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys
+from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
@@ -102,6 +102,7 @@ class SurveyWriter:
         spare: SpareFolder | None = None,
         fall_back: bool = True,
         edits_only: bool = False,
+        known: Survey | None = None,
     ) -> Self:
         """Begin a survey in `folder`, or continue the one that is there.
 
@@ -125,6 +126,9 @@ class SurveyWriter:
             Records that the folder does not take go to the spare folder; else they are refused.
         edits_only : bool
             No drops are to be saved: what identifies them on the instrument is not read beforehand.
+        known : Survey, optional
+            The survey as it was read just now, which is not read again unless it has changed since.
+            It is not to be used afterwards.
 
         Raises
         ------
@@ -146,7 +150,15 @@ class SurveyWriter:
         try:
             for path in layout.folders:
                 storage.make_folder(path)
-            log, index, actions = begin(layout, storage, helper, lock, spare, fall_back=fall_back)
+            log, index, actions = begin(
+                layout,
+                storage,
+                helper,
+                lock,
+                spare,
+                fall_back=fall_back,
+                read=_reader_of(known, layout),
+            )
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
             report = repair(log, index, helper, publish=publish)
@@ -506,3 +518,13 @@ class SurveyWriter:
             whole = dict(data) | {"time_utc": now()}
             entry = self._records.append(kind, whole)
             self._index.add(entry, whole)
+
+
+def _reader_of(known: Survey | None, layout: Layout) -> Callable[[Layout], Index]:
+    """What gives the index once nobody else can write."""
+
+    def read(asked: Layout) -> Index:
+        found = known.index_if_unchanged() if known and known.folder == layout.folder else None
+        return read_index(asked) if found is None else found
+
+    return read

@@ -67,7 +67,12 @@ def edit_survey(
     if not edits:
         return survey
     with SurveyWriter.open(
-        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
+        folder,
+        publish=False,
+        spare=spare_folder(),
+        fall_back=False,
+        edits_only=True,
+        known=survey,
     ) as writer:
         for edit in edits:
             name = None if number is not None else chosen.name

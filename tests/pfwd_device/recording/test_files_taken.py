@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,6 +53,21 @@ def delete(path: Path) -> None:
     shutil.rmtree(path.with_name("deleted"))
 
 
+def write_over(path: Path, at: int, length: int) -> None:
+    """Other bytes in place, the length as it was, at another time than the writer's own."""
+    before = path.stat()
+    with path.open("r+b") as stream:
+        stream.seek(at)
+        old = stream.read(length)
+        assert len(old) == length
+        while path.stat().st_mtime_ns == before.st_mtime_ns:  # the clock of files has ticks
+            time.sleep(0.002)
+            stream.seek(at)
+            stream.write(bytes(byte ^ 0x15 for byte in old))
+            stream.flush()
+    assert path.stat().st_size == before.st_size
+
+
 ATTACKS: dict[str, Callable[[Path], None]] = {
     "folder deleted": delete,
     "folder moved away": lambda survey: os.rename(survey, survey.with_name("moved")),
@@ -67,6 +83,11 @@ ATTACKS: dict[str, Callable[[Path], None]] = {
     "journal emptied": lambda survey: os.truncate(survey / "journal" / "0001.pfwdj", 0),
     "ledger cut": lambda survey: os.truncate(survey / "acknowledged.txt", 60),
     "journal written to": lambda survey: append(survey / "journal" / "0001.pfwdj", b"x" * 500),
+    "journal written over": lambda survey: write_over(survey / "journal" / "0001.pfwdj", 1000, 300),
+    "journal's first record written over": (
+        lambda survey: write_over(survey / "journal" / "0001.pfwdj", 0, 60)
+    ),
+    "ledger written over": lambda survey: write_over(survey / "acknowledged.txt", 70, 20),
     "ledger written to": lambda survey: append(survey / "acknowledged.txt", b"1 2 3\n"),
     "drop files deleted": lambda survey: shutil.rmtree(survey / "drops", ignore_errors=True),
 }
@@ -134,6 +155,96 @@ def test_what_is_taken_away_is_put_back_before_the_next_drop(tmp_path: Path, att
         assert digests(survey) == expected
         writer.look_after()
         assert writer.take_reports() == []
+
+
+class TickingStorage(Storage):
+    """Stamps that say nothing: another one at every look, as if somebody wrote all the time."""
+
+    looks = 0
+
+    def stamp(self, descriptor: int) -> tuple[int, int]:
+        self.looks += 1
+        return self.looks, self.looks
+
+
+class CoarseStorage(Storage):
+    """Times in steps of 2 s, as FAT has them."""
+
+    def stamp(self, descriptor: int) -> tuple[int, int]:
+        step = 2 * 10**9
+        first, second = super().stamp(descriptor)
+        return first // step * step, second // step * step
+
+
+@pytest.mark.parametrize("storage", [TickingStorage(), CoarseStorage()])
+def test_times_of_files_alone_raise_no_alarm(tmp_path: Path, storage: Storage) -> None:
+    survey = tmp_path / "survey"
+    helper = InlinePublisher(storage)
+    with SurveyWriter.open(survey, storage=storage, publisher=helper, reserve_bytes=0) as writer:
+        for number in range(1, 6):
+            save(writer, number)
+            writer.publish(number)
+            writer.look_after()
+        assert writer.take_reports() == []
+    assert check(survey).ok
+    assert len(list((survey / "journal").iterdir())) == 1
+
+
+def test_what_changes_times_and_no_bytes_raises_no_alarm(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        for path in (survey / "journal" / "0001.pfwdj", survey / "acknowledged.txt"):
+            os.utime(path, (1, 1))
+            writer.look_after()
+            path.chmod(0o600)
+            writer.look_after()
+            write_over(path, 10, 5)
+            write_over(path, 10, 5)  # back again
+            writer.look_after()
+        save(writer, 2)
+        assert writer.take_reports() == []
+    assert len(list((survey / "journal").iterdir())) == 1
+
+
+def test_what_was_lost_before_raises_no_alarm(tmp_path: Path) -> None:
+    """Records that nobody could restore are named by every check, not by every drop."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        for number in (1, 2, 3):
+            save(writer, number)
+        shutil.rmtree(survey / "drops")
+    journal = survey / "journal" / "0001.pfwdj"
+    for path in (survey / "drops").glob("*.h5"):
+        path.unlink()
+    data = bytearray(journal.read_bytes())
+    data[1000] ^= 1
+    journal.write_bytes(data)
+    with open_writer(survey) as writer:
+        assert not writer.recovery.ok
+        os.utime(journal, (1, 1))
+        save(writer, 4)
+        writer.look_after()
+        assert writer.take_reports() == []
+
+
+def test_a_record_of_an_earlier_day_that_is_written_over_is_told(tmp_path: Path) -> None:
+    """It is not in memory any more: what cannot be written again is named at once."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        for number in (1, 2, 3):
+            save(writer, number)
+    with open_writer(survey) as writer:
+        write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
+        save(writer, 4)
+        taken, again = writer.take_reports()
+        assert isinstance(taken, FilesTaken)
+        assert "NOT SAFE" in taken.text
+        assert "written over by another program" in taken.text
+        assert isinstance(again, FilesWrittenAgain)
+        assert again.lost == ("drop P 1/1",)
+    assert recover(survey).ok  # from its file
+    assert check(survey).ok
 
 
 def test_a_close_puts_back_what_was_taken_after_the_last_drop(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyWriter, index, read_survey
-from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import (
     Edit,
@@ -167,16 +166,21 @@ def test_what_is_said_later_applies(survey: Path) -> None:
 def test_an_edited_survey_is_shown_without_being_read_again(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scans: list[Layout] = []
-    scan = index.scan_journal
+    readings: list[str] = []
 
-    def noted(layout: Layout) -> object:
-        scans.append(layout)
-        return scan(layout)
+    def note(name: str) -> None:
+        read = getattr(index, name)
 
-    monkeypatch.setattr(index, "scan_journal", noted)
+        def noted(*args: Any) -> object:
+            readings.append(name)
+            return read(*args)
+
+        monkeypatch.setattr(index, name, noted)
+
+    note("agreed_records")
+    note("scan_journal")
     shown = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
-    assert len(scans) == 2  # to see what the edit is about, and to write it
+    assert readings == ["agreed_records"]  # to see what the edit is about, and to write it
     assert shown == survey_overview(survey)
     assert shown[0]["drops"][1]["notes"] == ["wet"]
 
