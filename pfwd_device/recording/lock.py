@@ -3,7 +3,9 @@
 import contextlib
 import os
 import socket
+import sys
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -80,6 +82,40 @@ class SurveyLock:
                 f"since {datetime.now(UTC).isoformat(timespec='seconds')}\n"
             )
             self._storage.write_file(layout.writer, text.encode())
+
+
+@contextlib.contextmanager
+def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
+    """Nobody else has locked the file meanwhile; it is made where it is missing.
+
+    On POSIX systems closing the file unlocks it. A lock that is given back by a call of its own
+    stays with this program when that call fails, and the next one in the same program waits for it.
+
+    Raises
+    ------
+    TimeoutError
+        If somebody holds it for longer than `timeout` s.
+    OSError
+        If the file cannot be opened.
+    """
+    if sys.platform == "win32":
+        with FileLock(path, timeout=timeout, thread_local=False):
+            yield
+    else:
+        try:
+            descriptor = storage.open(path, create=True)
+        except FileExistsError:
+            descriptor = storage.open(path)
+        try:
+            deadline = time.monotonic() + timeout
+            while not storage.lock(descriptor):
+                if time.monotonic() >= deadline:
+                    raise Timeout(str(path))
+                time.sleep(_PAUSE)
+            yield
+        finally:
+            with contextlib.suppress(OSError):  # it is closed all the same, and nothing was in it
+                storage.close(descriptor)
 
 
 def _try(lock: FileLock) -> None:

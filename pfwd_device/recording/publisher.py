@@ -14,8 +14,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_file import (
     drop_digest,
@@ -31,6 +29,7 @@ from pfwd_device.recording.drop_payload import (
 )
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.lock import file_locked
 from pfwd_device.recording.payload import decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.storage import Storage, draft_of
@@ -59,9 +58,9 @@ def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
     if not layout.journal.is_dir():  # the lock would make the folder again
         raise RecordingError(f"{layout.journal}: expected the journal, came none")
     try:
-        with FileLock(layout.publish_lock, timeout=LOCK_TIMEOUT, thread_local=False):
+        with file_locked(layout.publish_lock, LOCK_TIMEOUT, storage):
             return publish(layout, drop, rebounds, storage, parent=request.get("parent"))
-    except Timeout as err:
+    except TimeoutError as err:
         raise RecordingError(
             f"{layout.publish_lock}: expected to be alone, came another program that publishes; "
             "end it and try again"

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
@@ -30,7 +28,7 @@ from pfwd_device.recording.index import (
 from pfwd_device.recording.journal import open_segment, read_record
 from pfwd_device.recording.layout import FORMAT_VERSION, Layout, refuse_links
 from pfwd_device.recording.ledger import Entry, ledger_bytes, read_about
-from pfwd_device.recording.lock import SurveyLock
+from pfwd_device.recording.lock import SurveyLock, file_locked
 from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import ChildPublisher, Publisher
 from pfwd_device.recording.record import Rebound
@@ -246,7 +244,7 @@ def repair(
     unlisted = set(index.unacknowledged)
     recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
     actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
-    _wait_for_publisher(layout)
+    _wait_for_publisher(layout, log.storage)
     files = FileRepair(log, index, helper, thorough=thorough)
     files.take_drafts_away()
     for number in _restorable(layout, index):
@@ -336,20 +334,18 @@ def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list
     return whole
 
 
-def _wait_for_publisher(layout: Layout) -> None:
+def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
     """The publisher of a killed program may be at its last file."""
     if not layout.publish_lock.exists():
         return
-    lock = FileLock(layout.publish_lock, timeout=PUBLISH_TIMEOUT, thread_local=False)
     try:
-        lock.acquire()
-    except Timeout as err:
+        with file_locked(layout.publish_lock, PUBLISH_TIMEOUT, storage):
+            pass
+    except TimeoutError as err:
         raise RecordingError(
             f"{layout.publish_lock}: expected to be free, came a program that still publishes; "
             "end it and try again"
         ) from err
-    with contextlib.suppress(OSError):  # nothing was done under it
-        lock.release()
 
 
 def _restorable(layout: Layout, index: Index) -> list[int]:

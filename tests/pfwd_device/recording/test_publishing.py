@@ -1,5 +1,6 @@
 """Drop files are made by another process, whose failures cost no drop."""
 
+import errno
 import subprocess
 import sys
 import time
@@ -17,10 +18,14 @@ from pfwd_device.recording import (
     Storage,
     SurveyWriter,
     check,
+    publisher,
     read_drop_file,
     read_survey,
     recover,
 )
+from pfwd_device.recording.files import publish_request
+from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.lock import file_locked
 from pfwd_device.recording.publisher import answer
 from pfwd_device.recording.publishing import ChildPublisher, InlinePublisher, PublishingThread
 
@@ -52,6 +57,43 @@ print(*({"h5py", "scipy", "textual", "inversion", "simulators"} & set(sys.module
         check=True,
     )
     assert (run.stdout, run.stderr) == ("\n", "")
+
+
+@pytest.mark.posix  # elsewhere a lock goes with the file as well, and nobody can refuse to unlock
+def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
+    tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    real = fcntl.flock
+    refused: list[int] = []
+
+    def flock(descriptor: int, what: int) -> None:
+        if what == fcntl.LOCK_UN:
+            refused.append(descriptor)
+            raise OSError(errno.EIO, "Input/output error")
+        real(descriptor, what)
+
+    with SurveyWriter.open(
+        tmp_path, publish=False, publisher=InlinePublisher(Storage()), reserve_bytes=0
+    ) as writer:
+        for number in (1, 2):
+            writer.save_drop(new_record(number))
+    monkeypatch.setattr(fcntl, "flock", flock)
+    monkeypatch.setattr(publisher, "LOCK_TIMEOUT", 0.5)
+    helper = InlinePublisher(Storage())
+    drops = read_survey(tmp_path)._index.drops
+    for number in (1, 2):
+        answered = helper.ask(publish_request(Layout(tmp_path), drops[number]))
+        assert answered["number"] == number
+    monkeypatch.undo()
+    monkeypatch.setattr(publisher, "LOCK_TIMEOUT", 0.0)
+    with (
+        file_locked(Layout(tmp_path).publish_lock, 0.0, Storage()),
+        pytest.raises(RecordingError, match="another program that publishes"),
+    ):
+        helper.ask(publish_request(Layout(tmp_path), drops[1]))
+    assert recover(tmp_path, publisher=helper).ok
 
 
 def test_the_child_publishes_and_compares(tmp_path: Path, new_record: NewRecord) -> None:
