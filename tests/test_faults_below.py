@@ -336,7 +336,15 @@ def test_a_replacement_can_be_made(name: str, tmp_path: Path) -> None:
 
 def _state_of(folder: Path) -> object:
     paths = [folder.parent, folder, *sorted(folder.rglob("*"))] if folder.exists() else []
-    return [(path, path.stat().st_ino, path.stat().st_size, path.stat().st_mode) for path in paths]
+    found = [(path, path.stat(), _content(path)) for path in paths]
+    return [(path, said.st_ino, said.st_size, said.st_mode, data) for path, said, data in found]
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes() if path.is_file() else None
+    except PermissionError:
+        return None
 
 
 def test_where_it_cannot_be_done_it_says_so(

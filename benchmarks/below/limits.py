@@ -85,8 +85,6 @@ LIMITS: Mapping[str, Limit] = {
     "survey deleted, program killed": Limit(_delete, killed=True),
     "journal cut, program killed": Limit(_cut, killed=True),
     "journal cut, drop files deleted, program killed": Limit(_cut_all, killed=True),
-    "journal overwritten while recording": Limit(_overwrite),
-    "journal overwritten, drop files deleted, while recording": Limit(_overwrite_both),
     "journal overwritten afterwards": Limit(_overwrite, afterwards=True),
     "journal overwritten, drop files deleted, afterwards": Limit(_overwrite_both, afterwards=True),
     "older copy of all afterwards": Limit(_go_back, afterwards=True),

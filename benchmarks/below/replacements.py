@@ -184,6 +184,23 @@ def _truncate_ledger(scene: Scene) -> None:
     os.truncate(scene.ledger, int(scene.ledger.stat().st_size * scene.rng.uniform(0.2, 0.9)))
 
 
+def _write_over_journal(scene: Scene) -> None:
+    """Other bytes in place; the length stays as it is."""
+    _write_over(scene, scene.segment())
+
+
+def _write_over_ledger(scene: Scene) -> None:
+    _write_over(scene, scene.ledger)
+
+
+def _write_over(scene: Scene, path: Path) -> None:
+    size = path.stat().st_size
+    length = int(scene.rng.integers(1, max(2, size // 4)))
+    with path.open("r+b") as stream:
+        stream.seek(int(scene.rng.integers(0, size - length + 1)))
+        stream.write(scene.rng.bytes(length))
+
+
 def _garbage_in_journal(scene: Scene) -> None:
     with scene.segment().open("ab") as stream:
         stream.write(scene.rng.bytes(int(scene.rng.integers(1, 5000))))
@@ -342,6 +359,8 @@ REPLACEMENTS: Mapping[str, Replacement] = {
     "journal truncated": Replacement(_truncate_journal),
     "journal emptied": Replacement(_empty_journal),
     "ledger truncated": Replacement(_truncate_ledger),
+    "journal written over in place": Replacement(_write_over_journal),
+    "ledger written over in place": Replacement(_write_over_ledger),
     "garbage in the journal": Replacement(_garbage_in_journal),
     "garbage in the ledger": Replacement(_garbage_in_ledger),
     "older copies by rename": Replacement(_older_by_rename),

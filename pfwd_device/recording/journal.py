@@ -53,6 +53,8 @@ class _Segment:
     """Bytes that it holds as far as this program knows."""
     stamp: Stamp
     """When this program has last written to it, or seen that its records are whole."""
+    doubtful: bool = False
+    """Somebody else may have written to it since its records were seen to be whole."""
 
 
 def open_segment(layout: Layout, number: int, storage: Storage) -> int:
@@ -198,14 +200,15 @@ class JournalWriter:
         found = {}
         for number, segment in self._open().items():
             stamp = self._storage.stamp(segment.descriptor)
-            if stamp != segment.stamp:
+            if segment.doubtful or stamp != segment.stamp:
                 found[number] = stamp
         return found
 
     def accept_stamps(self, stamps: Mapping[int, Stamp]) -> None:
         """Take these stamps of segments for this program's own: their records are whole."""
         for number, segment in self._open().items():
-            segment.stamp = stamps.get(number, segment.stamp)
+            if number in stamps:
+                segment.stamp, segment.doubtful = stamps[number], False
 
     def read(self, entry: Entry) -> Record | None:
         """A record from a segment that is still open, whatever its path leads to; None: damaged."""
@@ -255,18 +258,20 @@ class JournalWriter:
         return segment if segment is not None else self._begin_segment()
 
     def _write(self, segment: _Segment, data: bytes) -> None:
+        # What others wrote since it was looked at last would be covered by the stamp of this write.
+        segment.doubtful |= self._storage.stamp(segment.descriptor) != segment.stamp
         try:
             self._storage.write_at(segment.descriptor, data, segment.end)
         except OSError:
             self._cut(segment)
             raise
         # Before it waits for the disk: who writes meanwhile changes the stamp once more.
-        segment.stamp = self._storage.stamp(segment.descriptor)
+        segment.stamp = self._storage.mark(segment.descriptor)
 
     def _cut(self, segment: _Segment) -> None:
         try:
             self._storage.truncate(segment.descriptor, segment.end)
-            segment.stamp = self._storage.stamp(segment.descriptor)
+            segment.stamp = self._storage.mark(segment.descriptor)
         except OSError:
             self._leave(whole=False)
 

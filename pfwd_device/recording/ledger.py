@@ -178,8 +178,11 @@ class LedgerWriter:
         line = entry.line()
         self.doubtful = entry
         try:
+            # What others wrote since would be covered by the stamp of this write.
+            known = self._storage.stamp(self._descriptor) == self._stamp
             self._storage.write_at(self._descriptor, line, self._end)
-            self._stamp = self._storage.stamp(self._descriptor)
+            stamp = self._storage.mark(self._descriptor)
+            self._stamp = stamp if known else None
         except OSError:
             self.doubtful = None  # a line in part is none
             self._cut()
@@ -264,7 +267,7 @@ class LedgerWriter:
         assert self._descriptor is not None
         try:
             self._storage.truncate(self._descriptor, self._end)
-            self._stamp = self._storage.stamp(self._descriptor)
+            self._stamp = None
         except OSError:
             self.close()
 
