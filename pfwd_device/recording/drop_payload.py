@@ -37,6 +37,11 @@ def drop_parts(record: DropRecord) -> Parts:
     return data, arrays
 
 
+def is_trace(name: str) -> bool:
+    """Whether an array of a drop's record is one of its traces, in SI units."""
+    return name in ("time", "load") or name.startswith("sensor ")
+
+
 def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
     """The drop; RecordingError when data and arrays are not those of one."""
     try:

@@ -7,6 +7,7 @@ percent-encoded. The first line names the format and the survey.
 """
 
 import contextlib
+import errno
 import os
 import re
 import zlib
@@ -20,8 +21,9 @@ from urllib.parse import quote, unquote
 from pfwd_device.recording.storage import Stamp, Storage
 from pfwd_device.text import clean
 
-LARGEST_LEDGER = 512 * 2**20
-"""Bytes; a hundred times what ten years of drops take."""
+LARGEST_LEDGER = 24 * 2**20
+"""Bytes; ten times what a survey of 10,000 drops takes. A line takes ten times its length when
+it is read, so that more would not fit into 500 MB; a larger file is none of ours."""
 
 LONGEST_LINE = 4096
 
@@ -176,6 +178,8 @@ class LedgerWriter:
             self._reopen()
         assert self._descriptor is not None
         line = entry.line()
+        if self._end + len(line) > LARGEST_LEDGER:  # what is not read again is not written
+            raise OSError(errno.EFBIG, f"{self._path.name} is full: begin another survey")
         self.doubtful = entry
         try:
             # What others wrote since would be covered by the stamp of this write.
@@ -250,11 +254,16 @@ class LedgerWriter:
     def _reopen(self) -> None:
         # What is known of the beginning holds until the first line is added.
         whole, self._data = self._data or ledger_bytes(self._survey, self._entries), None
-        if not (self._in_place and self._path.exists() and self._path.read_bytes() == whole):
+        if not (self._in_place and self._holds(whole)):
             self._rewrite(self._entries)
         self._descriptor = self._storage.open(self._path)
         self._end = len(whole)
         self._stamp = None  # compared when it is looked at next
+
+    def _holds(self, whole: bytes) -> bool:
+        """Whether the file has these bytes; one of another size is not read."""
+        there = self._path.exists() and self._path.stat().st_size == len(whole)
+        return there and self._path.read_bytes() == whole
 
     def _rewrite(self, entries: list[Entry]) -> None:
         # Until its name is on the disk, an earlier ledger may come back, whatever can be read now.

@@ -12,7 +12,8 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -136,8 +137,16 @@ def _described_parts(
     return _LENGTH.pack(len(text)) + text, parts
 
 
-def decode_payload(payload: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+def decode_payload(
+    payload: bytes, wanted: Callable[[str], bool] = lambda _: True
+) -> tuple[dict[str, Any], dict[str, Array]]:
     """Data and arrays (read-only) of a payload.
+
+    Parameters
+    ----------
+    payload : bytes
+    wanted : callable
+        Whether an array is, by its name; nothing is unpacked behind the last that is.
 
     Raises
     ------
@@ -153,17 +162,24 @@ def decode_payload(payload: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     total = sum(size for *_, size in layout)
     if total > LARGEST_ARRAYS:
         raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {total}")
-    block = _unpacked(rest, total) if head.get("packed") is True else rest
-    if len(block) != total:
+    if len({name for name, *_ in layout}) != len(layout):
+        raise RecordingError("expected every array once, came a name twice")
+    ends = list(accumulate(size for *_, size in layout))
+    last = max((n for n, (name, *_) in enumerate(layout) if wanted(name)), default=-1)
+    needed = ends[last] if last >= 0 else 0
+    if head.get("packed") is not True:
+        block = rest
+    elif needed == total:
+        block = _unpacked(rest, total)
+    else:
+        block = _begin_of_unpacked(rest, needed)
+    if len(block) != (total if head.get("packed") is not True else needed):
         raise RecordingError(f"expected arrays of {total} bytes, came {len(block)}")
     arrays: dict[str, Array] = {}
-    position = 0
-    for name, dtype, shape, size in layout:
-        values = np.frombuffer(block, dtype, math.prod(shape), position)
-        arrays[name] = values.reshape(shape)
-        position += size
-    if len(arrays) != len(layout):
-        raise RecordingError("expected every array once, came a name twice")
+    for (name, dtype, shape, size), end in zip(layout, ends, strict=True):
+        if end <= needed and wanted(name):
+            values = np.frombuffer(block, dtype, math.prod(shape), end - size)
+            arrays[name] = values.reshape(shape)
     return _object(head.get("data")), arrays
 
 
@@ -211,6 +227,16 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
         raise RecordingError(f"array {name[:64]}: expected one or two lengths, came another shape")
     sides = tuple(shape)
     return name, dtype, sides, math.prod(sides) * np.dtype(dtype).itemsize
+
+
+def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
+    """The first bytes; what follows is not looked at: the record's checksum is of all of it."""
+    if not size:
+        return b""
+    try:
+        return zlib.decompressobj().decompress(packed, size)
+    except (zlib.error, MemoryError) as err:
+        raise RecordingError(f"expected compressed arrays, came {err}") from err
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:

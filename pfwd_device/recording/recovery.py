@@ -41,6 +41,10 @@ PUBLISH_TIMEOUT = 30.0
 """s; longer than the publisher of a killed program takes for the file in hand."""
 
 
+MOST_NAMED = 1000
+"""Lost records other than drops that are told one by one; nobody reads a list of 600,000."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
     """What recovery found and did."""
@@ -270,12 +274,17 @@ def repair(
 
 
 def lost_texts(index: Index) -> list[str]:
-    """A short text for everything acknowledged that is missing, by number."""
-    texts = [
-        f"{describe(entry)} is lost"
-        for number, entry in sorted(index.lost.items())
-        if number not in index.settled
-    ]
+    """A short text for everything acknowledged that is missing, by number.
+
+    Drops are always named each; of very many other records the first and the last are.
+    """
+    lost = [entry for number, entry in sorted(index.lost.items()) if number not in index.settled]
+    others = [entry.sequence for entry in lost if entry.kind != Kind.DROP]
+    if len(others) > MOST_NAMED:
+        lost = [entry for entry in lost if entry.kind == Kind.DROP]
+    texts = [f"{describe(entry)} is lost" for entry in lost]
+    if len(others) > MOST_NAMED:
+        texts.append(f"{len(others)} records between {others[0]} and {others[-1]} are lost")
     if index.gaps:
         first, last = index.gaps[0], index.gaps[-1]
         texts.append(f"{len(index.gaps)} records between {first} and {last} are lost unnamed")
@@ -327,11 +336,19 @@ def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list
     ledger = index.ledger
     known = ledger.survey == index.survey and ledger.entries == tuple(entries)
     whole = (ledger.data if known else None) or ledger_bytes(index.survey, entries)
-    if index.ledger.missing or layout.ledger.read_bytes() != whole:
+    if not _holds(layout.ledger, whole):
         if index.ledger.damaged:
             keep_copy(layout, storage, layout.ledger, layout.ledger.name)
         storage.write_file(layout.ledger, whole)
     return whole
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    """Whether a file has these bytes; one of another size is not read."""
+    try:
+        return path.stat().st_size == len(data) and path.read_bytes() == data
+    except FileNotFoundError:
+        return False
 
 
 def _wait_for_publisher(layout: Layout, storage: Storage) -> None:

@@ -3,13 +3,14 @@
 import hashlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
+    is_trace,
     rebound_from_payload,
     with_rebounds,
 )
@@ -80,9 +81,9 @@ class SurveyDrop:
         """
         return self._survey.read_drop(self.number)
 
-    def read_alone(self) -> DropRecord:
-        """As :meth:`read`, without the rebounds that were recorded after the drop itself."""
-        return self._survey.read_drop(self.number, rebounds=False)
+    def read_traces(self) -> DropRecord:
+        """As :meth:`read`, without rebounds and without what the converter gave."""
+        return self._survey.read_traces(self.number)
 
     def read_file(self) -> bytes | None:
         """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
@@ -164,14 +165,18 @@ class Survey:
             [self.folder / path for path in self._index.files if path.startswith("captures/")]
         )
 
-    def read_drop(self, number: int, *, rebounds: bool = True) -> DropRecord:
-        """The drop with this survey-wide number, with all its rebounds.
+    def read_traces(self, number: int) -> DropRecord:
+        """As :meth:`read_drop`, without rebounds and without what the converter gave."""
+        entry = self._index.drops.get(number)
+        if entry is not None:
+            try:
+                return self._from_journal(entry, traces=True)
+            except RecordingError:
+                pass  # damaged since the survey was opened
+        return replace(self.read_drop(number), counts=None, rebounds=())
 
-        Parameters
-        ----------
-        number : int
-        rebounds : bool
-            Without, those that were recorded after the drop itself are not read.
+    def read_drop(self, number: int) -> DropRecord:
+        """The drop with this survey-wide number, with all its rebounds.
 
         Raises
         ------
@@ -179,7 +184,7 @@ class Survey:
             If neither journal nor file holds it whole.
         """
         entry = self._index.drops.get(number)
-        later = self._index.rebounds.get(number, []) if rebounds else []
+        later = self._index.rebounds.get(number, [])
         if entry is not None:
             try:
                 return with_rebounds(self._from_journal(entry), self._rebounds(later))
@@ -311,8 +316,13 @@ class Survey:
             except RecordingError:
                 continue
 
-    def _from_journal(self, entry: DropEntry) -> DropRecord:
-        data, arrays = decode_payload(self._frame(entry).payload)
+    def _from_journal(self, entry: DropEntry, *, traces: bool = False) -> DropRecord:
+        payload = self._frame(entry).payload
+        if traces:
+            data, arrays = decode_payload(payload, is_trace)
+            data = {**data, "rebounds": []}
+        else:
+            data, arrays = decode_payload(payload)
         record = drop_from_parts(data, arrays)
         found = (data.get("number"), record.point, record.drop.number)
         if found != (entry.number, entry.point, entry.drop):

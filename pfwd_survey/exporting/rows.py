@@ -91,7 +91,7 @@ def _row(
     record, fault = None, None
     result: DropResult | None = None
     try:
-        record = drop.read_alone()
+        record = drop.read_traces()
     except RecordingError as err:
         fault = f"damaged: {err}"
     try:
@@ -99,7 +99,7 @@ def _row(
             result = inverted.get((point.title, drop.drop))
         elif record is not None:
             # Nothing is written over: what was found last counts.
-            stored = next(iter(drop.read_results()[::-1]), None)
+            stored = drop.read_last_result()
             result = None if stored is None else DropResult.from_json(stored)
     except RecordingError as err:
         fault = f"damaged: {err}"

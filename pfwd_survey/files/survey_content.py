@@ -37,8 +37,10 @@ class DropContent:
     """The drop with all its rebounds; raises RecordingError when it is not whole."""
     read_results: Callable[[], tuple[Result, ...]] = field(repr=False)
     """The stored results, in order; a damaged one raises RecordingError."""
-    read_alone: Callable[[], DropRecord] = field(repr=False)
-    """As `read`, without the rebounds that were recorded after the drop itself."""
+    read_last_result: Callable[[], Result | None] = field(repr=False)
+    """The last of the stored results, None where there is none; the others are not looked at."""
+    read_traces: Callable[[], DropRecord] = field(repr=False)
+    """As `read`, maybe without rebounds and without what the converter gave."""
     read_key: Callable[[], str | None] = field(repr=False)
     """What identifies the drop on the instrument."""
     read_file: Callable[[], bytes | None] = field(repr=False, default=lambda: None)
@@ -145,7 +147,8 @@ def _drop(drop: SurveyDrop) -> DropContent:
         edits=drop.edits,
         read=drop.read,
         read_results=lambda: tuple(read_result(path) for path in drop.results),
-        read_alone=drop.read_alone,
+        read_last_result=lambda: read_result(drop.results[-1]) if drop.results else None,
+        read_traces=drop.read_traces,
         read_key=lambda: drop.key,
         read_file=drop.read_file,
     )

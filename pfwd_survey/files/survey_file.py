@@ -460,7 +460,8 @@ def _drop(path: str, said: Mapping[str, Any], there: Container[str]) -> DropCont
         edits=tuple(map(_edit, said["edits"])),
         read=partial(read, path, number, written),
         read_results=partial(_results_of, path, number, results),
-        read_alone=partial(read, path, number, written),
+        read_last_result=partial(_last_result_of, path, number, results),
+        read_traces=partial(read, path, number, written),
         read_key=partial(_text_or_none, said["key"]),
     )
 
@@ -506,6 +507,10 @@ def _read_drop(file: Place, number: int, path: str, written: str | None) -> Drop
 def _results_of(path: str, number: int, written: Sequence[str] | None) -> tuple[Result, ...]:
     with _opened(path) as file:
         return _read_results(file, number, path, written)
+
+
+def _last_result_of(path: str, number: int, written: Sequence[str] | None) -> Result | None:
+    return next(iter(_results_of(path, number, written)[::-1]), None)
 
 
 def _read_results(

@@ -3,11 +3,16 @@
 import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.noted_disk import NotingStorage
+from benchmarks.power_loss import make_record
+from pfwd_device.errors import StorageFull
+from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
+from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.ledger import (
     Entry,
     LedgerWriter,
@@ -17,6 +22,7 @@ from pfwd_device.recording.ledger import (
     read_about,
     read_ledger,
 )
+from pfwd_device.recording.publishing import InlinePublisher
 
 ME = bytes(range(16))
 ENTRIES = [
@@ -136,3 +142,65 @@ def test_a_torn_long_line_leaves_nothing_behind_a_short_one(tmp_path: Path) -> N
     writer.append(Entry(2, 1, 1, 90, 9, 1))
     writer.close()
     assert path.read_bytes() == ledger_bytes(ME, [ENTRIES[0], Entry(2, 1, 1, 90, 9, 1)])
+
+
+def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Longer than any that a survey of ours has, whatever is in it: recovery makes it anew."""
+    assert ledger.LARGEST_LEDGER == 24 * 2**20  # ten times that of a survey of 10,000 drops
+    survey = tmp_path / "survey"
+    helper = InlinePublisher(Storage())
+    with SurveyWriter.open(survey, publisher=helper, reserve_bytes=0) as writer:
+        writer.save_drop(make_record(1, np.random.default_rng(1)))
+    path = survey / "acknowledged.txt"
+    whole = path.read_bytes()
+    path.write_bytes(whole + b"x" * 100_000)
+    monkeypatch.setattr(ledger, "LARGEST_LEDGER", 10_000)
+    read: list[Path] = []
+    of = Path.read_bytes
+
+    def noted(path: Path) -> bytes:
+        read.append(path)
+        return of(path)
+
+    monkeypatch.setattr(Path, "read_bytes", noted)
+    assert len(read_survey(survey).drops) == 1
+    assert not check(survey).ok
+    assert recover(survey, publisher=helper).ok
+    assert path not in [each for each in read if each.stat().st_size > 10_000]
+    monkeypatch.undo()
+    assert path.read_bytes().startswith(whole[:-30])
+    assert check(survey).ok
+
+
+def test_a_full_ledger_takes_no_line_that_would_not_be_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    survey = tmp_path / "survey"
+    helper = InlinePublisher(Storage())
+    with SurveyWriter.open(survey, publisher=helper, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(make_record(1, np.random.default_rng(1)))
+        size = (survey / "acknowledged.txt").stat().st_size
+        monkeypatch.setattr(ledger, "LARGEST_LEDGER", size + 10)
+        with pytest.raises(StorageFull, match="begin another survey"):
+            writer.save_drop(make_record(2, np.random.default_rng(2)))
+        monkeypatch.undo()
+        assert writer.save_drop(make_record(2, np.random.default_rng(2))) == 2
+    assert check(survey).ok
+
+
+def test_very_many_lost_records_are_told_in_a_line(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
+        identity = bytes.fromhex(writer.survey_id)
+    path = survey / "acknowledged.txt"
+    more = [Entry(n, Kind.EDIT, 1, 10**6 + n, 50, 7) for n in range(10, 1100)]
+    drop = Entry(1100, Kind.DROP, 1, 10**8, 50, 7, "1:P%201/4")
+    lines = (*parse_ledger(path.read_bytes()).entries, *more, drop)
+    path.write_bytes(ledger_bytes(identity, lines))
+    damage = read_survey(survey).damage
+    assert "1090 records between 10 and 1099 are lost" in damage
+    assert "drop P 1/4 is lost" in damage
+    assert len(damage) < 5
+    assert damage == tuple(text for text in check(survey).damaged if "lost" in text)

@@ -206,3 +206,16 @@ def test_records_are_validated_and_read_only() -> None:
     assert record.counts[0] == 0
     with pytest.raises(ValueError, match="read-only"):
         record.counts[0] = 2
+
+
+@pytest.mark.parametrize("pack", [True, False])
+def test_arrays_that_nobody_wants_are_left_packed(pack: bool) -> None:
+    arrays = {name: np.arange(500.0) + n for n, name in enumerate("abcd")}
+    payload = encode_payload({"said": 1}, arrays, pack=pack)
+    for wanted in ("", "a", "ac", "d", "abcd"):
+        data, found = decode_payload(payload, wanted.__contains__)
+        assert data == {"said": 1}
+        assert list(found) == list(wanted)
+        assert all(np.array_equal(found[name], arrays[name]) for name in wanted)
+    with pytest.raises(RecordingError, match=r"expected (compressed )?arrays"):
+        decode_payload(payload[: -len(payload) // 2], "abc".__contains__)
