@@ -200,7 +200,7 @@ class JournalWriter:
         found = {}
         for number, segment in self._open().items():
             stamp = self._storage.stamp(segment.descriptor)
-            if segment.doubtful or stamp != segment.stamp:
+            if segment.doubtful or stamp is None or stamp != segment.stamp:
                 found[number] = stamp
         return found
 

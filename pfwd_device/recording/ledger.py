@@ -218,7 +218,7 @@ class LedgerWriter:
         """Why the lines are not those that were written, though their length is the same."""
         assert self._descriptor is not None
         stamp = self._storage.stamp(self._descriptor)
-        if stamp == self._stamp:
+        if stamp is not None and stamp == self._stamp:
             return None
         whole = ledger_bytes(self._survey, self._entries)
         try:

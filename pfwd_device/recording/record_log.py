@@ -467,10 +467,14 @@ class RecordLog:
         try:
             files = self._open_spare()
             entry = files.append(record)
-            problem = files.problem()
-            if problem is not None:
+            try:
+                problem = files.problem()
+                if problem is not None:
+                    raise OSError(errno.EBUSY, problem)
+            except BaseException:
+                # Whatever it is: the number is free, and the next record gets it.
                 files.forget(record.sequence)
-                raise OSError(errno.EBUSY, problem)
+                raise
         except (OSError, RecordingError) as err:
             reason = None if isinstance(err, RecordingError) else err.strerror
             error = type(self._home_failure)

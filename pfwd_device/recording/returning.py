@@ -73,8 +73,10 @@ def bring_home(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[
         numbers: dict[int, int] = {}
         brought = returned(part)
         drops = 0
+        left_out = False
         for entry, frame in _frames(part, entries):
-            if frame.sequence not in index.entries and frame.sequence not in index.lost:
+            free = frame.sequence not in index.entries and frame.sequence not in index.lost
+            if free and not left_out:
                 data, _ = decode_payload(frame.payload)
                 if data.get("number") in numbers or _is_known(entry, data, index):
                     pass  # its drop, or it itself, is there under another number
@@ -84,6 +86,8 @@ def bring_home(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[
                     continue
             drops += _write_anew(log, index, frame, numbers)
             brought.add((frame.sequence, frame.check))
+            # What follows it must not keep its number: the one between would look like a loss.
+            left_out |= free and frame.sequence not in index.entries
         note_returned(part, log.storage, brought)
         actions.append(f"{drops} drops brought home from the spare folder {part.folder}")
     return actions

@@ -21,19 +21,20 @@ _NO_LINK = getattr(
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
-Stamp = tuple[int, int]
+Stamp = tuple[int, int] | None
 """Times (ns) of the last change of a file's content, and of what is known of it.
 
 An equal stamp does not say that nobody wrote: the clock of a file system may stand still for 4 ms,
-or 2 s. Another one does not say that somebody did. Content decides.
+or 2 s. Another one does not say that somebody did. Content decides. None: the system does not say
+it.
 """
 
 
 class Storage:
     """Writes files so that a power cut is survived; nothing here is buffered.
 
-    Every method may raise OSError. The offsets are the caller's: no descriptor has a position that
-    matters, so that what was torn can be written over.
+    Every method may raise OSError where nothing else is said. The offsets are the caller's: no
+    descriptor has a position that matters, so that what was torn can be written over.
     """
 
     def open(self, path: Path, *, create: bool = False) -> int:
@@ -120,8 +121,11 @@ class Storage:
         return os.fstat(descriptor).st_nlink
 
     def stamp(self, descriptor: int) -> Stamp:
-        """What changes when anybody writes to the file, and hardly ever otherwise."""
-        said = os.fstat(descriptor)
+        """What changes when anybody writes to the file, and hardly ever otherwise; never raises."""
+        try:
+            said = os.fstat(descriptor)
+        except OSError:
+            return None
         return said.st_mtime_ns, said.st_ctime_ns
 
     def mark(self, descriptor: int) -> Stamp:
@@ -131,8 +135,8 @@ class Storage:
         leave the same time.
         """
         if os.utime in os.supports_fd:
-            said = os.fstat(descriptor)
             with contextlib.suppress(OSError):  # then a tick is what cannot be told apart
+                said = os.fstat(descriptor)
                 os.utime(descriptor, ns=(said.st_atime_ns, said.st_mtime_ns + 1))
         return self.stamp(descriptor)
 

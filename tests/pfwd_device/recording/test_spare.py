@@ -1,6 +1,7 @@
 """The spare folder: a second place for drops that the survey's own folder does not take."""
 
 import errno
+import os
 import shutil
 from pathlib import Path
 
@@ -228,6 +229,60 @@ def test_a_survey_that_went_on_without_its_spare_part_gets_new_numbers(
     assert check(survey, spare=spare).ok
     assert recover(survey, spare=spare).actions == ()
     assert len(read_survey(survey).drops) == 3
+
+
+def test_what_is_left_out_when_numbers_change_leaves_no_gap(
+    survey: Path, spare: SpareFolder, disk: Refusing, tmp_path: Path
+) -> None:
+    """The record of a result's file means nothing under another number; it is listed again."""
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        save(writer, 2)
+        for text in ("one", "two", "three", "four"):
+            writer.edit("note", text, number=2)
+        writer.save_result(2, {"modulus_pa": 45e6})
+        writer.note_event("gap")
+    disk.refuse(False)
+    with open_writer(survey, disk, None) as writer:
+        assert writer.save_drop(make_record(7, np.random.default_rng(7))) == 2
+        shutil.copytree(survey, tmp_path / "killed")
+    shutil.rmtree(survey)
+    os.rename(tmp_path / "killed", survey)
+    report = recover(survey, spare=spare)
+    assert report.ok, report.damaged
+    found = check(survey, spare=spare)
+    assert found.ok, found.damaged
+    drops = {drop.number: drop for drop in read_survey(survey).drops}
+    assert drops[3].notes == ("one", "two", "three", "four")
+    assert [event["event"] for event in read_survey(survey).events if event["event"] == "gap"]
+
+
+def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
+    survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        save(writer, 2)
+        files = writer._records._spare_files
+        assert files is not None
+        real, acknowledged = files.problem, len(files.entries)
+
+        def failing() -> str | None:
+            if len(files.entries) > acknowledged:
+                raise OSError(errno.EIO, "no look")
+            return real()
+
+        monkeypatch.setattr(files, "problem", failing)
+        with pytest.raises(RecordingError, match="the spare folder refuses it too"):
+            save(writer, 3)
+        assert len(files.entries) == acknowledged
+        monkeypatch.undo()
+        monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+        save(writer, 3)
+    assert recover(survey, spare=spare).ok
+    assert check(survey, spare=spare).ok
 
 
 def test_the_same_point_and_drop_number_become_the_next(
