@@ -50,6 +50,7 @@ def export_survey(
     force: bool = False,
     invert: bool = False,
     seed: int = 0,
+    jobs: int = 1,
 ) -> Exported:
     """Write a survey to a file, or for ``csv`` to a folder; it is there whole or not at all.
 
@@ -65,6 +66,9 @@ def export_survey(
         Invert the drops in place of taking the stored results. Nothing is written to the survey.
     seed : int
         Of the inversion, >= 0.
+    jobs : int
+        Processes that may work on it; a script that asks for more than one needs a guard
+        ``if __name__ == "__main__"``, as for `multiprocessing`.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def export_survey(
     """
     chosen = _format(form, invert=invert)
     content = survey_content(survey)
-    order = Order(content, _inverted(os.fspath(survey), seed) if invert else None, force)
+    order = Order(content, _inverted(os.fspath(survey), seed) if invert else None, force, jobs)
     try:
         notes = list(chosen.writer()(order, path))
         results = None

@@ -64,6 +64,8 @@ class Order:
     """Results in place of the stored ones."""
     force: bool = False
     """Whether a file that is there may be replaced."""
+    jobs: int = 1
+    """Processes that may work on it."""
 
     @cached_property
     def rows(self) -> list[Row]:

@@ -27,7 +27,7 @@ SUFFIX = ".csv"
 def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the survey into one file, which every command reads like it; nothing is left out."""
     with new_file(path, force=order.force) as draft:
-        write_survey_file(draft, order.content)
+        write_survey_file(draft, order.content, order.jobs)
     return []
 
 

@@ -56,6 +56,7 @@ from pfwd_survey.files.survey_content import (
     SurveyContent,
     parse_result,
 )
+from pfwd_survey.spawning import worker_pool
 
 FORMAT = "pfwd-survey"
 FORMAT_VERSION = 2
@@ -67,6 +68,9 @@ MOST_DROPS = 1_000_000
 DROPS_AT_ONCE = 200
 """Looked at before the file is opened anew: what HDF5 keeps of a file that it reads grows with the
 square of their number, to gigabytes with 10,000."""
+
+FEWEST_PARTS = 5
+"""Of so many drops each, before several processes look at them."""
 
 MOST_RESULTS = 10_000
 """Of a drop."""
@@ -86,13 +90,15 @@ def is_survey_file(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def write_survey_file(path: str | os.PathLike[str], content: SurveyContent) -> None:
+def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs: int = 1) -> None:
     """Write a survey into a new HDF5 file and read its drops back.
 
     Parameters
     ----------
     path : path of a file that is written over
     content : SurveyContent
+    jobs : int
+        Processes that read it back.
 
     Raises
     ------
@@ -113,7 +119,7 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent) -> N
         except Exception as err:  # as above; a full disk is one of them
             raise RecordingError(f"{path}: expected room to write, came {err}") from err
         # HDF5 may report success on a full disk.
-        damaged = _check(os.fspath(path), kept)[0]["damaged"]
+        damaged = _check(os.fspath(path), kept, jobs)[0]["damaged"]
         if not damaged:
             return
     raise RecordingError(f"{path}: expected what was written, came {'; '.join(damaged)}")
@@ -149,8 +155,16 @@ def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
         raise RecordingError(f"{name}: expected points and drops, came others: {err!r}") from err
 
 
-def check_survey_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list[str]]:
+def check_survey_file(
+    path: str | os.PathLike[str], jobs: int = 1
+) -> tuple[dict[str, Any], list[str]]:
     """Compare everything in an exported survey with its digests.
+
+    Parameters
+    ----------
+    path : path of the file
+    jobs : int
+        Processes that look at it.
 
     Returns
     -------
@@ -164,10 +178,10 @@ def check_survey_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], lis
     RecordingError
         If it cannot be read at all.
     """
-    return _check(os.fspath(path), {})
+    return _check(os.fspath(path), {}, jobs)
 
 
-def _check(name: str, kept: Mapping[int, str]) -> tuple[dict[str, Any], list[str]]:
+def _check(name: str, kept: Mapping[int, str], jobs: int = 1) -> tuple[dict[str, Any], list[str]]:
     """As `check_survey_file`; `kept`: digests of what the drops have to be, where that is known."""
     damaged: list[str] = []
     whole = 0
@@ -184,12 +198,18 @@ def _check(name: str, kept: Mapping[int, str]) -> tuple[dict[str, Any], list[str
             promised = len(drops)
             said = {}
     numbers = list(drops)
-    for first in range(0, len(numbers), DROPS_AT_ONCE):
-        with _opened(name) as file:
-            for number in numbers[first : first + DROPS_AT_ONCE]:
-                found = _drop_damage(file, number, name, drops[number], kept.get(number))
-                whole += not any(found[:1])
-                damaged += filter(None, found)
+    parts = [
+        [(number, drops[number], kept.get(number)) for number in numbers[first:][:DROPS_AT_ONCE]]
+        for first in range(0, len(numbers), DROPS_AT_ONCE)
+    ]
+    look = partial(_drops_damage, name)
+    with contextlib.ExitStack() as stack:
+        # A few drops are looked at in the time that a process takes to start.
+        several = jobs > 1 and len(parts) >= FEWEST_PARTS
+        run = stack.enter_context(worker_pool(jobs)).map if several else map
+        for good, found in run(look, parts):
+            whole += good
+            damaged += found
     with _opened(name) as file:
         damaged += _check_captures(file, name, said.get("captures") if version != 1 else None)
         damaged += _strangers(file, name, drops)
@@ -204,6 +224,19 @@ def _check(name: str, kept: Mapping[int, str]) -> tuple[dict[str, Any], list[str
         "damaged": damaged,
         "ok": not damaged and whole == promised,
     }, notes
+
+
+def _drops_damage(
+    name: str, drops: Sequence[tuple[int, Mapping[str, Any], str | None]]
+) -> tuple[int, list[str]]:
+    """How many drops are whole, and what is wrong with the others and with results."""
+    whole, damaged = 0, []
+    with _opened(name) as file:
+        for number, facts, kept in drops:
+            found = _drop_damage(file, number, name, facts, kept)
+            whole += not any(found[:1])
+            damaged += [text for text in found if text is not None]
+    return whole, damaged
 
 
 def _drop_damage(
@@ -338,7 +371,7 @@ def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, 
         record = drop.read()
         name = f"{drop.number:06d}"
         copied = _copy_drop(groups, name, drop.read_file(), record) if from_files else None
-        facts = _drop_facts(drop)
+        facts = _drop_facts(drop, record)
         facts["sha256"] = copied or write_drop(
             groups.create_group(name), record, drop.number, survey
         )
@@ -413,12 +446,13 @@ def _point_facts(point: PointContent) -> dict[str, Any]:
     }
 
 
-def _drop_facts(drop: DropContent) -> dict[str, Any]:
+def _drop_facts(drop: DropContent, record: DropRecord) -> dict[str, Any]:
+    key = record.metadata.get("key")
     return {
         "number": drop.number,
         "point": drop.point,
         "drop": drop.drop,
-        "key": drop.read_key(),
+        "key": key if isinstance(key, str) else drop.read_key(),
         "discarded": drop.discarded,
         "notes": list(drop.notes),
         "position": drop.position,

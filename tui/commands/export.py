@@ -6,6 +6,9 @@ from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.json_text import json_text
 from tui.output import clean, say
 
+MOST_PROCESSES = 2
+"""Read an exported file back; the disk and one that waits keep more from gaining anything."""
+
 
 def run(args: argparse.Namespace) -> int:
     """Export and say what was written and what was left out."""
@@ -16,6 +19,7 @@ def run(args: argparse.Namespace) -> int:
         force=args.force,
         invert=args.invert,
         seed=args.seed,
+        jobs=MOST_PROCESSES,
     )
     for note in done.notes:
         say(f"export: {note}")

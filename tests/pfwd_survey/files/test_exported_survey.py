@@ -15,6 +15,7 @@ from pfwd_device.recording.drop_file import DIGEST
 from pfwd_device.recording.payload import encode_json
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.export import export_survey
+from pfwd_survey.files import survey_file
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points, survey_content
 from pfwd_survey.files.survey_file import check_survey_file
@@ -232,3 +233,25 @@ def test_an_export_says_what_it_says_in_json(exported: Path) -> None:
         assert said["drops"][0]["sha256"] == file["drops/000001"].attrs[DIGEST]
         assert said["captures"] == {"link-1.pfwdc": file["captures/link-1.pfwdc"].attrs["sha256"]}
         assert said["drops"][0]["results_sha256"] == [file["results/000001/1"].attrs["sha256"]]
+
+
+def test_several_processes_find_what_one_finds(
+    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(survey_file, "DROPS_AT_ONCE", 1)
+    monkeypatch.setattr(survey_file, "FEWEST_PARTS", 1)
+    path = tmp_path / "s.h5"
+    shutil.copy(exported, path)
+    assert check_survey_file(path, jobs=2) == check_survey_file(path)
+    assert check_survey_file(path, jobs=2)[0]["ok"]
+    with h5py.File(path, "r+") as file:
+        names = sorted(file["drops"])
+        for name in (names[0], names[-1]):
+            file[f"drops/{name}"].attrs["point"] = "another"
+    record, _ = check_survey_file(path, jobs=2)
+    assert record == check_survey_file(path)[0]
+    assert len(record["damaged"]) == 2
+    survey = tmp_path / "survey"
+    shutil.copytree(DATA / "recording-v1", survey)
+    done = export_survey(survey, "h5", tmp_path / "two.h5", jobs=2)
+    assert done.drops == check_survey_file(tmp_path / "two.h5")[0]["drops_published"]
