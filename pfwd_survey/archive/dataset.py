@@ -32,6 +32,19 @@ TABLES = ("results", "failures", "sources")
 _MARK = {"format": "pfwd-archive", "version": 1}
 _PART = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
 
+MOST_ROWS = 100_000
+"""Of a table in a part; a part is ended at 10,000."""
+
+LARGEST_PART = 64 * 2**20
+"""Bytes of a table in a part, packed or not; 10,000 results with their warnings take 10 MB. A few
+packed bytes can announce any number."""
+
+_ROWS_AT_ONCE = 100
+"""Unpacked before their bytes are counted: one text may stand for all of them in the file."""
+
+_LARGEST_HEADER = 2**20
+"""Entries, and bytes of a text, of what describes a file."""
+
 RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
     ("source_sha256", "string"),
@@ -254,11 +267,16 @@ class Dataset:
         try:
             # Not as a data set: the folder's name would become a column of its own.
             # And closed again: elsewhere than here an open file cannot be replaced.
-            with _parquet().ParquetFile(path) as file:
-                return file.read()
-        except (OSError, ValueError) as err:
+            if path.stat().st_size > LARGEST_PART:
+                raise ValueError(f"a file of more than {LARGEST_PART} bytes")
+            limits = dict.fromkeys(
+                ("thrift_string_size_limit", "thrift_container_size_limit"), _LARGEST_HEADER
+            )
+            with _parquet().ParquetFile(path, **limits) as file:
+                return _unpacked(file, _schema(name))
+        except (OSError, ValueError, MemoryError) as err:
             hint = "remove it: what it held is inverted again"
-            came = str(err).splitlines()[0]
+            came = (str(err).splitlines() or [type(err).__name__])[0]
             raise SurveyError(refusal(str(path), "a Parquet table", came, hint)) from err
 
     def _write_table(self, name: str, number: int, table: Any) -> None:
@@ -282,7 +300,34 @@ class Dataset:
         return self._place(name) / f"part-{number:06d}.parquet"
 
 
+def _unpacked(file: Any, schema: Any) -> Any:
+    """The table of an open file; ValueError when it is none of ours, or is too large."""
+    import pyarrow
+
+    about = file.metadata
+    groups = [about.row_group(n) for n in range(min(about.num_row_groups, MOST_ROWS))]
+    announced = sum(group.total_byte_size for group in groups)
+    if about.num_rows > MOST_ROWS or about.num_row_groups > MOST_ROWS or announced > LARGEST_PART:
+        raise ValueError(f"{about.num_rows} rows of {announced} bytes")
+    if not file.schema_arrow.equals(schema):
+        raise ValueError("other columns")
+    batches, size = [], 0
+    for batch in file.iter_batches(batch_size=_ROWS_AT_ONCE):
+        size += batch.nbytes
+        if size > LARGEST_PART:
+            raise ValueError(f"more than {LARGEST_PART} bytes when it is unpacked")
+        batches.append(batch)
+    return pyarrow.Table.from_batches(batches, schema).combine_chunks()
+
+
 def _table(name: str, rows: Sequence[Row]) -> Any:
+    import pyarrow
+
+    columns = [[row[column] for row in rows] for column, _ in _COLUMNS[name]]
+    return pyarrow.table(columns, schema=_schema(name))
+
+
+def _schema(name: str) -> Any:
     import pyarrow
 
     kinds = {
@@ -292,9 +337,7 @@ def _table(name: str, rows: Sequence[Row]) -> Any:
         "float64": pyarrow.float64(),
         "bool": pyarrow.bool_(),
     }
-    columns = _COLUMNS[name]
-    schema = pyarrow.schema([(column, kinds[kind]) for column, kind in columns])
-    return pyarrow.table([[row[column] for row in rows] for column, _ in columns], schema=schema)
+    return pyarrow.schema([(column, kinds[kind]) for column, kind in _COLUMNS[name]])
 
 
 def _parquet() -> Any:

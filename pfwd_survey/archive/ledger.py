@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,25 @@ create table if not exists stale (
 """
 
 
+LARGEST = 2 * 2**30
+"""Bytes; an archive of a million sources takes a third of it. What is larger is made anew."""
+
+LARGEST_OF_A_PART = 16 * 2**20
+"""Bytes that it takes for a part, and as much at the beginning; 10,000 sources take 7 MB."""
+
+LONGEST_TEXT = 100_000
+"""Bytes of a value; paths are the longest."""
+
+LONGEST_LOOK = 8.0
+"""s for a look at the whole file before it is used; what takes longer is made anew."""
+
+MOST_MISSING = 1000
+"""Parts that it may name and nobody finds; of more it is made anew, in less time."""
+
+_STEPS = 100_000
+"""Of SQLite's machine between two looks at the clock."""
+
+
 class Ledger:
     """The index of one run.
 
@@ -47,9 +67,9 @@ class Ledger:
         self._dataset, self._run = dataset, dataset.key
         path = dataset.folder / "ledger.sqlite"
         try:
-            self._base = _open(path)
+            self._base = _open(path, len(dataset.parts()), dataset.key)
         except sqlite3.DatabaseError:
-            # Damaged: what it says is in the tables too.
+            # Damaged, or none of ours: what it says is in the tables too.
             path.unlink(missing_ok=True)
             try:
                 self._base = _open(path)
@@ -194,12 +214,27 @@ class Ledger:
             )
 
 
-def _open(path: Path) -> sqlite3.Connection:
+def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
+    """The index; DatabaseError when it is damaged, or has anything in it that we do not make."""
+    largest = min(LARGEST, LARGEST_OF_A_PART * (1 + parts))
+    if path.exists() and path.stat().st_size > largest:
+        raise sqlite3.DatabaseError("larger than any of ours")
     base = sqlite3.connect(path)
     try:
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_TEXT)
+        # A view or a rule of a stranger's would be computed with every question, maybe for ever.
+        if not _described(base) <= _expected():
+            raise sqlite3.DatabaseError("other tables than ours")
+        deadline = time.monotonic() + LONGEST_LOOK
+        base.set_progress_handler(lambda: int(time.monotonic() > deadline), _STEPS)
         (sound,) = base.execute("pragma quick_check(1)").fetchone()
         if sound != "ok":
             raise sqlite3.DatabaseError(sound)
+        if _described(base):
+            known = base.execute("select count(*) from parts where run = ?", (run,)).fetchone()[0]
+            if known > parts + MOST_MISSING:
+                raise sqlite3.DatabaseError("names parts that are not there")
+        base.set_progress_handler(None, 0)
         # Whatever a power failure costs here is read from the tables again.
         base.execute("pragma synchronous = off")
         base.executescript(_TABLES)
@@ -208,3 +243,16 @@ def _open(path: Path) -> sqlite3.Connection:
             base.close()
         raise
     return base
+
+
+def _described(base: sqlite3.Connection) -> set[tuple[str, ...]]:
+    """Tables, indexes and whatever else there is, with the words that made them."""
+    limit = 100  # ours are a few
+    found = base.execute("select type, name, tbl_name, sql from sqlite_master limit ?", (limit,))
+    return {tuple(map(str, row)) for row in found}
+
+
+def _expected() -> set[tuple[str, ...]]:
+    with contextlib.closing(sqlite3.connect(":memory:")) as base:
+        base.executescript(_TABLES)
+        return _described(base)

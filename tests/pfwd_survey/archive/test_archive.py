@@ -1,10 +1,13 @@
 """An archive is inverted once, whatever happens in between."""
 
+import contextlib
 import json
 import os
+import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pfwd_survey.archive import run as running
@@ -376,3 +379,107 @@ def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
     again = HereWorkers(options)
     assert invert_archive([str(survey)], out, options, again).done_before == 1
     assert again.taken == []
+
+
+def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
+    """A packed table of some kB, in which one text is said `count` times."""
+    import pyarrow
+    from pyarrow import parquet
+
+    def column(field: Any) -> Any:
+        if field.type == pyarrow.int64():
+            return pyarrow.array(np.ones(count, np.int64))
+        text = pyarrow.array(["x" * length])
+        return pyarrow.DictionaryArray.from_arrays(np.zeros(count, np.int32), text)
+
+    schema = parquet.read_schema(path)
+    parquet.write_table(
+        pyarrow.table({field.name: column(field) for field in schema}),
+        path,
+        compression="zstd",
+        store_schema=False,
+    )
+
+
+@pytest.mark.parametrize(("count", "length"), [(3_000_000, 1), (20_000, 100_000)])
+def test_a_part_that_unpacks_to_gigabytes_is_refused(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
+) -> None:
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "sources" / f"run={run}" / "part-000001.parquet"
+    _a_text_that_stands_for_many(part, count, length)
+    assert part.stat().st_size < 200_000
+    (out / "ledger.sqlite").unlink()
+    with pytest.raises(SurveyError, match=r"part-000001.*expected a Parquet table.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+def test_a_part_with_other_columns_is_refused(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "sources" / f"run={run}" / "part-000001.parquet"
+    parquet.write_table(pyarrow.table({"file": ["a"]}), part)
+    (out / "ledger.sqlite").unlink()
+    with pytest.raises(SurveyError, match=r"came other columns.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+STRANGE_LEDGERS = {
+    "a view that never ends": (
+        "drop table sources; create view sources as with recursive c(n) as (select 1 union all "
+        "select n + 1 from c) select 'r' run, 'f' file, n piece, n pieces, 'd' digest, 1 size, "
+        "1 mtime_ns, 0 failures, null same_as, n number from c"
+    ),
+    "a rule that never ends": (
+        "create trigger t before insert on sources begin insert into stale with recursive c(n) as "
+        "(select 1 union all select n + 1 from c) select 'r', n, 'd' from c; end"
+    ),
+    "a long value": "insert into stale values ('r', 1, zeroblob(200000))",
+    "parts that are nowhere": (
+        "insert into parts with recursive c(n) as (select 10 union all select n + 1 from c "
+        "where n < 3000) select (select run from parts), n from c"
+    ),
+    "another table": "create table more (a)",
+    "other columns": "drop table stale; create table stale (run text)",
+}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("said", STRANGE_LEDGERS)
+def test_a_ledger_that_is_not_as_we_make_it_is_made_anew(
+    said: str, drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    path = out / "ledger.sqlite"
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.executescript(STRANGE_LEDGERS[said])
+    again = QuickWorkers(options)
+    assert invert_archive([str(drops)], out, options, again).done_before == 6
+    assert again.taken == []
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        kinds = {kind for (kind,) in base.execute("select distinct type from sqlite_master")}
+        assert kinds == {"table", "index"}
+        assert base.execute("select count(*) from parts").fetchone() == (1,)
+
+
+def test_a_ledger_that_is_too_large_is_not_opened(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd_survey.archive import ledger
+
+    assert ledger.LARGEST == 2 * 2**30  # three times what a million sources take
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    path = out / "ledger.sqlite"
+    size = path.stat().st_size
+    os.truncate(path, 2 * size)
+    monkeypatch.setattr(ledger, "LARGEST", size)
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).done_before == 6
+    assert path.stat().st_size == size
