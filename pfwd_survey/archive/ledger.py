@@ -32,10 +32,10 @@ create table if not exists stale (
 
 
 LARGEST = 2 * 2**30
-"""Bytes; an archive of a million sources takes a third of it. What is larger is made anew."""
+"""Bytes; an archive of a million sources takes a sixth of it. What is larger is made anew."""
 
 LARGEST_OF_A_PART = 16 * 2**20
-"""Bytes that it takes for a part, and as much at the beginning; 10,000 sources take 7 MB."""
+"""Bytes that it takes for a part, and as much at the beginning; 10,000 sources take 4 MB."""
 
 LONGEST_TEXT = 100_000
 """Bytes of a value; paths are the longest."""

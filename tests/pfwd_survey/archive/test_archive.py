@@ -474,7 +474,7 @@ def test_a_ledger_that_is_too_large_is_not_opened(
 ) -> None:
     from pfwd_survey.archive import ledger
 
-    assert ledger.LARGEST == 2 * 2**30  # three times what a million sources take
+    assert ledger.LARGEST == 2 * 2**30  # six times what a million sources take
     out = tmp_path / "out"
     invert_archive([str(drops)], out, options, QuickWorkers(options))
     path = out / "ledger.sqlite"
