@@ -266,12 +266,12 @@ class JournalWriter:
             self._cut(segment)
             raise
         # Before it waits for the disk: who writes meanwhile changes the stamp once more.
-        segment.stamp = self._storage.mark(segment.descriptor)
+        segment.stamp = self._storage.stamp_own_write(segment.descriptor)
 
     def _cut(self, segment: _Segment) -> None:
         try:
             self._storage.truncate(segment.descriptor, segment.end)
-            segment.stamp = self._storage.mark(segment.descriptor)
+            segment.stamp = self._storage.stamp_own_write(segment.descriptor)
         except OSError:
             self._leave(whole=False)
 

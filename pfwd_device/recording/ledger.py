@@ -185,7 +185,7 @@ class LedgerWriter:
             # What others wrote since would be covered by the stamp of this write.
             known = self._storage.stamp(self._descriptor) == self._stamp
             self._storage.write_at(self._descriptor, line, self._end)
-            stamp = self._storage.mark(self._descriptor)
+            stamp = self._storage.stamp_own_write(self._descriptor)
             self._stamp = stamp if known else None
         except OSError:
             self.doubtful = None  # a line in part is none

@@ -128,7 +128,7 @@ class Storage:
             return None
         return said.st_mtime_ns, said.st_ctime_ns
 
-    def mark(self, descriptor: int) -> Stamp:
+    def stamp_own_write(self, descriptor: int) -> Stamp:
         """The stamp after a write of one's own, where it can be set one that no clock gives.
 
         The clock of a file system stands still for some ms: who writes within the same tick would
