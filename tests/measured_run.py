@@ -16,9 +16,11 @@ try:
     code, said = run.returncode, run.stdout + run.stderr
 except subprocess.TimeoutExpired:
     code, said = None, "no end"
+if len(said) > 20000:
+    said = said[-20000:].partition("\\n")[2]  # whole lines
 usage = resource.getrusage(resource.RUSAGE_CHILDREN)
 scale = 1 if sys.platform == "darwin" else 1024
-print(json.dumps([code, said[-20000:], time.monotonic() - start, usage.ru_maxrss * scale,
+print(json.dumps([code, said, time.monotonic() - start, usage.ru_maxrss * scale,
                   usage.ru_utime + usage.ru_stime]))
 """
 
