@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pfwd_survey.archive import dataset
 from pfwd_survey.archive import run as running
 from pfwd_survey.archive.ledger import Ledger
 from pfwd_survey.archive.run import invert_archive, invert_stream
@@ -405,6 +406,7 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
 def test_a_part_that_unpacks_to_gigabytes_is_refused(
     drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
 ) -> None:
+    assert (dataset.MOST_ROWS, dataset.LARGEST_PART) == (10 * running.PART_ROWS, 64 * 2**20)
     out = tmp_path / "out"
     run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
     part = out / "sources" / f"run={run}" / "part-000001.parquet"
@@ -475,6 +477,7 @@ def test_a_ledger_that_is_too_large_is_not_opened(
     from pfwd_survey.archive import ledger
 
     assert ledger.LARGEST == 2 * 2**30  # six times what a million sources take
+    assert ledger.LARGEST_OF_A_PART == 16 * 2**20  # four times what 10,000 sources take
     out = tmp_path / "out"
     invert_archive([str(drops)], out, options, QuickWorkers(options))
     path = out / "ledger.sqlite"
