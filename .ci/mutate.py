@@ -75,15 +75,15 @@ def _copy(target: Path) -> None:
 
 
 def _mutations(modules: list[Path], session: Path) -> list[MutationSpec]:
-    """All changes but those of types, which mypy checks, in the order of the text."""
+    """All changes but those that other checks notice or nobody can, in the order of the text."""
     with use_db(str(session), WorkDB.Mode.create) as work:
         init(modules, work, {})
         found = [spec for item in work.work_items for spec in item.mutations]
-    types = {module: list(_types(ast.parse(module.read_text("utf-8")))) for module in modules}
+    left = {module: list(_left_out(ast.parse(module.read_text("utf-8")))) for module in modules}
     kept = [
         spec
         for spec in found
-        if not any(begin <= tuple(spec.start_pos) < end for begin, end in types[spec.module_path])
+        if not any(begin <= tuple(spec.start_pos) < end for begin, end in left[spec.module_path])
     ]
     return sorted(
         kept, key=lambda s: (str(s.module_path), s.start_pos, s.operator_name, s.occurrence)
@@ -101,13 +101,24 @@ def _sample(specs: list[MutationSpec], rng: random.Random) -> list[MutationSpec]
     return chosen
 
 
-def _types(tree: ast.AST) -> Iterator[Place]:
-    """Where annotations stand."""
+def _left_out(tree: ast.AST) -> Iterator[Place]:
+    """Where annotations stand, which mypy checks, and the switches of dataclasses.
+
+    `slots` and `kw_only` change no outcome; that what crosses a boundary is frozen is one test for
+    all packages (tests/test_architecture.py), which does not mirror any module.
+    """
     for node in ast.walk(tree):
-        for name in ("annotation", "returns"):
-            part = getattr(node, name, None)
+        parts = [getattr(node, name, None) for name in ("annotation", "returns")]
+        if isinstance(node, ast.ClassDef):
+            parts += [part for part in node.decorator_list if _is_dataclass(part)]
+        for part in parts:
             if part is not None:
                 yield (part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)
+
+
+def _is_dataclass(decorator: ast.expr) -> bool:
+    function = decorator.func if isinstance(decorator, ast.Call) else None
+    return isinstance(function, ast.Name) and function.id == "dataclass"
 
 
 def _tests(module: Path) -> str:

@@ -1,8 +1,10 @@
 """The architecture at run time: what an import brings along, and what the wheel holds."""
 
+import ast
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -92,3 +94,40 @@ def test_every_dependency_has_its_version_in_the_constraints() -> None:
     wanted = [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]
     names = {text.split(">=")[0].split("[")[0].lower() for text in wanted}
     assert names <= pinned
+
+
+# What they hold is being counted, collected or read in parts. Everything else that is handed on
+# cannot be changed by whoever gets it.
+_CHANGING = {
+    "Allowance",
+    "Counters",
+    "Device",
+    "DropEntry",
+    "DropState",
+    "FileEntry",
+    "Hysteresis",
+    "Index",
+    "LinkCounters",
+    "PointState",
+    "PowerLaw",
+    "Summary",
+    "SurveyDrop",
+    "SurveyPoint",
+}
+
+
+def test_only_these_dataclasses_can_be_changed() -> None:
+    assert {name for name in _dataclasses(frozen=False) if name[0] != "_"} == _CHANGING
+    assert len(set(_dataclasses(frozen=True))) > 100
+
+
+def _dataclasses(frozen: bool) -> Iterator[str]:
+    """Names of all that are frozen, or are not."""
+    files = (path for package in PACKAGES for path in (TOP / package).rglob("*.py"))
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            for decorator in map(ast.unparse, node.decorator_list):
+                if decorator.startswith("dataclass") and ("frozen=True" in decorator) == frozen:
+                    yield node.name

@@ -18,6 +18,7 @@ from pfwd_survey.procedures import (
     PointProgress,
     Procedure,
     Quantity,
+    Target,
     Verdict,
     find_procedure,
     judge,
@@ -304,3 +305,170 @@ def test_the_surface_modulus_is_averaged_as_its_profile_says() -> None:
 )
 def test_what_is_averaged_is_what_the_document_says(name: str, average: str) -> None:
     assert find_procedure(name).average == average
+
+
+def test_what_is_not_verified_is_named_before_any_drop() -> None:
+    numbers = {"factor": Number(1.5, "here", False), "seating": Number(3, "here", False)}
+    profile = own(**numbers, checks={}, nominal_load=None)
+    profile = dataclasses.replace(
+        profile,
+        measured=Number(3, "here", True),
+        nominal_pressure=Number(1e5, "here", True),
+        plate_radius=Number(0.15, "here", True),
+    )
+    assert judged([], profile).notes == (
+        "used in the formula without being verified: factor",
+        "not verified, hence not enforced: seating",
+    )
+    bold = dataclasses.replace(profile, enforce_unverified=True)
+    assert judged([], bold).notes == ()
+
+
+@pytest.mark.parametrize(("part", "noted"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_plate_within_a_hundredth_is_the_same(part: float, noted: bool, sign: int) -> None:
+    profile = own(plate_radius=Number(0.15, "here", True))
+    found = judge(profile, [], plate_radius=0.15 * (1 + sign * part * 0.01))
+    assert any("written for a plate" in note for note in found.notes) == noted
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.15, math.inf, math.nan])
+def test_only_a_positive_radius_is_a_plate(radius: float) -> None:
+    with pytest.raises(OptionError, match="plate radius"):
+        judge(GERMAN, SIX, plate_radius=radius)
+
+
+def test_one_drop_has_no_spread_and_no_change() -> None:
+    found = judged([drop(1, 0.5, peak_velocity=0.1)], own(seating=Number(0, "here", True)))
+    assert found.s_over_v == pytest.approx(0.005)
+    spreads = (found.deflection_spread, found.load_spread, found.modulus_spread)
+    assert (*spreads, found.compaction_change) == (None, None, None, None)
+
+
+def test_s_over_v_needs_both_of_every_drop() -> None:
+    none = own(seating=Number(0, "here", True))
+    partly = [drop(1, 0.5, peak_velocity=0.1), drop(2, 0.5), drop(3, 0.5, peak_velocity=0.1)]
+    assert judged(partly, none).s_over_v is None
+    assert judged([drop(1, 0.5), drop(2, 0.5)], none).s_over_v is None
+
+
+def test_s_over_v_up_to_the_limit_is_not_noted() -> None:
+    drops = [dataclasses.replace(d, peak_velocity=0.2) for d in SIX]
+    found = judged(drops, limits(most_s_over_v_s=0.0035))
+    assert found.s_over_v == pytest.approx(0.0025)
+    assert not any("compaction" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("check", "limit", "words"),
+    [
+        ("least_value_pa", 50.5e6, "E_vd is below the range of the method (50.5 MPa)"),
+        ("most_value_pa", 40.5e6, "E_vd is above the range of the method (40.5 MPa)"),
+        ("least_value_pa", 40.5e6, None),
+        ("most_value_pa", 50.5e6, None),
+    ],
+)
+def test_the_range_of_the_method_is_noted_and_no_fault(
+    check: str, limit: float, words: str | None
+) -> None:
+    found = judged(SIX, limits(**{check: limit}))
+    assert [note for note in found.notes if "range" in note] == ([words] if words else [])
+    assert found.faults == ()
+    deflection = dataclasses.replace(
+        limits(**{check: limit}), quantity=Quantity.DEFLECTION, average="deflection"
+    )
+    assert not [note for note in judged(SIX, deflection).notes if "range" in note]
+
+
+@pytest.mark.parametrize(
+    ("check", "field", "words"),
+    [
+        ("most_load_spread", "peak_load", "peak loads"),
+        ("most_deflection_spread", "peak_deflection", "deflections"),
+        ("most_modulus_spread", "modulus", "moduli"),
+    ],
+)
+def test_a_spread_is_compared_with_its_own_limit(check: str, field: str, words: str) -> None:
+    same = {"peak_load": 7e3, "peak_deflection": 5e-4, "modulus": 45e6}
+    drops = [
+        PointDrop(n, Kind.MEASURED, **same | {field: same[field] * factor})  # type: ignore[arg-type]
+        for n, factor in enumerate((1, 1, 1, 0.9, 1.0, 1.1), 1)
+    ]
+    (fault,) = judged(drops, limits(**{check: 0.15})).faults
+    assert fault == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
+    assert judged(drops, limits(**{check: 0.25})).faults == ()
+    loose = own(checks={check: Number(0.15, "here", False)})
+    found = judged(drops, loose)
+    assert found.faults == ()
+    assert f"{fault} (not verified, not enforced)" in found.notes
+
+
+def test_the_target_of_the_point_wins_over_the_procedure_s() -> None:
+    goal = Target(Number(45e6, "contract 7", True), material="gravel")
+    profile = own(targets=(goal,))
+    found = judged(SIX, profile, material="gravel")
+    assert (found.target, found.target_source) == (45e6, "contract 7")
+    found = judged(SIX, profile, material="gravel", target=40e6)
+    assert (found.target, found.target_source) == (40e6, "of the point")
+    found = judged(SIX, profile, material="clay")
+    assert (found.target, found.target_source) == (None, "")
+
+
+def test_what_is_a_deflection_ends_at_a_metre() -> None:
+    american = find_procedure("mndot")
+    assert judged(SIX, american, target=0.999).target == 0.999
+    assert judged(SIX, american, target=1.0).target is None
+    assert judged(SIX, GERMAN, target=0.5).target == 0.5, "a modulus may be any number"
+
+
+def test_every_verdict_has_its_reason() -> None:
+    reasons = {
+        target: judged(SIX, target=target).verdict_reason for target in (40e6, 50e6, 45.5e6, None)
+    }
+    assert reasons == {
+        40e6: "the whole 95 % interval reaches the target",
+        50e6: "the whole 95 % interval misses the target",
+        45.5e6: "the target lies within the 95 % interval",
+        None: "there is no target",
+    }
+    missing = judged(SIX[:5], target=40e6)
+    assert (missing.verdict, missing.verdict_reason) == (
+        Verdict.UNDECIDED,
+        "measured drops are missing",
+    )
+    unknown = [PointDrop(n, Kind.MEASURED) for n in range(1, 7)]
+    nothing = judged(unknown, target=40e6)
+    assert (nothing.complete, nothing.verdict) == (True, Verdict.UNDECIDED)
+
+
+def test_the_ends_of_the_interval_belong_to_it() -> None:
+    value = judged(SIX).value
+    assert value is not None
+    assert value.interval is not None
+    low, high = value.interval
+    assert judged(SIX, target=low).verdict is Verdict.PASS
+    assert judged(SIX, target=high).verdict is Verdict.UNDECIDED
+    american = find_procedure("mndot")
+    deflection = judged(SIX, american).value
+    assert deflection is not None
+    assert deflection.interval is not None
+    low, high = deflection.interval
+    assert judged(SIX, american, target=high).verdict is Verdict.PASS
+    assert judged(SIX, american, target=low).verdict is Verdict.UNDECIDED
+
+
+def test_what_is_excluded_stands_by_number() -> None:
+    found = judged([*SIX[:4], drop(5, 0.5, Kind.DISCARDED), SIX[5], drop(7, 0.5), drop(8, 0.5)])
+    assert [excluded.number for excluded in found.excluded] == [1, 2, 3, 5, 8]
+    assert found.measured_done == 4
+    assert (found.seating_wanted, found.measured_wanted) == (3, 3)
+
+
+def test_json_has_numbers_lists_and_words_alone() -> None:
+    strange = [dataclasses.replace(d, modulus=math.inf) for d in SIX]
+    said = judged(strange, target=40e6).as_dict()
+    assert said["excluded"][0] == [1, "seating drop 1 of 3"]
+    assert said["kinds"][0] == [1, "seating"]
+    assert type(said["verdict"]) is str
+    assert said["value"]["interval"] == list(judged(SIX).value.interval)  # type: ignore[union-attr,arg-type]
+    json.dumps(said, allow_nan=False)

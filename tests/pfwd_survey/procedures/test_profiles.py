@@ -192,3 +192,139 @@ def test_no_value_is_an_unforeseen_error(key: str, value: Any) -> None:
 def test_every_check_of_a_profile_is_known_by_name() -> None:
     for procedure in shipped_procedures():
         assert set(procedure.checks) <= set(CHECKS)
+
+
+TARGET = """
+[[targets]]
+value_pa = { value = 45e6, source = 'contract 7', verified = true }
+material = 'gravel'
+moisture_from_percent = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('name = "ours"\n', ""), "expected name, a text, came none"),
+        (('title = "Ours"\n', ""), "expected title, a text, came none"),
+        (('source = "contract 7"\n', ""), "expected source, a text, came none"),
+        (('name = "ours"', 'name = " "'), "expected name, a text, came none"),
+        (('name = "ours"', "name = 7"), "name: expected text in quotation marks, came 7"),
+        (("pfwd-procedure = 1", ""), "expected pfwd-procedure = 1, came none"),
+        (("pfwd-procedure = 1", "pfwd-procedure = true"), "expected pfwd-procedure = 1"),
+        (('quantity = "E_LWD"\n', ""), "expected quantity, one of .*, came none"),
+        (("quantity =", 'average = "median"\nquantity ='), "average, one of deflection, modulus"),
+        (("value = 2, ", "value = 101, "), r"seating: expected a whole number from 0 to 100"),
+        (("value = 3, ", "value = 100.5, "), r"measured: expected a whole number from 1 to 100"),
+        (("value = 2.0", "value = 0"), r"\[formula\] factor: expected a number > 0, came 0"),
+        (("value = 2.0", "value = true"), "expected value, a finite number, came True"),
+        (("{ value = 2.0, ", "{ "), "expected value, a finite number, came none"),
+        (("verified = true }\n[formula]", "verified = 1 }\n[formula]"), "true or false, came 1"),
+        (('source = "contract 7, 2", ', ""), "source, a text, came none"),
+        (("[drops]", "drops = 3\n[other]"), "expected a key of a procedure, came 'other'"),
+        (("material = 'gravel'", "material = 3"), r"\[\[targets\]\] 1 material: expected text"),
+        (("percent = 5", "percent = '5'"), "moisture_from_percent: expected a number, in percent"),
+        (("percent = 5", "percent = true"), "moisture_from_percent: expected a number, in percent"),
+        (("value = 45e6", "value = 0"), r"value_pa: expected a number > 0, came 0"),
+        (("value_pa", "value_m"), "expected value_pa for E_LWD, came value_m"),
+        (("[[targets]]", "[targets]"), r"targets: expected tables \[\[targets\]\]"),
+    ],
+)
+def test_every_rule_of_the_format_is_kept(change: tuple[str, str], message: str) -> None:
+    text = PLAIN + TARGET
+    assert parse_procedure(text, "ours.toml").targets[0].value.value == 45e6
+    assert change[0] in text
+    with pytest.raises(OptionError, match=f"^ours.toml.*{message}"):
+        parse_procedure(text.replace(*change, 1), "ours.toml")
+
+
+def test_what_lies_on_a_bound_is_taken() -> None:
+    for old, new in (("value = 2, ", "value = 0, "), ("value = 2, ", "value = 100, ")):
+        assert parse_procedure(PLAIN.replace(old, new), "t").seating is not None
+    for ratio in ("0", "0.5"):
+        given = f"poisson_ratio = {{ value = {ratio}, source = 'x', verified = true }}\n"
+        assert parse_procedure(PLAIN + given, "t").poisson_ratio is not None
+    with pytest.raises(OptionError, match=r"0 <= number <= 0\.5, came 0\.51"):
+        parse_procedure(PLAIN + given.replace("0.5,", "0.51,"), "t")
+    check = "[checks]\nleast_peak_load_n = {{ value = {}, source = 'x', verified = true }}\n"
+    assert parse_procedure(PLAIN + check.format(0), "t").checks["least_peak_load_n"].value == 0
+    with pytest.raises(OptionError, match=r"least_peak_load_n: expected a number >= 0"):
+        parse_procedure(PLAIN + check.format(-0.5), "t")
+
+
+def test_the_formula_of_e_vd_needs_its_nominal_pressure() -> None:
+    with pytest.raises(OptionError, match="nominal_pressure_pa for E_vd, came none"):
+        parse_procedure(PLAIN.replace("E_LWD", "E_vd"), "t")
+
+
+def test_a_target_of_a_deflection_is_in_metres() -> None:
+    text = (PLAIN + TARGET).replace("E_LWD", "deflection").replace("value_pa", "value_m")
+    assert parse_procedure(text.replace("45e6", "0.5e-3"), "t").targets[0].value.value == 0.5e-3
+    both = text + "value_pa = { value = 45e6, source = 'contract 7', verified = true }\n"
+    with pytest.raises(OptionError, match=r"expected value_m for deflection, came value_m, .*"):
+        parse_procedure(both, "t")
+
+
+def test_a_target_without_bounds_is_for_every_moisture() -> None:
+    open_end = parse_procedure(PLAIN + TARGET, "t")
+    assert open_end.target_for(99.0, "gravel") is not None
+    assert open_end.target_for(4.9, "gravel") is None
+    everything = parse_procedure(PLAIN + "\n".join(TARGET.splitlines()[:3]), "t")
+    assert everything.target_for(None, None) is not None
+    assert everything.target_for(3.0, "clay") is not None
+    unverified = PLAIN + TARGET.replace("true", "false")
+    assert parse_procedure(unverified, "t").target_for(6.0, "gravel") is None
+    bold = parse_procedure(unverified, "t", enforce_unverified=True)
+    assert bold.target_for(6.0, "gravel") is not None
+
+
+def test_who_does_not_ask_enforces_nothing_unverified() -> None:
+    text = PLAIN.replace("true", "false")
+    assert parse_procedure(text, "t").seating_drops is None
+    assert parse_procedure(text, "t", enforce_unverified=True).seating_drops == 2
+    # The other way of making one, and the one that a survey keeps.
+    careful = find_procedure("astm-e2835")
+    rebuilt = type(careful)(
+        name=careful.name, title=careful.title, source=careful.source, seating=careful.seating
+    )
+    assert rebuilt.seating_drops is None
+    assert careful.as_kept()["enforce_unverified"] is False
+
+
+def test_only_those_of_the_program_have_no_file(tmp_path: Path) -> None:
+    assert [procedure.file for procedure in shipped_procedures()] == [None] * len(shipped_names())
+    assert find_procedure("mndot").file is None
+    assert parse_procedure(PLAIN, "somewhere").file == "somewhere"
+    upper = tmp_path / "OURS.TOML"
+    with pytest.raises(OptionError, match="readable TOML file"):
+        find_procedure(str(upper))
+    other = tmp_path / "ours"
+    other.write_text(PLAIN, encoding="utf-8")
+    assert find_procedure(str(other)).name == "ours"
+    assert find_procedure(str(other), enforce_unverified=True).enforce_unverified
+
+
+def test_a_file_has_at_most_100_000_characters(tmp_path: Path) -> None:
+    path = tmp_path / "ours.toml"
+    path.write_text(PLAIN + "#" * (100_000 - len(PLAIN)), encoding="utf-8")
+    assert read_procedure(path).name == "ours"
+    path.write_text(PLAIN + "#" * (100_001 - len(PLAIN)), encoding="utf-8")
+    with pytest.raises(OptionError, match="expected at most 100000 characters, came more"):
+        read_procedure(path)
+
+
+def test_a_file_that_is_not_there_is_told_in_the_system_s_words(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="No such file or directory"):
+        read_procedure(tmp_path / "none.toml")
+
+
+def test_numbers_are_found_by_their_keys() -> None:
+    numbers = parse_procedure(PLAIN + TARGET, "t").numbers()
+    assert {key: number.value for key, number in numbers.items()} == {
+        "seating": 2.0,
+        "measured": 3.0,
+        "factor": 2.0,
+        "target 1": 45e6,
+    }
+    german = find_procedure("tp-bf-stb-b8.3").numbers()
+    assert {"nominal_pressure_pa", "nominal_load_n", "plate_radius_m"} <= set(german)
