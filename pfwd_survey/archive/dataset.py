@@ -71,6 +71,7 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("plate_radius_m", "float64"),
     ("plate", "string"),
     ("load", "string"),
+    ("peak_load_n", "float64"),
     ("half_sine_peak_pressure_pa", "float64"),
     ("half_sine_duration_s", "float64"),
     ("half_sine_rms_over_peak", "float64"),

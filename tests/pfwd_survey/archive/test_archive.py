@@ -43,6 +43,20 @@ def test_results_are_those_of_plain_inverting(
         assert (row["modulus_interval_low_pa"], row["modulus_interval_high_pa"]) == (low, high)
         assert row["half_sine_duration_s"] == record["half_sine"]["duration_s"]
         assert row["device"] == "demo"
+        assert row["peak_load_n"] == record["peak_load_n"] == pytest.approx(9e3, rel=0.2)
+
+
+def test_what_plain_inverting_says_has_a_column(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    invert_archive([str(drops)], tmp_path / "out", options, HereWorkers(options))
+    columns = set(rows(tmp_path / "out")[0])
+    (plain, *_) = analyse_files([str(min(drops.rglob("*.csv")))], options)
+    # Intervals and the half-sine stand in several columns; these, which tell of the fit and not of
+    # the ground, in none.
+    parted = {"modulus_interval_pa", "bedrock_depth_interval_m", "half_sine"}
+    without = {"half_sine_equal_area", "contact_end_s", "window_end_s"}
+    assert set(plain.results[0].to_json()) - columns == parted | without
 
 
 def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:
