@@ -1,6 +1,8 @@
 """docs/extending.md, done as it says: its files in an empty folder, and each of them used."""
 
 import contextlib
+import dataclasses
+import inspect
 import json
 import os
 import re
@@ -17,7 +19,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inversion.effects import DropContext, Effect
 from pfwd_device.recording import read_survey
+from pfwd_device.wire.messages import SampleBlock
 from tests.installed_package import install
 
 TOP = Path(__file__).resolve().parents[1]
@@ -132,6 +136,30 @@ def test_the_table_names_what_is_there() -> None:
                 assert (TOP / name).exists(), name
     for name in set(re.findall(r"`((?:pfwd_\w+|inversion|simulators|tui)/[\w/.]+)`", TEXT)):
         assert (TOP / name).exists(), name
+
+
+def test_what_a_stage_gets_is_as_the_table_says() -> None:
+    rows = dict(re.findall(r"^\| `(\w+)` \| `([\w, ]+)` \|", TEXT, re.M))
+    stages = {"ground", "compliance", "nonlinear_stiffness", "motion", "record"}
+    assert rows.keys() == stages
+    for stage, arguments in rows.items():
+        signature = inspect.signature(getattr(Effect, stage))
+        assert arguments.split(", ") == list(signature.parameters)[1:]
+    fields = {field.name for field in dataclasses.fields(DropContext)}
+    (named,) = re.findall(r"`drop` is a `DropContext`.*?and more", TEXT, re.S)
+    assert set(re.findall(r"`([a-z_]+)`", named)) - {"drop", "record"} <= fields
+
+
+def test_the_fields_of_a_block_are_as_the_table_says() -> None:
+    (row,) = re.findall(r"^\| `SampleBlock` \| (.*) \|$", TEXT, re.M)
+    fields = [field.name for field in dataclasses.fields(SampleBlock)]
+    assert re.findall(r"`(\w+)`", row) == fields[:4]
+
+
+def test_what_is_installed_is_found(folder: Path, tmp_path: Path) -> None:
+    done = python(folder, "-c", EXAMPLES["found"])
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["('connector_click',)", "()"]
 
 
 def test_a_dialect_measures(folder: Path) -> None:
