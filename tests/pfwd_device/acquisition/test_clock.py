@@ -95,3 +95,30 @@ def test_a_new_beginning_is_no_jump() -> None:
     clock.restart()
     run(clock, 20.0, begin=1020.0, device=0.0)
     assert clock.jumps == 0
+
+
+@pytest.mark.parametrize(("step", "jumps"), [(0.4, 0), (0.7, 1), (-0.15, 0), (-0.3, 1)])
+def test_a_jump_is_more_than_any_delay(step: float, jumps: int) -> None:
+    """Forward by more than half a second, or backward by more than blocks overtake each other."""
+    clock = DeviceClock()
+    run(clock, 20.0)
+    for k in range(100):
+        clock.add(25.0 + step + 0.02 * k, 1020.0 + 0.02 * k)
+    assert clock.jumps == jumps
+
+
+def test_drift_is_told_after_a_quarter_of_a_minute() -> None:
+    clock = DeviceClock()
+    run(clock, 14.0, jitter=1e-4)
+    assert clock.is_real_time
+    assert clock.drift_ppm is None
+    run(clock, 3.0, begin=1014.0, device=19.0, jitter=1e-4)
+    assert clock.drift_ppm is not None
+
+
+@pytest.mark.parametrize(("speed", "real"), [(0.992, True), (1.008, True), (1.012, False)])
+def test_a_hundredth_is_another_speed_on_purpose(speed: float, real: bool) -> None:
+    clock = DeviceClock()
+    run(clock, 20.0, speed=speed, jitter=1e-4)
+    assert clock.is_real_time is real
+    assert (clock.drift_ppm is not None) is real

@@ -264,3 +264,77 @@ def test_one_that_only_talks_is_believed() -> None:
     assert talk.receive(identity(), block(0)) == ACCEPT
     assert talk.receive(block(0, stream=8), status(sampling=False)) == []
     assert talk.conversation.stage is Stage.RUNNING
+
+
+def test_greetings_come_every_three_tenths_for_four_seconds() -> None:
+    talk = Talk()
+    assert talk.said(3.95) == [Hello()] * 14
+    assert talk.conversation.failure is None
+    talk.said(0.1)
+    assert talk.conversation.failure is not None
+    assert "within 4 s" in talk.conversation.failure.reason
+
+
+def test_a_link_that_is_opened_again_begins_anew() -> None:
+    talk = running()
+    talk.receive(Event(EventKind.END, 0))
+    talk.conversation.closed()
+    assert talk.receive(identity(), block(20)) == [], "nothing is heard of a closed link"
+    assert talk.conversation.stage is Stage.CLOSED
+    talk.conversation.opened(talk.now)
+    assert talk.said() == [Hello()]
+    talk.receive(identity())
+    talk.receive(status(sampling=False))
+    assert talk.said() == [Start()], "the end of before is forgotten"
+
+
+def test_it_is_looked_for_three_quarters_of_a_second() -> None:
+    talk = running()
+    talk.conversation.closed()
+    talk.conversation.opened(talk.now)
+    talk.said()
+    talk.receive(identity())
+    assert talk.said(0.7) == []
+    assert talk.said(0.1) == [Start()]
+
+
+def test_what_is_not_answered_is_said_again_after_a_second() -> None:
+    talk = Talk(Conversation(4000.0))
+    talk.said()
+    talk.receive(identity(rate=2000.0))
+    assert talk.said(0.95) == [Stop(), Configure(4000.0)]
+    assert talk.said(0.1) == [Stop(), Configure(4000.0)]
+    talk.receive(identity(rate=4000.0))
+    assert talk.said(0.95) == [Start()]
+    assert talk.said(0.1) == [Start()]
+
+
+@pytest.mark.parametrize(("since", "stopped"), [(0.28, False), (0.32, True)])
+def test_a_status_may_be_older_than_the_blocks_around_it(since: float, stopped: bool) -> None:
+    talk = running()
+    talk.now += since
+    heard = talk.receive(status(sampling=False))
+    assert (heard == [SampleAction.SUSPEND]) is stopped
+
+
+def test_what_waits_to_be_received_may_be_the_answer() -> None:
+    conversation = Conversation(answer_time=1.0)
+    conversation.opened(0.0)
+    conversation.tick(5.0, received_all=False)
+    assert conversation.failure is None
+    conversation.tick(5.0)
+    assert conversation.failure is not None
+
+
+def test_the_reason_of_the_last_refusal_is_in_the_failure() -> None:
+    talk = Talk(Conversation(4000.0, serial_number="SN-1"))
+    talk.said()
+    talk.receive(identity(rate=2000.0))
+    talk.said()
+    talk.receive(Refusal(RefusalCode.ARGUMENT, "too fast"))
+    failure = talk.conversation.failure
+    assert failure is not None
+    assert failure.reason == (
+        "the instrument SN-1 refuses (code 3: too fast) a sampling rate of 4000.0 Hz; ask for "
+        "another one or none"
+    )

@@ -190,3 +190,27 @@ def test_any_bytes_are_survived(pieces: list[bytes], met: bool) -> None:
     decoder.cut()
     feed(decoder, [b"\0", *encode([identity(), block(20), block(40)])])
     assert decoder.counters.samples >= 40
+
+
+def test_suspended_samples_wait_for_the_next_acceptance() -> None:
+    decoder = Decoder(BinaryDialect(), automatic=False)
+    pieces = encode([identity(), *(block(20 * k) for k in range(4))])
+    feed(decoder, pieces[:1])
+    decoder.accept(UTC)
+    assert story(feed(decoder, pieces[1:3]))[1:] == [(7, 0, 40, False)]
+    decoder.suspend()
+    assert feed(decoder, pieces[3:]) == []
+    assert story(decoder.accept(UTC) + decoder.idle(1e9)) == [
+        (identity(), True),
+        (7, 40, 80, False),
+    ]
+
+
+def test_a_known_stream_goes_on_without_an_identity() -> None:
+    """After a cut the instrument may send blocks before it is asked who it is."""
+    decoder = Decoder(BinaryDialect())
+    feed(decoder, encode([identity(), block(0)]))
+    decoder.cut()
+    assert story(feed(decoder, encode([block(20)])))[-1] == (7, 20, 40, False)
+    decoder.cut()
+    assert feed(decoder, encode([block(0, stream=9)])) == [], "another run may have other channels"

@@ -385,3 +385,79 @@ def test_the_load_that_starts_a_drop_is_told_in_newtons(threshold):
     run(stream(seconds=1.0, noise=500.0), detector=rough)
     # Eight times the noise, where that is more.
     assert rough.drop_load == pytest.approx(max(threshold, 8 * 500.0), rel=0.05)
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 1e9, np.inf, np.nan])
+@pytest.mark.parametrize("field", ["threshold", "noise_factor", "confirm"])
+def test_a_setting_is_a_positive_number(field, value):
+    with pytest.raises(SetupError, match=f"detection: {field}: expected a number > 0"):
+        DetectionSettings(**{field: value})
+
+
+def test_times_are_up_to_ten_seconds_and_hysteresis_below_all():
+    for field in ("pre_trigger", "post_trigger", "rebound_window"):
+        assert getattr(DetectionSettings(**{field: 10.0}), field) == 10.0
+        with pytest.raises(SetupError, match="expected times up to 10 s, came 10"):
+            DetectionSettings(**{field: 10.1})
+    assert DetectionSettings(hysteresis=0.99).hysteresis == 0.99
+    with pytest.raises(SetupError, match=r"hysteresis: expected below 1, came 1\.0"):
+        DetectionSettings(hysteresis=1.0)
+
+
+def test_rest_is_known_after_a_fifth_of_a_second():
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    counts = counts_of(stream(noise=0.0))
+    assert detector.feed(samples(counts[:1999])) == []
+    assert not detector.ready
+    detector.feed(samples(counts[1999:2000], 1999))
+    assert detector.ready
+    assert (detector.at_rest.load, detector.at_rest.noise) == (120.0, 0.0)
+
+
+def test_rest_follows_a_drift_by_three_hundredths_a_quantum():
+    load = stream(noise=0.0, seconds=0.3)
+    load[2000:] += 100.0
+    detector = Detector(IDENTITY)
+    run(load[:2100], detector=detector)
+    assert detector.at_rest.load == pytest.approx(123.0)
+    run(load[:2200], detector=detector)
+    assert detector.at_rest.load == pytest.approx(123.0 + 0.03 * 97)
+
+
+@pytest.mark.parametrize(("length", "known"), [(9_999, True), (10_000, False)])
+def test_after_a_second_without_samples_rest_is_found_anew(length, known):
+    detector = Detector(IDENTITY)
+    run(stream(seconds=1.0), detector=detector)
+    assert detector.ready
+    detector.feed(Gap(7, 10_000, length))
+    assert detector.ready is known
+
+
+@pytest.mark.parametrize("length", [3 * RATE, 123_456_789, 10**12])
+def test_samples_behind_a_gap_keep_their_numbers(length):
+    detector = Detector(IDENTITY)
+    run(stream(seconds=1.0), detector=detector)
+    detector.feed(Gap(7, RATE, length))
+    load = stream(seconds=2.0, noise=0.0)
+    half_sine(load, 1.0, 8000.0)
+    (drop,) = drops(detector.feed(samples(counts_of(load), RATE + length)))
+    assert drop.first + drop.trigger == RATE + length + 10_003
+    assert drop.missing == ()
+
+
+def test_a_bounce_right_after_the_load_was_gone_is_a_rebound():
+    # Everything within one quantum: the load leaves a long pulse, is gone for 2 ms, bounces for
+    # 3 ms and is gone again.
+    load = stream(noise=0.0)
+    load[20_000:21_110] += 8000.0
+    load[21_130:21_160] += 2000.0
+    (rebound,) = rebounds(run(load))
+    assert rebound.trigger == 21_130
+
+
+def test_samples_of_another_stream_are_a_mistake():
+    detector = Detector(IDENTITY)
+    detector.begin(7)
+    with pytest.raises(ValueError, match="expected samples of stream 7, came 8"):
+        detector.feed(Gap(8, 0, 10))

@@ -1,0 +1,64 @@
+"""How long the reading thread waits between two attempts to open a port."""
+
+from typing import Any
+
+import pytest
+
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.link import Chunk, Link, Lost, Queue, WakeUp, _now
+from pfwd_device.errors import PortError
+from pfwd_device.wire.dialect import LinkCounters
+
+
+class Ended:
+    """An event that is set after some waits, and keeps how long they were."""
+
+    def __init__(self, most: int) -> None:
+        self.waits: list[float] = []
+        self._most = most
+
+    def wait(self, seconds: float) -> bool:
+        self.waits.append(seconds)
+        return self.is_set()
+
+    def is_set(self) -> bool:
+        return len(self.waits) >= self._most
+
+    def set(self) -> None:
+        self._most = 0
+
+
+def absent() -> Any:
+    raise PortError("no such port")
+
+
+def test_a_port_that_is_not_there_is_tried_ever_more_rarely() -> None:
+    counters = Counters(link=LinkCounters())
+    queue = Queue(10_000, counters)
+    link = Link(absent, queue, counters)
+    ended = Ended(8)
+    link._stop = ended  # type: ignore[assignment]
+    link._run()
+    assert ended.waits == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0])
+    lost = [queue.get(0.0) for _ in range(8)]
+    assert all(isinstance(event, Lost) and not event.was_open for event in lost)
+    # Once the right instrument answered it is looked for at once.
+    link.settled()
+    link._stop = ended = Ended(1)  # type: ignore[assignment]
+    link._run()
+    assert ended.waits == [0.1]
+
+
+def test_a_chunk_that_is_too_much_is_thrown_away_whole_and_counted() -> None:
+    counters = Counters(link=LinkCounters())
+    queue = Queue(1000, counters)
+    chunk = Chunk(b"x" * 300, 0.0, _now())
+    queue.put(chunk)  # 200 bytes are counted on top of each
+    queue.put(chunk)
+    queue.put(Chunk(b"y", 0.0, _now()))
+    assert counters.queue_overflow_bytes == 1
+    queue.put(WakeUp())  # what is no bytes has always room
+    assert [type(queue.get(0.0)) for _ in range(4)] == [Chunk, Chunk, WakeUp, type(None)]
+    queue.put(chunk)
+    assert queue.get(0.0) is chunk
+    assert counters.queue_overflow_bytes == 1
