@@ -8,12 +8,15 @@
     python3 dev.py mutate MODULE [ARGS]  set up if needed, then change MODULE and see whether its
                                  tests notice; ARGS as in .ci/mutate.py
 
-The environment is the folder .venv beside this file, or the one that PFWD_VENV names.
+The environment is the folder .venv beside this file, or the one that PFWD_VENV names. With
+--python VERSION anywhere behind the task, as in `test --python 3.13`, another Python of this
+computer does it, in an environment of its own (.venv-3.13).
 """
 
 import hashlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import venv
@@ -35,6 +38,29 @@ STATIC_CHECKS = {
     "mypy for macOS": ["mypy", "--platform", "darwin", "--cache-dir", ".mypy_cache/darwin"],
     "imports": ["lint-imports"],
 }
+
+
+def find_python(version: str) -> str:
+    """The interpreter of a version: on the path, known to Windows' launcher, or kept by pyenv."""
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    kept = [pyenv / version, *pyenv.glob(f"{version}.*")]
+    tried = [[f"python{version}"], *([["py", f"-{version}"]] if os.name == "nt" else [])]
+    tried += [[str(folder / "bin" / "python")] for folder in sorted(kept, reverse=True)]
+    question = "import sys; print(sys.executable); print(sys.version.split()[0])"
+    for command in tried:
+        if shutil.which(command[0]):
+            # A name on the path may stand for a version that is not chosen: then it fails.
+            done = subprocess.run([*command, "-c", question], capture_output=True, text=True)
+            found = done.stdout.splitlines()
+            if done.returncode == 0 and f"{found[1]}.".startswith(f"{version}."):
+                return found[0]
+    sys.exit(f"dev.py: --python: expected a Python {version} on this computer, came none")
+
+
+def with_python(version: str, arguments: list[str]) -> int:
+    """Let another Python do it, in an environment of its own."""
+    environment = {"PFWD_VENV": str(TOP / f".venv-{version}"), **os.environ}
+    return subprocess.call([find_python(version), __file__, *arguments], env=environment)
 
 
 def run(command: list[str]) -> int:
@@ -85,6 +111,12 @@ def tests(arguments: list[str]) -> tuple[bool, str]:
 
 
 def main(arguments: list[str]) -> int:
+    if "--python" in arguments:
+        place = arguments.index("--python")
+        version = "".join(arguments[place + 1 : place + 2])
+        if not re.fullmatch(r"3\.\d+(\.\d+)?", version):
+            sys.exit(f"dev.py: --python: expected a version like 3.13, came {version or 'none'}")
+        return with_python(version, [*arguments[:place], *arguments[place + 2 :]])
     task = arguments[0] if arguments else ""
     if task not in ("demo", "test", "check", "docs", "mutate"):
         print(__doc__)

@@ -13,9 +13,10 @@ from pfwd_device import Channel, Drop
 
 TOP = Path(__file__).resolve().parents[1]
 
-# A change is judged by the same examples twice; new ones are looked for on purpose.
-settings.register_profile("everyday", derandomize=True)
-settings.register_profile("explore", derandomize=False, print_blob=True)
+# A change is judged by the same examples twice; new ones are looked for on purpose. How long one
+# example takes says how busy the computer is.
+settings.register_profile("everyday", derandomize=True, deadline=None)
+settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True)
 settings.load_profile("everyday")
 
 
