@@ -31,6 +31,7 @@ def stopped_by_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    main = threading.get_ident()
     waiting_since: list[float] = []
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -39,7 +40,7 @@ def stopped_by_signals() -> Iterator[None]:
             waiting_since.append(now)
             if now - waiting_since[0] < LONGEST_WAIT:
                 # The bare thread: what this interrupts may hold the locks of `threading`.
-                _thread.start_new_thread(_try_again, (number,))
+                _thread.start_new_thread(_try_again, (number, main))
                 return
         waiting_since.clear()
         raise KeyboardInterrupt
@@ -48,7 +49,8 @@ def stopped_by_signals() -> Iterator[None]:
 
     def lost(told: Any) -> None:
         if issubclass(told.exc_type, KeyboardInterrupt):
-            _thread.start_new_thread(_try_again, (signal.SIGINT,))  # now it would be lost again
+            # At this moment it would be lost again.
+            _thread.start_new_thread(_try_again, (signal.SIGINT, main))
         else:
             before(told)
 
@@ -77,6 +79,9 @@ def _is_importing(frame: FrameType | None) -> bool:
     return False
 
 
-def _try_again(number: int) -> None:
+def _try_again(number: int, main: int) -> None:
     time.sleep(AGAIN)
-    _thread.interrupt_main(signal.Signals(number))
+    if sys.platform == "win32":
+        _thread.interrupt_main(signal.Signals(number))
+    else:  # the same, and what the main thread waits for is interrupted too
+        signal.pthread_kill(main, number)

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 TOP = Path(__file__).resolve().parents[2]
+PATIENCE = 30.0
+"""s; far less than the program would sleep, since what is interrupted does not go on sleeping."""
 
 
 def run(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
@@ -22,7 +24,7 @@ def run(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     """)
         + textwrap.indent(textwrap.dedent(code), 8 * " ")
         + textwrap.dedent("""
-                time.sleep(10)
+                time.sleep(100)
                 print("went on")
         except KeyboardInterrupt:
             print("interrupted")
@@ -30,7 +32,7 @@ def run(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     )
     return subprocess.run(
         [sys.executable, "-c", program, str(folder)],
-        cwd=TOP, capture_output=True, text=True, timeout=60,
+        cwd=TOP, capture_output=True, text=True, timeout=PATIENCE,
     )  # fmt: skip
 
 
@@ -52,7 +54,7 @@ def test_a_module_is_loaded_to_its_end_first(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.posix
 def test_a_program_that_an_import_runs_can_be_interrupted(tmp_path: Path) -> None:
-    (tmp_path / "program.py").write_text(MODULE.format(name="SIGINT", length=30))
+    (tmp_path / "program.py").write_text(MODULE.format(name="SIGINT", length=100))
     code = "import tui.interrupts\ntui.interrupts.LONGEST_WAIT = 0.3\nimport program\n"
     done = run(code, tmp_path)
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
