@@ -77,7 +77,11 @@ def test_workers_with_another_version_are_refused(
         ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)
 
 
-def test_a_cluster_that_ends_is_said_with_what_to_do(drops: Path) -> None:
+def test_a_cluster_that_ends_is_said_with_what_to_do(
+    drops: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # So long the client looks whether it comes back.
+    monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", processes=True
