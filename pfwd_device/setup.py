@@ -36,7 +36,7 @@ MOST_COLUMNS = 64
 Table = Mapping[str, Any]
 
 
-class Rule(NamedTuple):
+class SetupKey(NamedTuple):
     """How one key is checked and where its value goes."""
 
     attribute: str
@@ -90,40 +90,44 @@ _TEXT = f"text of 1 to {LONGEST_NAME} letters on one line"
 _DATE = "a date as 2026-05-31, without quotation marks"
 
 LINK_KEYS = {
-    "dialect": Rule("dialect", lambda: _alternatives(dialect_names()), _is_dialect),
-    "baud_rate": Rule("baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)),
-    "sampling_rate_hz": Rule(
+    "dialect": SetupKey("dialect", lambda: _alternatives(dialect_names()), _is_dialect),
+    "baud_rate": SetupKey(
+        "baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)
+    ),
+    "sampling_rate_hz": SetupKey(
         "sampling_rate",
         f"a number > 0 up to {FASTEST_SAMPLING:g}, in Hz",
         _number(0, FASTEST_SAMPLING),
     ),
 }
 INSTRUMENT_KEYS = {
-    "serial_number": Rule("serial_number", _TEXT, _word),
-    "model": Rule("model", _TEXT, _word),
-    "adc_bits": Rule("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
-    "adc_range_v": Rule("adc_range", "a number > 0, in V", _number(0)),
+    "serial_number": SetupKey("serial_number", _TEXT, _word),
+    "model": SetupKey("model", _TEXT, _word),
+    "adc_bits": SetupKey("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
+    "adc_range_v": SetupKey("adc_range", "a number > 0, in V", _number(0)),
 }
 CHANNEL_KEYS = {
-    "name": Rule("name", _TEXT, _word),
-    "role": Rule("role", _alternatives(tuple(Role)), _one_of(*Role)),
-    "column": Rule("column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)),
-    "resolution": Rule("resolution", "a number > 0: what one count stands for", _number(0)),
-    "offset_m": Rule("offset", "a finite number, in m", _number(-math.inf)),
-    "sensitivity": Rule(
+    "name": SetupKey("name", _TEXT, _word),
+    "role": SetupKey("role", _alternatives(tuple(Role)), _one_of(*Role)),
+    "column": SetupKey(
+        "column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)
+    ),
+    "resolution": SetupKey("resolution", "a number > 0: what one count stands for", _number(0)),
+    "offset_m": SetupKey("offset", "a finite number, in m", _number(-math.inf)),
+    "sensitivity": SetupKey(
         "sensitivity",
         "a number other than 0, in V per N, V per m/s or V per m",
         lambda value: _number(-math.inf)(value) and value != 0,
     ),
-    "zero_v": Rule("zero", "a finite number, in V", _number(-math.inf)),
-    "natural_frequency_hz": Rule("natural_frequency", "a number > 0, in Hz", _number(0)),
-    "damping": Rule("damping", "a number > 0", _number(0)),
-    "shunt_n": Rule("shunt", "a number > 0, in N", _number(0)),
-    "calibrated": Rule("calibrated", _DATE, _date),
-    "due": Rule("due", _DATE, _date),
+    "zero_v": SetupKey("zero", "a finite number, in V", _number(-math.inf)),
+    "natural_frequency_hz": SetupKey("natural_frequency", "a number > 0, in Hz", _number(0)),
+    "damping": SetupKey("damping", "a number > 0", _number(0)),
+    "shunt_n": SetupKey("shunt", "a number > 0, in N", _number(0)),
+    "calibrated": SetupKey("calibrated", _DATE, _date),
+    "due": SetupKey("due", _DATE, _date),
 }
 DETECTION_KEYS = {
-    key: Rule(attribute, f"a number > 0{unit}", _number(0))
+    key: SetupKey(attribute, f"a number > 0{unit}", _number(0))
     for key, attribute, unit in (
         ("threshold_n", "threshold", ", in N"),
         ("noise_factor", "noise_factor", ""),
@@ -311,7 +315,7 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
     return setup
 
 
-def _read(table: Any, rules: Mapping[str, Rule], where: str) -> dict[str, Any]:
+def _read(table: Any, rules: Mapping[str, SetupKey], where: str) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise SetupError(f"{where}: expected a table, came {clean(ascii(table))}")
     values = {}

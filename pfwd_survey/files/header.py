@@ -118,7 +118,7 @@ class Setup:
             raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
 
 
-class Rule(NamedTuple):
+class HeaderKey(NamedTuple):
     """How one key of the header is checked and where its value goes."""
 
     attribute: str
@@ -153,43 +153,43 @@ def _free(value: object) -> bool:
     return isinstance(value, str) or _finite(value)
 
 
-def _free_rule(attribute: str) -> Rule:
-    return Rule(attribute, "text in quotation marks or a finite number", _free)
+def _free_rule(attribute: str) -> HeaderKey:
+    return HeaderKey(attribute, "text in quotation marks or a finite number", _free)
 
 
-KEYS: dict[str, Rule] = {
-    "plate_radius_m": Rule("plate_radius", "a number > 0, in m", _positive),
-    "plate_mass_kg": Rule("plate_mass", "a number >= 0, in kg", _not_negative),
-    "poisson_ratio": Rule(
+KEYS: dict[str, HeaderKey] = {
+    "plate_radius_m": HeaderKey("plate_radius", "a number > 0, in m", _positive),
+    "plate_mass_kg": HeaderKey("plate_mass", "a number >= 0, in kg", _not_negative),
+    "poisson_ratio": HeaderKey(
         "poisson_ratio",
         "0 <= number < 0.5",
         _number(lambda value: 0 <= value < 0.5),
         "0.5 is an incompressible soil, whose pressure waves are infinitely fast and which no "
         "model here supports: use 0.49 for saturated clay",
     ),
-    "density_kg_m3": Rule("density", "a number > 0, in kg/m3", _positive),
-    "bedrock_depth_m": Rule(
+    "density_kg_m3": HeaderKey("density", "a number > 0, in kg/m3", _positive),
+    "bedrock_depth_m": HeaderKey(
         "bedrock_depth",
         "a number > 0, in m, or inf for none",
         _number(lambda value: value > 0),
     ),
-    "centre_sensor": Rule(
+    "centre_sensor": HeaderKey(
         "centre_sensor",
         '"plate" or "ground"',
         lambda value: isinstance(value, str) and value in ("plate", "ground"),
     ),
-    "geophone_natural_frequency_hz": Rule(
+    "geophone_natural_frequency_hz": HeaderKey(
         "geophone_natural_frequency", "a number > 0, in Hz", _positive
     ),
-    "geophone_damping": Rule("geophone_damping", "a number > 0", _positive),
-    "load_filter_hz": Rule("load_filter_frequency", "a number > 0, in Hz", _positive),
-    "load_delay_s": Rule("load_delay", "a finite number, in s", _finite),
-    "seating_drops": Rule(
+    "geophone_damping": HeaderKey("geophone_damping", "a number > 0", _positive),
+    "load_filter_hz": HeaderKey("load_filter_frequency", "a number > 0, in Hz", _positive),
+    "load_delay_s": HeaderKey("load_delay", "a finite number, in s", _finite),
+    "seating_drops": HeaderKey(
         "seating_drops",
         "a whole number >= 0",
         lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0,
     ),
-    "model_floor_m": Rule("model_floor", "a number >= 0, in m", _not_negative),
+    "model_floor_m": HeaderKey("model_floor", "a number >= 0, in m", _not_negative),
     **{
         name: _free_rule(name)
         for name in (
@@ -206,8 +206,8 @@ KEYS: dict[str, Rule] = {
             "photos",
         )
     },
-    "moisture_percent": Rule("moisture", "a number >= 0, in percent by mass", _not_negative),
-    "temperature_c": Rule(
+    "moisture_percent": HeaderKey("moisture", "a number >= 0, in percent by mass", _not_negative),
+    "temperature_c": HeaderKey(
         "temperature",
         "a number from -90 to 100, in degrees Celsius",
         _number(lambda value: -90 <= value <= 100),

@@ -22,7 +22,7 @@ from pfwd_device.setup import (
     INSTRUMENT_KEYS,
     TABLES,
     DeviceSetup,
-    Rule,
+    SetupKey,
     read_device_setup,
 )
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
@@ -128,7 +128,7 @@ class MeasuringSetup:
 def _otherwise(
     mine: Identity | ChannelIdentity,
     theirs: Identity | ChannelIdentity,
-    keys: Mapping[str, Rule],
+    keys: Mapping[str, SetupKey],
     where: str,
 ) -> list[str]:
     """The keys of a table that the file says otherwise than the instrument."""

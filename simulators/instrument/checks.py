@@ -18,31 +18,33 @@ class ScenarioError(SimulationError, ValueError):
     """A scenario cannot be simulated as it is written; the message names the key."""
 
 
-class Rule(NamedTuple):
+class Requirement(NamedTuple):
     """What a value has to be."""
 
     holds: Callable[[Any], bool]
     expected: str
 
 
-ANY = Rule(lambda value: not isinstance(value, float) or math.isfinite(value), "a finite number")
-POSITIVE = Rule(lambda value: 0 < value < math.inf, "> 0")
-POSITIVE_OR_INFINITE = Rule(lambda value: value > 0, "> 0, or inf")
-AT_LEAST_0 = Rule(lambda value: 0 <= value < math.inf, ">= 0")
-FRACTION = Rule(lambda value: 0 <= value <= 1, "0 to 1")
+ANY = Requirement(
+    lambda value: not isinstance(value, float) or math.isfinite(value), "a finite number"
+)
+POSITIVE = Requirement(lambda value: 0 < value < math.inf, "> 0")
+POSITIVE_OR_INFINITE = Requirement(lambda value: value > 0, "> 0, or inf")
+AT_LEAST_0 = Requirement(lambda value: 0 <= value < math.inf, ">= 0")
+FRACTION = Requirement(lambda value: 0 <= value <= 1, "0 to 1")
 
 
-def below(limit: float) -> Rule:
+def below(limit: float) -> Requirement:
     """At least 0 and less than a limit."""
-    return Rule(lambda value: 0 <= value < limit, f"0 to below {limit:g}")
+    return Requirement(lambda value: 0 <= value < limit, f"0 to below {limit:g}")
 
 
-def one_of(*values: object) -> Rule:
+def one_of(*values: object) -> Requirement:
     """One of a few values."""
-    return Rule(lambda value: value in values, "one of " + ", ".join(map(str, values)))
+    return Requirement(lambda value: value in values, "one of " + ", ".join(map(str, values)))
 
 
-def key(default: Any, rule: Rule, meaning: str, table: type | None = None) -> Any:
+def key(default: Any, rule: Requirement, meaning: str, table: type | None = None) -> Any:
     """A field of a dataclass that is a key of a table.
 
     Parameters
@@ -54,7 +56,7 @@ def key(default: Any, rule: Rule, meaning: str, table: type | None = None) -> An
     return field(default=default, metadata=about(rule, meaning, table))
 
 
-def about(rule: Rule, meaning: str, table: type | None = None) -> dict[str, Any]:
+def about(rule: Requirement, meaning: str, table: type | None = None) -> dict[str, Any]:
     """The metadata of a field that is a key of a table; see `key`."""
     return {"rule": rule, "meaning": meaning, "table": table}
 
@@ -133,7 +135,7 @@ def _read(entry: Any, hint: Any, value: Any, source: str, where: str) -> Any:
     return _value(value, hint, rule, source, where)
 
 
-def _value(value: Any, hint: Any, rule: Rule, source: str, where: str) -> Any:
+def _value(value: Any, hint: Any, rule: Requirement, source: str, where: str) -> Any:
     """One number, text, truth or day, checked."""
     union = isinstance(hint, types.UnionType)
     type_ = typing.get_args(hint)[0] if union else hint

@@ -58,7 +58,7 @@ class _Stream:
     """Of the next sample."""
 
 
-class Instrument:
+class PortlessInstrument:
     """A simulated instrument.
 
     The caller hands over what the host sends (`receive`), lets time pass (`advance`), and takes

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from simulators.instrument.scenario import ChannelSettings, Effect, Scenario
+from simulators.instrument.scenario import ChannelEffect, ChannelSettings, Scenario
 from simulators.instrument.units import DURATION, TIME_STEP, UnitDrop
 from simulators.mesh import Array
 from simulators.traces import Geophone, geophone_output
@@ -53,7 +53,7 @@ class DropResponse:
         return np.asarray(self._spline(time))
 
 
-def channel_gain(channel: ChannelSettings, effects: tuple[Effect, ...]) -> float:
+def channel_gain(channel: ChannelSettings, effects: tuple[ChannelEffect, ...]) -> float:
     """What multiplies everything that a channel senses, its effects taken together."""
     gain = 1.0
     for effect in effects:
@@ -92,7 +92,7 @@ def _memory(frequency: float, damping: float) -> float:
 
 
 def _read(
-    channel: ChannelSettings, effects: list[Effect], unit: UnitDrop, row: int, padding: int
+    channel: ChannelSettings, effects: list[ChannelEffect], unit: UnitDrop, row: int, padding: int
 ) -> Array:
     """One channel of a unit drop, (n,), SI unit of its role."""
     match channel.role:

@@ -17,7 +17,7 @@ from typing import Any
 
 from pfwd_device.child_python import start_text_child
 from simulators.instrument.checks import ScenarioError
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import EndpointError, open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
@@ -70,7 +70,7 @@ def simulate(
     scenario = load_scenario(options.scenario)
     movable = bool(scenario.faults_of("unplug"))
     with closing(open_endpoint(options.listen, movable)) as endpoint:
-        instrument = Instrument(
+        instrument = PortlessInstrument(
             scenario,
             options.seed,
             options.drops,

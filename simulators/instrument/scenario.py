@@ -248,7 +248,7 @@ _EFFECTS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Effect:
+class ChannelEffect:
     """What one channel does that its calibration does not tell."""
 
     KEYS: ClassVar = _EFFECTS
@@ -309,7 +309,9 @@ class Scenario:
     )
     drops: DropSettings = field(default=DropSettings(), metadata=about(ANY, "table", DropSettings))
     link: LinkSettings = field(default=LinkSettings(), metadata=about(ANY, "table", LinkSettings))
-    effects: tuple[Effect, ...] = field(default=(), metadata=about(ANY, "array of tables", Effect))
+    effects: tuple[ChannelEffect, ...] = field(
+        default=(), metadata=about(ANY, "array of tables", ChannelEffect)
+    )
     faults: tuple[Fault, ...] = field(default=(), metadata=about(ANY, "array of tables", Fault))
     name: str = field(default="", metadata={"hidden": True})
 

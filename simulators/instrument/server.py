@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import Endpoint
 
 TICK = 0.01
@@ -39,7 +39,7 @@ class Server:
 
     def __init__(
         self,
-        instrument: Instrument,
+        instrument: PortlessInstrument,
         endpoint: Endpoint,
         rate: float = 1.0,
         stopped: Callable[[], bool] = lambda: False,

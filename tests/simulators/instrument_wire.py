@@ -8,7 +8,7 @@ from cobs import cobs
 
 from pfwd_device.wire.binary import encode_message
 from pfwd_device.wire.messages import HostMessage, Start
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.scenario import load_scenario
 
 IDENTITY, SAMPLES, STATUS, EVENT, REFUSAL = 0x81, 0x82, 0x83, 0x84, 0x85
@@ -71,20 +71,20 @@ def refusals(data: bytes) -> list[int]:
     return [struct.unpack("<H", f.payload[:2])[0] for f in frames(data) if f.type == REFUSAL]
 
 
-def taken(instrument: Instrument) -> bytes:
+def taken(instrument: PortlessInstrument) -> bytes:
     data = bytes(instrument.output)
     instrument.sent(len(data))
     return data
 
 
-def say(instrument: Instrument, *messages: HostMessage) -> bytes:
+def say(instrument: PortlessInstrument, *messages: HostMessage) -> bytes:
     instrument.receive(b"".join(b"\0" + encode_message(message, 0) for message in messages))
     return taken(instrument)
 
 
-def started(tables: Any = "default", **options: Any) -> Instrument:
+def started(tables: Any = "default", **options: Any) -> PortlessInstrument:
     """An instrument that samples, with nothing of it taken yet."""
-    instrument = Instrument(load_scenario(tables), **options)
+    instrument = PortlessInstrument(load_scenario(tables), **options)
     instrument.connect()
     instrument.receive(b"\0" + encode_message(Start(), 0))
     return instrument

@@ -9,7 +9,7 @@ import pytest
 from pfwd_device.wire.binary import encode_message
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.messages import Configure, Hello, Shunt, Start, Stop
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.scenario import load_scenario
 from tests.simulators.instrument_wire import (
     END,
@@ -33,7 +33,7 @@ from tests.simulators.instrument_wire import (
 
 
 def test_hello_is_answered_by_the_identity() -> None:
-    instrument = Instrument(load_scenario("default"))
+    instrument = PortlessInstrument(load_scenario("default"))
     (frame,) = frames(say(instrument, Hello()))
     assert frame.type == IDENTITY
     assert frame.payload.startswith(b"\x01\x09PFWD-0042\x0eSimulated PFWD\x051.0.0")
@@ -42,16 +42,16 @@ def test_hello_is_answered_by_the_identity() -> None:
 
 def test_a_plate_that_is_not_declared_is_not_sent() -> None:
     tables = {"base": "default", "device": {"plate_declared": False}}
-    (frame,) = frames(say(Instrument(load_scenario(tables)), Hello()))
+    (frame,) = frames(say(PortlessInstrument(load_scenario(tables)), Hello()))
     assert np.all(np.isnan(struct.unpack("<dd", frame.payload[49:65])))
 
 
 def test_an_unknown_version_is_refused() -> None:
-    assert refusals(say(Instrument(load_scenario("default")), Hello(2, 9))) == [1]
+    assert refusals(say(PortlessInstrument(load_scenario("default")), Hello(2, 9))) == [1]
 
 
 def test_an_unknown_message_is_refused() -> None:
-    instrument = Instrument(load_scenario("default"))
+    instrument = PortlessInstrument(load_scenario("default"))
     instrument.receive(encode_frame(0x7F, 0, b""))
     assert refusals(taken(instrument)) == [2]
 
@@ -60,7 +60,7 @@ def test_an_unknown_message_is_refused() -> None:
     ("wanted", "set_"), [(9e3, 10e3), (1.0, 1e3), (50e3, 50e3), (14_999, 10e3), (15_001, 20e3)]
 )
 def test_the_nearest_rate_is_set(wanted: float, set_: float) -> None:
-    instrument = Instrument(load_scenario("default"))
+    instrument = PortlessInstrument(load_scenario("default"))
     (frame,) = frames(say(instrument, Configure(wanted)))
     assert struct.unpack("<d", frame.payload[32:40]) == (set_,)
     say(instrument, Start())
@@ -70,7 +70,7 @@ def test_the_nearest_rate_is_set(wanted: float, set_: float) -> None:
 
 @pytest.mark.parametrize("wanted", [0.0, -1.0, float("nan"), float("inf"), 50_001.0])
 def test_a_rate_that_is_none_is_refused(wanted: float) -> None:
-    assert refusals(say(Instrument(load_scenario("default")), Configure(wanted))) == [3]
+    assert refusals(say(PortlessInstrument(load_scenario("default")), Configure(wanted))) == [3]
 
 
 def test_the_rate_stays_while_samples_are_taken() -> None:
@@ -99,7 +99,7 @@ def test_the_shunt_goes_off_by_itself() -> None:
     data = taken(instrument)
     assert [kind for kind, _, _ in events(data)] == [SHUNT_OFF]
     assert [b.first for b in blocks(data) if b.shunt][-1] == 99_950
-    idle = Instrument(load_scenario("default"))
+    idle = PortlessInstrument(load_scenario("default"))
     say(idle, Shunt(True))
     idle.advance(11.0)
     assert [kind for kind, _, _ in events(taken(idle))] == [SHUNT_OFF]
@@ -107,7 +107,7 @@ def test_the_shunt_goes_off_by_itself() -> None:
 
 def test_no_shunt_no_calibration() -> None:
     tables = {"device": {"channels": [{"name": "load", "role": "load"}]}}
-    assert refusals(say(Instrument(load_scenario(tables)), Shunt(True))) == [3]
+    assert refusals(say(PortlessInstrument(load_scenario(tables)), Shunt(True))) == [3]
 
 
 def test_stop_stops_and_start_begins_a_new_stream() -> None:
@@ -246,8 +246,8 @@ def test_an_instrument_that_nobody_reads_overruns_and_counts_it() -> None:
 
 
 def test_the_truth_is_kept_and_never_sent() -> None:
-    def conversation(name: str) -> tuple[bytes, Instrument]:
-        instrument = Instrument(load_scenario(name), drops=1, overruns=False)
+    def conversation(name: str) -> tuple[bytes, PortlessInstrument]:
+        instrument = PortlessInstrument(load_scenario(name), drops=1, overruns=False)
         instrument.connect()
         data = say(instrument, Hello(), Start())
         instrument.advance(10.0)
@@ -279,7 +279,7 @@ def lines(data: bytes) -> Any:
 
 
 def test_ascii_streams_by_itself_and_is_deaf() -> None:
-    instrument = Instrument(load_scenario("ascii"), drops=1)
+    instrument = PortlessInstrument(load_scenario("ascii"), drops=1)
     instrument.advance(1.0)
     assert taken(instrument) == b""  # nobody listens
     instrument.connect()
@@ -303,7 +303,7 @@ def test_ascii_streams_by_itself_and_is_deaf() -> None:
 def test_the_ascii_clock_begins_again_after_32_bits() -> None:
     start = 2**32 - 20_050
     tables = {"base": "ascii", "device": {"clock_start_us": start}}
-    instrument = Instrument(load_scenario(tables))
+    instrument = PortlessInstrument(load_scenario(tables))
     instrument.connect()
     instrument.advance(0.1)
     time = lines(taken(instrument))[:, 0]

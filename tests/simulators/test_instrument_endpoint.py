@@ -14,7 +14,7 @@ import pytest
 
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Event, EventKind, Hello, SampleBlock, Start
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import (
     Endpoint,
     EndpointError,
@@ -95,7 +95,7 @@ def endpoint(request: pytest.FixtureRequest) -> Iterator[Endpoint]:
 
 
 @pytest.fixture
-def served() -> Iterator[Callable[..., tuple[str, Instrument]]]:
+def served() -> Iterator[Callable[..., tuple[str, PortlessInstrument]]]:
     """Serves instruments in threads; all are stopped at the end."""
     stop = threading.Event()
     threads: list[threading.Thread] = []
@@ -105,7 +105,7 @@ def served() -> Iterator[Callable[..., tuple[str, Instrument]]]:
         scenario = load_scenario(tables)
         endpoint = open_endpoint(listen, movable=bool(scenario.faults_of("unplug")))
         endpoints.append(endpoint)
-        instrument = Instrument(scenario, overruns=rate == 1, **options)
+        instrument = PortlessInstrument(scenario, overruns=rate == 1, **options)
         server = Server(instrument, endpoint, rate, stop.is_set)
 
         def run() -> None:
@@ -230,7 +230,7 @@ def test_a_port_that_is_taken_is_told() -> None:
 @pytest.mark.parametrize("listen", KINDS)
 @pytest.mark.parametrize("rate", [0.0, 10.0])
 def test_a_reader_gets_everything_up_to_the_end(
-    served: Callable[..., tuple[str, Instrument]], listen: str, rate: float
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str, rate: float
 ) -> None:
     url, instrument = served(BRIEF, listen, rate, drops=3)
     with closing(started(url)) as reader:
@@ -252,7 +252,7 @@ def test_a_reader_gets_everything_up_to_the_end(
 
 @pytest.mark.parametrize("listen", KINDS)
 def test_a_slow_reader_loses_nothing_when_there_is_no_clock(
-    served: Callable[..., tuple[str, Instrument]], listen: str
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, _ = served({**BRIEF, "base": "typical"}, listen, drops=40)
     with closing(started(url)) as reader:
@@ -266,7 +266,7 @@ def test_a_slow_reader_loses_nothing_when_there_is_no_clock(
 
 @pytest.mark.parametrize("listen", KINDS)
 def test_send_then_unplug_is_exact(
-    served: Callable[..., tuple[str, Instrument]], listen: str
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     fault = {"kind": "unplug", "at_s": 0.55, "seconds": 0.05}
     url, instrument = served({**BRIEF, "faults": [fault]}, listen, 5.0, drops=2)
@@ -292,7 +292,7 @@ def test_send_then_unplug_is_exact(
 
 @pytest.mark.parametrize("listen", KINDS)
 def test_it_tells_its_status_while_idle(
-    served: Callable[..., tuple[str, Instrument]], listen: str
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, _ = served(BRIEF, listen, rate=1)
     host = BinaryDialect()
@@ -306,7 +306,7 @@ def test_it_tells_its_status_while_idle(
 
 @pytest.mark.parametrize("listen", KINDS)
 def test_ascii_waits_for_somebody_who_listens(
-    served: Callable[..., tuple[str, Instrument]], listen: str
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     url, instrument = served({**BRIEF, "base": "ascii"}, listen, 10.0, drops=1)
     time.sleep(0.1)
@@ -321,7 +321,7 @@ def test_ascii_waits_for_somebody_who_listens(
 
 @pytest.mark.parametrize("listen", KINDS)
 def test_when_the_reader_leaves_sampling_stops_and_the_next_one_goes_on(
-    served: Callable[..., tuple[str, Instrument]], listen: str
+    served: Callable[..., tuple[str, PortlessInstrument]], listen: str
 ) -> None:
     tables = {**BRIEF, "drops": {**BRIEF["drops"], "interval": 20.0}}
     url, instrument = served(tables, listen, 4.0, drops=2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.wire.messages import Start
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from tests.simulators.instrument_wire import (
     BOOT,
     LOW_BATTERY,
@@ -21,7 +21,7 @@ from tests.simulators.instrument_wire import (
 )
 
 
-def faulty(*faults: dict[str, Any], **link: Any) -> Instrument:
+def faulty(*faults: dict[str, Any], **link: Any) -> PortlessInstrument:
     """One that samples with these faults, blocks of 100 samples at 10 kHz: one each 10 ms."""
     return started(
         {"base": "default", "link": {"block_samples": 100, **link}, "faults": list(faults)}

@@ -12,10 +12,10 @@ from pfwd_device.wire.registry import OWN
 from simulators.instrument import ScenarioError, builtin_scenarios, load_scenario
 from simulators.instrument.language import LANGUAGES
 from simulators.instrument.scenario import (
+    ChannelEffect,
     ChannelSettings,
     DeviceSettings,
     DropSettings,
-    Effect,
     Fault,
     HammerSettings,
     LinkSettings,
@@ -33,7 +33,7 @@ TABLES = {
     "[[device.channels]]": ChannelSettings,
     "[drops]": DropSettings,
     "[link]": LinkSettings,
-    "[[effects]]": Effect,
+    "[[effects]]": ChannelEffect,
     "[[faults]]": Fault,
 }
 
@@ -183,7 +183,7 @@ def test_the_documented_scenarios_are_those_of_the_code() -> None:
     assert sorted(rows) == builtin_scenarios()
 
 
-@pytest.mark.parametrize(("title", "class_"), [("Effects", Effect), ("Faults", Fault)])
+@pytest.mark.parametrize(("title", "class_"), [("Effects", ChannelEffect), ("Faults", Fault)])
 def test_the_documented_kinds_are_those_of_the_code(title: str, class_: Any) -> None:
     rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \|", section(title), re.M)
     found = {kind: tuple(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 
 from pfwd_device.wire.messages import EventKind, InstrumentMessage
-from simulators.instrument.device import Instrument
+from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
@@ -16,7 +16,7 @@ BACKLOG = 100_000
 """Bytes that lie ready to be sent: there is always more of it."""
 
 
-class Flooding(Instrument):
+class Flooding(PortlessInstrument):
     """Says events, and other messages, at every moment.
 
     `kinds` may be set meanwhile; `said` counts.
