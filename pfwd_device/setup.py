@@ -263,7 +263,7 @@ class DeviceSetup:
         )
 
 
-_CHANNEL_FIELDS = {one.name for one in dataclasses.fields(ChannelIdentity)}
+_CHANNEL_FIELDS = {known.name for known in dataclasses.fields(ChannelIdentity)}
 
 
 def read_device_setup(table: Table, where: str) -> DeviceSetup:

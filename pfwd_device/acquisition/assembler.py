@@ -179,8 +179,8 @@ class Assembler:
         far = head.first - self._expected > self._window
         return far and not any(self._are_near(head, each) for each in others)
 
-    def _are_near(self, one: _Waiting, other: _Waiting) -> bool:
-        apart = max(one.first - other.end, other.first - one.end)
+    def _are_near(self, first: _Waiting, other: _Waiting) -> bool:
+        apart = max(first.first - other.end, other.first - first.end)
         return apart <= self._window
 
     def _release(self, items: list[Item]) -> None:

@@ -246,7 +246,7 @@ def _line_pattern(value: bytes, least: int) -> re.Pattern[bytes]:
 def _check_columns(columns: Sequence[int], channels: int) -> None:
     if len(columns) != channels:
         raise SetupError(f"columns: expected one for each of {channels} channels, came {columns}")
-    if len(set(columns)) != channels or not all(0 <= one < MOST_COLUMNS for one in columns):
+    if len(set(columns)) != channels or not all(0 <= column < MOST_COLUMNS for column in columns):
         last = MOST_COLUMNS - 1
         raise SetupError(f"columns: expected different ones from 0 to {last}, came {columns}")
 

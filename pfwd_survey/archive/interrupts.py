@@ -40,13 +40,16 @@ def interrupts_wait() -> Iterator[None]:
         return
     came: list[int] = []
     both = (signal.SIGINT, signal.SIGTERM)
-    before = {one: signal.signal(one, lambda number, _: came.append(number)) for one in both}
+    before = {
+        signal_number: signal.signal(signal_number, lambda number, _: came.append(number))
+        for signal_number in both
+    }
     try:
         with _interrupts_blocked():
             yield
     finally:
-        for one, handler in before.items():
+        for signal_number, handler in before.items():
             # None: set by something other than Python, which cannot be set again from here.
-            signal.signal(one, signal.SIG_DFL if handler is None else handler)
+            signal.signal(signal_number, signal.SIG_DFL if handler is None else handler)
         if came:
             signal.raise_signal(came[0])

@@ -62,15 +62,15 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # nothing is replaced
     _check(target, force=force)
-    others = [one.name for one in target.iterdir()] if target.is_dir() else []
+    others = [path.name for path in target.iterdir()] if target.is_dir() else []
     if any(not name.endswith(suffix) for name in others) or target.is_file():
         expected = f"a folder with nothing but *{suffix} files to replace"
         raise OptionError(refusal(str(target), expected, "something else", "name another one"))
     with _own_draft(target) as draft, disk_errors(target):
         draft.mkdir()
         yield draft
-        for one in draft.iterdir():
-            sync(one)
+        for file in draft.iterdir():
+            sync(file)
         old = draft.with_suffix(".old")
         if target.exists():
             os.replace(target, old)

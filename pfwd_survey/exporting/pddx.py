@@ -120,7 +120,7 @@ def _lines(
         "Device Configuration",
         LoadPlateRadius=f"{radius * 1e3:g}",
         NumberOfDeflectionSensors=str(len(offsets)),
-        DeflectionSensorXAxisDistances=DELIMITER.join(f"{one * 1e3:g}" for one in offsets),
+        DeflectionSensorXAxisDistances=DELIMITER.join(f"{offset * 1e3:g}" for offset in offsets),
         DeflectionSensorYAxisDistances=DELIMITER.join("0" for _ in offsets),
     )
     yield from _section("Location Identification", SiteName=_text(first["site"]))
@@ -133,7 +133,7 @@ def _lines(
 
 def _location(index: int, rows: list[Row]) -> Iterator[str]:
     place = next((row.place for row in rows if row.place is not None), None)
-    moment = next((one for row in rows if (one := _moment(row)) is not None), None)
+    moment = next((found for row in rows if (found := _moment(row)) is not None), None)
     where = None
     if place is not None:
         degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
@@ -143,7 +143,7 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
     for count, row in enumerate(rows, start=1):
         assert row.peaks is not None
         numbers = [row.peaks.load / 1e3, *(peak * 1e6 for _, peak in row.peaks.displacements)]
-        drops[f"DropData_{count}"] = DELIMITER.join(f"{one:.2f}" for one in numbers)
+        drops[f"DropData_{count}"] = DELIMITER.join(f"{figure:.2f}" for figure in numbers)
     yield from _section(
         f"Test Location {index}",
         TestLocation=None if chainage is None else f"{chainage / 1e3:g},0,0",

@@ -230,7 +230,7 @@ def _stale(result: DropResult, point: PointContent, record: DropRecord | None) -
 def _text(value: object) -> str | None:
     """A text on one line, or the first of several that is one."""
     if isinstance(value, list):
-        return next((text for one in value if (text := _text(one)) is not None), None)
+        return next((text for item in value if (text := _text(item)) is not None), None)
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         return None
     return clean(str(value), limit=LONGEST_CELL) or None
@@ -241,4 +241,4 @@ def _texts(value: object) -> list[str]:
         value = [value]
     if not isinstance(value, list | tuple):
         return []
-    return [clean(str(one), limit=LONGEST_CELL) for one in value]
+    return [clean(str(item), limit=LONGEST_CELL) for item in value]

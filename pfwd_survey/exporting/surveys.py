@@ -99,7 +99,7 @@ def _without_null(value: Any) -> Any:
         case Mapping():
             return {str(k): _without_null(v) for k, v in value.items() if v is not None}
         case list() | tuple():
-            return [_without_null(one) for one in value if one is not None]
+            return [_without_null(item) for item in value if item is not None]
     return value
 
 

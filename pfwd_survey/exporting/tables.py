@@ -65,11 +65,11 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
         "texts": pyarrow.list_(pyarrow.string()),
     }
     fields = [
-        pyarrow.field(one.name, kinds[one.kind], metadata={"meaning": one.meaning})
-        for one in COLUMNS
+        pyarrow.field(column.name, kinds[column.kind], metadata={"meaning": column.meaning})
+        for column in COLUMNS
     ]
     rows = order.rows
-    columns = [[row.values[one.name] for row in rows] for one in COLUMNS]
+    columns = [[row.values[column.name] for row in rows] for column in COLUMNS]
     table = pyarrow.table(columns, schema=pyarrow.schema(fields))
     with new_file(path, force=order.force) as draft:
         parquet.write_table(table, draft)

@@ -61,7 +61,7 @@ def import_files(
         If the survey cannot be written.
     """
     with SurveyWriter.open(survey, spare=spare_folder(), fall_back=False) as writer:
-        before = {one.number: one.drop for one in read_survey(writer.folder).drops}
+        before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
         for file in files:
             try:
                 if header is None and is_survey_file(file):
@@ -74,9 +74,9 @@ def import_files(
                 continue
             for point, name in zip(points, names, strict=True):
                 for drop in point.drops:
-                    one = _import_drop(writer, file, point, name, drop, before)
-                    before[one.record] = one.number
-                    yield one
+                    imported = _import_drop(writer, file, point, name, drop, before)
+                    before[imported.record] = imported.number
+                    yield imported
 
 
 def _name_of(point: TracePoint, file: str) -> str:

@@ -145,9 +145,9 @@ def _known(edits: Sequence[Said], skipped: Counter[str]) -> Iterator[Said]:
 
 def _sound(said: Sequence[Any], what: str, skipped: Counter[str]) -> Iterator[Said]:
     """What is laid out as events and checks are; the others are counted."""
-    for one in said:
-        if isinstance(one, Mapping) and isinstance(one.get("details") or {}, Mapping):
-            yield one
+    for edit in said:
+        if isinstance(edit, Mapping) and isinstance(edit.get("details") or {}, Mapping):
+            yield edit
         else:
             skipped[f"{what} that is none"] += 1
 
@@ -164,8 +164,8 @@ def _remark(file: str, skipped: Counter[str]) -> str:
 
 def _new(said: Sequence[Said], known: Sequence[Said]) -> list[Said]:
     """What has not been said yet; when it was said does not count."""
-    there = {_meaning(one) for one in known}
-    return [one for one in said if _meaning(one) not in there]
+    there = {_meaning(edit) for edit in known}
+    return [edit for edit in said if _meaning(edit) not in there]
 
 
 def _meaning(said: Any) -> str:

@@ -109,7 +109,7 @@ def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
 
 def _survey_points(survey: SurveyContent, said: Declarations) -> list[TracePoint]:
     file = survey.path
-    points = [one for point in survey.points for one in points_of(file, point, said)]
+    points = [trace for point in survey.points for trace in points_of(file, point, said)]
     if not points:
         what = "all are discarded" if survey.drops else "none"
         hint = f"; damage: {'; '.join(survey.damage)}" if survey.damage else ""

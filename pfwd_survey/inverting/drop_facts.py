@@ -61,7 +61,7 @@ def point_drop(
     area = float(np.trapezoid(load[start:end], whole.time[start:end]))
     duration = math.pi * area / (2 * peak) if peak > 0 else None
     facts: dict[str, Any] = {"peak_load": peak, "pulse_duration": duration}
-    centre = [one for one in whole.channels if abs(one.offset) < CENTRE]
+    centre = [channel for channel in whole.channels if abs(channel.offset) < CENTRE]
     if centre and duration:
         facts |= _deflection(whole, centre[0], setup, start, duration)
     found = PointDrop(drop.number, kind, reason=discarded or None, **facts)

@@ -164,5 +164,5 @@ class AnalysisOptions:
         return {key: value for key, value in said.items() if value is not None}
 
 
-def _contradiction(one: str, other: str) -> OptionError:
-    return OptionError(refusal(f"{one} and {other}", "one of the two", "both"))
+def _contradiction(option: str, other: str) -> OptionError:
+    return OptionError(refusal(f"{option} and {other}", "one of the two", "both"))

@@ -71,7 +71,7 @@ def survey_contents(folder: str | os.PathLike[str]) -> tuple[PointContents, ...]
         If it is no survey.
     """
     refuse_no_survey(folder)
-    return tuple(_point(one) for one in read_survey(folder).points)
+    return tuple(_point(point) for point in read_survey(folder).points)
 
 
 def _point(point: SurveyPoint) -> PointContents:
@@ -85,7 +85,7 @@ def _point(point: SurveyPoint) -> PointContents:
         _position(point),
         float(target) if sound else None,
         point.declared,
-        tuple(_drop(one) for one in point.drops),
+        tuple(_drop(drop) for drop in point.drops),
     )
 
 
@@ -98,15 +98,20 @@ def _position(point: SurveyPoint) -> tuple[float, float] | None:
     return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
 
 
-def _drop(one: SurveyDrop) -> DropContents:
+def _drop(drop: SurveyDrop) -> DropContents:
     return DropContents(
-        one.drop, one.number, one.discarded, one.notes, _result_that_counts(one), len(one.results)
+        drop.drop,
+        drop.number,
+        drop.discarded,
+        drop.notes,
+        _result_that_counts(drop),
+        len(drop.results),
     )
 
 
-def _result_that_counts(one: SurveyDrop) -> DropResult | None:
+def _result_that_counts(drop: SurveyDrop) -> DropResult | None:
     """The last one that is no trial with other settings."""
-    for path in reversed(one.results):
+    for path in reversed(drop.results):
         found = _read_result(path)
         if found is not None and not found.is_trial:
             return found
@@ -125,8 +130,8 @@ def _read_result(path: Path) -> DropResult | None:
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
     """All results of a drop, by its number within the survey, in the order they were saved."""
-    one = _find(read_survey(folder), record)
-    return [found for path in one.results if (found := _read_result(path)) is not None]
+    drop = _find(read_survey(folder), record)
+    return [found for path in drop.results if (found := _read_result(path)) is not None]
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
@@ -154,12 +159,12 @@ def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
     """
     survey = read_survey(folder)
     wanted = _find(survey, record)
-    point = next(one for one in survey.points if one.name == wanted.point)
+    point = next(candidate for candidate in survey.points if candidate.name == wanted.point)
     largest = 0.0
-    for one in point.drops:
-        if one.number > record:
+    for drop in point.drops:
+        if drop.number > record:
             break
-        kept = one.read()
+        kept = drop.read()
         setup = setup_of({**kept.declared, **_later(point)}, f"drop {kept.point}")
         screening, largest = screen_next(kept.drop, setup, largest)
     file = str(wanted.file or survey.folder)
@@ -176,9 +181,9 @@ def _later(point: SurveyPoint) -> dict[str, Any]:
 
 
 def _find(survey: Survey, record: int) -> SurveyDrop:
-    for one in survey.drops:
-        if one.number == record:
-            return one
+    for drop in survey.drops:
+        if drop.number == record:
+            return drop
     raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")
 
 

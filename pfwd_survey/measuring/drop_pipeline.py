@@ -141,7 +141,7 @@ class DropPipeline:
             else:  # its rebounds are over, and were held with it
                 self.recorder.publish(number)
         screening = self._screen(record.drop, setup, record.point)
-        one = HandedOn(
+        handed = HandedOn(
             *key,
             number,
             file,
@@ -156,9 +156,9 @@ class DropPipeline:
         identical = None
         if coming.source is not None:
             identical = same_traces(record.drop, coming.source.record.drop)
-        self._tell(DropSaved(one, marks, identical))
+        self._tell(DropSaved(handed, marks, identical))
         if self.analyses is not None:
-            self.analyses.ask(one)
+            self.analyses.ask(handed)
 
     def _screen(self, drop: Drop, setup: Setup, point: str) -> Screening:
         try:
@@ -181,10 +181,12 @@ class DropPipeline:
             return 0
         survey = read_survey(self.recorder.writer.folder)
         earlier = tuple(
-            one.read().drop for one in survey.drops if one.point == point and one.drop < number
+            earlier.read().drop
+            for earlier in survey.drops
+            if earlier.point == point and earlier.drop < number
         )
         found = screen_point(TracePoint("", setup, earlier))
-        return sum(one.status == "rejected" for one in found)
+        return sum(screening.status == "rejected" for screening in found)
 
     def _keep_result(self, record: int, result: DropResult) -> None:
         if self.recorder is not None:
@@ -198,12 +200,12 @@ def renumbered(record: DropRecord, number: int) -> DropRecord:
     return replace(record, drop=replace(record.drop, number=number))
 
 
-def same_traces(one: Drop, other: Drop) -> bool:
+def same_traces(first: Drop, other: Drop) -> bool:
     """Whether two drops hold the same samples, bit for bit."""
-    pairs = [(one.time, other.time), (one.load, other.load)]
-    if len(one.channels) != len(other.channels):
+    pairs = [(first.time, other.time), (first.load, other.load)]
+    if len(first.channels) != len(other.channels):
         return False
-    for mine, theirs in zip(one.channels, other.channels, strict=True):
+    for mine, theirs in zip(first.channels, other.channels, strict=True):
         if (mine.offset, mine.quantity) != (theirs.offset, theirs.quantity):
             return False
         pairs.append((mine.values, theirs.values))

@@ -119,15 +119,15 @@ def survey_feed(
 
 def _drops(survey: Survey) -> Iterator[FeedItem | Pause]:
     before: datetime.datetime | None = None
-    for one in survey.drops:
-        record = one.read()
+    for drop in survey.drops:
+        record = drop.read()
         now = _time_of(record)
         pause = FIRST_PAUSE
         if now is not None and before is not None:
             pause = (now - before).total_seconds()
         yield Pause(min(max(pause, 0.0), LONGEST_PAUSE))
         before = now or before
-        item = feed_item_of(record, str(one.file or survey.folder))
+        item = feed_item_of(record, str(drop.file or survey.folder))
         yield item
         if not isinstance(item, ImportedDrop):
             yield from _samples(item)
@@ -230,15 +230,15 @@ def capture_feed(
 
 def _captured(reader: CaptureReader, decoder: Decoder) -> Iterator[FeedItem | Pause]:
     before: int | None = None
-    for one in reader:
-        yield Pause(0.0 if before is None else (one.monotonic_ns - before) * 1e-9)
-        before = one.monotonic_ns
-        if one.direction != "from":
+    for captured in reader:
+        yield Pause(0.0 if before is None else (captured.monotonic_ns - before) * 1e-9)
+        before = captured.monotonic_ns
+        if captured.direction != "from":
             continue
-        utc = datetime.datetime.fromtimestamp(one.utc_ns * 1e-9, datetime.UTC)
-        if not one.data:
+        utc = datetime.datetime.fromtimestamp(captured.utc_ns * 1e-9, datetime.UTC)
+        if not captured.data:
             yield from decoder.cut()
             yield Disconnected("the link was cut when this was recorded", utc)
-        yield from decoder.feed(one.data, one.monotonic_ns * 1e-9, utc)
+        yield from decoder.feed(captured.data, captured.monotonic_ns * 1e-9, utc)
     yield from decoder.idle(float("inf"))
     yield Ended()

@@ -188,13 +188,15 @@ class SensorChecker:
                     f"{reading:.0f} N; the calibration does not hold any more"
                 )
         channels = []
-        for one, column in zip(identity.channels, counts.T, strict=True):
-            noise = float(to_si(column, one, scale).std())
-            channels.append({"name": one.name, "noise": noise, "unit": UNIT_OF_ROLE[one.role]})
-            if one.role is not Role.UNUSED and np.ptp(column) == 0:
+        for channel, column in zip(identity.channels, counts.T, strict=True):
+            noise = float(to_si(column, channel, scale).std())
+            channels.append(
+                {"name": channel.name, "noise": noise, "unit": UNIT_OF_ROLE[channel.role]}
+            )
+            if channel.role is not Role.UNUSED and np.ptp(column) == 0:
                 faults.append(
-                    f"channel {one.name}: expected at least the noise of the converter, came the "
-                    f"same value {column[0]} all the time; check its cable"
+                    f"channel {channel.name}: expected at least the noise of the converter, came "
+                    f"the same value {column[0]} all the time; check its cable"
                 )
         details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}
         return details, tuple(faults)

@@ -444,8 +444,8 @@ class Session:
 
     def _end_recorded(self) -> None:
         if not self._found_again and self._recorded is not None:
-            one = self._recorded.record
-            text = f"drop {one.point}/{one.drop.number} was recorded and is not found again"
+            record = self._recorded.record
+            text = f"drop {record.point}/{record.drop.number} was recorded and is not found again"
             self._tell(Notice(text, serious=True))
         self._recorded, self._found_again = None, True
 
@@ -465,13 +465,13 @@ class Session:
         self._stream = None
 
     def _found(self, found: list[Found]) -> None:
-        for one in found:
-            match one:
+        for detected in found:
+            match detected:
                 case RawDrop():
-                    self._on_drop(one)
+                    self._on_drop(detected)
                 case RawRebound():
                     assert self._identity is not None
-                    rebound = rebound_of(one, self._identity)
+                    rebound = rebound_of(detected, self._identity)
                     self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
                 case ReboundsOver():
                     self._pipeline.end_of_rebounds()

@@ -134,7 +134,7 @@ def _otherwise(
     """The keys of a table that the file says otherwise than the instrument."""
     lines = []
     for key, rule in keys.items():
-        ours, said = (getattr(one, rule.attribute, None) for one in (mine, theirs))
+        ours, said = (getattr(side, rule.attribute, None) for side in (mine, theirs))
         if ours != said:
             old = "nothing" if said is None else _shown(said)
             lines.append(
@@ -168,14 +168,14 @@ def response_warnings(identity: Identity) -> list[str]:
     """Geophones that answer otherwise than the centre one, by whose response all are taken."""
     geophones = _geophones(identity)
     lines = []
-    for one in geophones[1:]:
-        mine = (one.natural_frequency or 0.0, one.damping or 0.0)
+    for geophone in geophones[1:]:
+        mine = (geophone.natural_frequency or 0.0, geophone.damping or 0.0)
         first = (geophones[0].natural_frequency or 0.0, geophones[0].damping or 0.0)
         apart = [abs(a - b) - RESPONSE_TOLERANCE * b for a, b in zip(mine, first, strict=True)]
         if max(apart) > 0:
             lines.append(
-                f"geophone {one.name} ({mine[0]:g} Hz, damping {mine[1]:g}) is taken for one like "
-                f"{geophones[0].name} ({first[0]:g} Hz, damping {first[1]:g})"
+                f"geophone {geophone.name} ({mine[0]:g} Hz, damping {mine[1]:g}) is taken for one "
+                f"like {geophones[0].name} ({first[0]:g} Hz, damping {first[1]:g})"
             )
     return lines
 
@@ -234,7 +234,7 @@ def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetu
     """
     declarations = parse_header(text, file)
     chosen = declarations.pop(PROCEDURE_KEY, None)
-    tables = {key: one.value for key, one in declarations.items() if key in TABLES}
+    tables = {key: declaration.value for key, declaration in declarations.items() if key in TABLES}
     declared = {}
     for key, (value, where) in declarations.items():
         if key in TABLES or key == FORMAT_KEY:

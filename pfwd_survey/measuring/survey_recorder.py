@@ -81,7 +81,7 @@ class SurveyRecorder:
         known = self.writer.find_key(key)
         if known is not None:
             return str(known)
-        held = [one for one in self._held if one.metadata.get("key") == key]
+        held = [record for record in self._held if record.metadata.get("key") == key]
         return f"{held[0].point}/{held[0].drop.number}" if held else None
 
     def keep(self, record: DropRecord) -> None:
@@ -131,8 +131,8 @@ class SurveyRecorder:
                 self._tell_reports()
                 self._next_try = time.monotonic() + TRY_AGAIN
                 new, self._told = self._held[self._told :], len(self._held)
-                for one in new:
-                    self._tell(DropNotSaved(one.point, one.drop.number, str(err)))
+                for result in new:
+                    self._tell(DropNotSaved(result.point, result.drop.number, str(err)))
                 return
             del self._held[0]
             self._told = max(0, self._told - 1)
@@ -174,10 +174,10 @@ class SurveyRecorder:
         if number is not None:
             self._attempt(lambda: self.writer.save_rebound(number, rebound), "a rebound")
             return
-        for index, one in enumerate(self._held):
-            if (one.point, one.drop.number) == (point, drop):
-                more = (*one.rebounds, rebound)
-                self._held[index] = dataclasses.replace(one, rebounds=more)
+        for index, record in enumerate(self._held):
+            if (record.point, record.drop.number) == (point, drop):
+                more = (*record.rebounds, rebound)
+                self._held[index] = dataclasses.replace(record, rebounds=more)
 
     def keep_point(self, name: str, declared: Mapping[str, Any]) -> None:
         """Save a test point; a full disk must not end a session, and its drops name it too."""

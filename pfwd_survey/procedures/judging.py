@@ -243,7 +243,7 @@ def _progress(
         measured_done=len(sorted_drops.usable),
         measured_wanted=procedure.measured_drops,
         complete=sorted_drops.complete,
-        used=tuple(one.number for one in sorted_drops.used),
+        used=tuple(drop.number for drop in sorted_drops.used),
         kinds=tuple(sorted_drops.kinds.items()),
         excluded=tuple(sorted(sorted_drops.excluded, key=lambda drop: drop.number)),
         faults=tuple(faults),
@@ -265,7 +265,7 @@ def _progress(
 
 def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]:
     return tuple(
-        (one.number, sorted_drops.kinds[one.number].value, one.peak_deflection)
-        for one in sorted_drops.drops
-        if one.kind is not Kind.REJECTED and one.peak_deflection is not None
+        (drop.number, sorted_drops.kinds[drop.number].value, drop.peak_deflection)
+        for drop in sorted_drops.drops
+        if drop.kind is not Kind.REJECTED and drop.peak_deflection is not None
     )

@@ -209,8 +209,8 @@ def _targets(given: object, quantity: Quantity, where: str) -> tuple[Target, ...
     if not isinstance(given, list):
         raise OptionError(refusal(f"{where}, targets", "tables [[targets]]", quote(given)))
     return tuple(
-        _target(one, quantity, f"{where}, [[targets]] {index}")
-        for index, one in enumerate(given, 1)
+        _target(table, quantity, f"{where}, [[targets]] {index}")
+        for index, table in enumerate(given, 1)
     )
 
 

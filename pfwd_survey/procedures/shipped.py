@@ -12,7 +12,7 @@ from pfwd_survey.procedures.reading import parse_procedure, read_procedure
 @cache
 def _texts() -> dict[str, str]:
     folder = resources.files(__package__).joinpath("profiles")
-    files = sorted(one.name for one in folder.iterdir() if one.name.endswith(".toml"))
+    files = sorted(file.name for file in folder.iterdir() if file.name.endswith(".toml"))
     return {
         name.removesuffix(".toml"): folder.joinpath(name).read_text(encoding="utf-8")
         for name in files

@@ -52,7 +52,7 @@ def kind_of(procedure: Procedure, rejected: Sequence[bool], seating: int = 0) ->
         Seating drops where the procedure does not enforce a number.
     """
     wanted = procedure.seating_drops
-    loaded = sum(not one for one in rejected)
+    loaded = sum(not was_rejected for was_rejected in rejected)
     return Kind.SEATING if loaded < (seating if wanted is None else wanted) else Kind.MEASURED
 
 
@@ -110,12 +110,12 @@ def _sort_out(
 def _kinds(procedure: Procedure, drops: Sequence[PointDrop]) -> dict[int, Kind]:
     """What the drops count as by the procedure; as they were marked where it does not say."""
     wanted, loaded, kinds = procedure.seating_drops, 0, {}
-    for one in drops:
-        kinds[one.number] = one.kind
-        if one.kind is Kind.REJECTED:
+    for drop in drops:
+        kinds[drop.number] = drop.kind
+        if drop.kind is Kind.REJECTED:
             continue
-        if wanted is not None and one.kind is not Kind.DISCARDED:
-            kinds[one.number] = Kind.SEATING if loaded < wanted else Kind.MEASURED
+        if wanted is not None and drop.kind is not Kind.DISCARDED:
+            kinds[drop.number] = Kind.SEATING if loaded < wanted else Kind.MEASURED
         loaded += 1
     return kinds
 

@@ -31,7 +31,7 @@ def value_of(
     """The quantity that a procedure judges; None: the drops do not say it."""
     if procedure.quantity is Quantity.MODULUS:
         return _inverted(used, plate_radius, notes)
-    moved = [one for one in used if one.peak_deflection]
+    moved = [drop for drop in used if drop.peak_deflection]
     deflections, loads = known(moved, "peak_deflection"), known(moved, "peak_load")
     if not deflections:
         return None
@@ -73,7 +73,7 @@ def _e_vd(
     factor, nominal = procedure.factor.value, procedure.nominal_pressure.value
     middle, mean_load = mean(deflections), _mean_load(deflections, loads)
     _note_load(procedure, mean_load, notes)
-    moduli = [e_vd(one, plate_radius, factor, nominal) for one in deflections]
+    moduli = [e_vd(deflection, plate_radius, factor, nominal) for deflection in deflections]
     of_means = e_vd(middle, plate_radius, factor, nominal)
     value = mean(moduli) if procedure.average == "modulus" else of_means
     return PointValue(
@@ -100,8 +100,8 @@ def _e_lwd(
     factor = procedure.factor.value
     middle, mean_load = mean(deflections), mean(loads)
     moduli = [
-        e_lwd(load, one, plate_radius, ratio, factor)
-        for load, one in zip(loads, deflections, strict=True)
+        e_lwd(load, deflection, plate_radius, ratio, factor)
+        for load, deflection in zip(loads, deflections, strict=True)
     ]
     of_means = e_lwd(mean_load, middle, plate_radius, ratio, factor)
     value = mean(moduli) if procedure.average == "modulus" else of_means
@@ -127,7 +127,7 @@ def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | 
 def _inverted(
     used: Sequence[PointDrop], plate_radius: float, notes: list[str]
 ) -> PointValue | None:
-    inverted = [one for one in used if one.modulus is not None]
+    inverted = [drop for drop in used if drop.modulus is not None]
     moduli = known(inverted, "modulus")
     if not moduli:
         return None
@@ -135,7 +135,7 @@ def _inverted(
     # The model's error is common to the drops of a point: a mean does not lessen it.
     if half is None:
         notes.append("one drop: the scatter between drops is not in the interval")
-    intervals = [one.modulus_interval for one in inverted if one.modulus_interval is not None]
+    intervals = [drop.modulus_interval for drop in inverted if drop.modulus_interval is not None]
     model = mean([(high - low) / 2 for low, high in intervals]) if intervals else None
     parts = [part for part in (half, model) if part is not None]
     deflections, loads = (known(inverted, name) for name in ("peak_deflection", "peak_load"))
@@ -156,7 +156,7 @@ def _around(value: float, half: float | None) -> tuple[float, float] | None:
 
 def known(drops: Sequence[PointDrop], attribute: str) -> list[float]:
     """What is known of an attribute of drops, in their order."""
-    values = (getattr(one, attribute) for one in drops)
+    values = (getattr(drop, attribute) for drop in drops)
     return [float(value) for value in values if value is not None]
 
 
@@ -193,17 +193,19 @@ def stress_of(
     area = math.pi * plate_radius**2
     if procedure.quantity is Quantity.MODULUS:
         pairs = [
-            (one.peak_load / area, one.modulus) for one in usable if one.peak_load and one.modulus
+            (drop.peak_load / area, drop.modulus)
+            for drop in usable
+            if drop.peak_load and drop.modulus
         ]
     else:
         factor = procedure.factor.value if procedure.factor is not None else 2.0
         ratio = _poisson_ratio(procedure, declared_ratio, [])
         pairs = [
             (
-                one.peak_load / area,
-                e_lwd(one.peak_load, one.peak_deflection, plate_radius, ratio, factor),
+                drop.peak_load / area,
+                e_lwd(drop.peak_load, drop.peak_deflection, plate_radius, ratio, factor),
             )
-            for one in usable
-            if one.peak_load and one.peak_deflection
+            for drop in usable
+            if drop.peak_load and drop.peak_deflection
         ]
     return stress_dependence([pair[0] for pair in pairs], [pair[1] for pair in pairs])

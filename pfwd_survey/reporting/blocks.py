@@ -30,8 +30,8 @@ class _Harmless:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for one in fields(self):  # type: ignore[arg-type]
-            object.__setattr__(self, one.name, _harmless(getattr(self, one.name)))
+        for field in fields(self):  # type: ignore[arg-type]
+            object.__setattr__(self, field.name, _harmless(getattr(self, field.name)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,9 +36,9 @@ MOST_DOTS = 260
 def place(report: Report) -> dict[int, tuple[float, float]]:
     """East and north of the points that have a position, m from their middle, by index."""
     known = {
-        index: (float(one.position["latitude"]), float(one.position["longitude"]))
-        for index, one in enumerate(report.points)
-        if one.position is not None
+        index: (float(point.position["latitude"]), float(point.position["longitude"]))
+        for index, point in enumerate(report.points)
+        if point.position is not None
     }
     if not known:
         return {}

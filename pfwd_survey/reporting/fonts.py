@@ -103,7 +103,7 @@ class Letters:
                 shown.append(letter)
             elif unicodedata.category(letter)[0] == "C":
                 shown.append(" ")  # control characters have no business on paper
-            elif any(ord(letter) in one for one in self._maps):
+            elif any(ord(letter) in known for known in self._maps):
                 shown.append(letter)
             else:
                 self.missing += 1

@@ -105,7 +105,7 @@ def gather(
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     procedure = _procedure(survey, options)
     found = _Gatherer(survey, options, procedure or NO_PROCEDURE, progress or _silent)
-    points = [one for point in survey.points for one in found.points(point)]
+    points = [gathered for point in survey.points for gathered in found.points(point)]
     if options.diagnose:
         points = _diagnosed(str(folder), points, found.tell)
     return Report(
@@ -236,8 +236,8 @@ class _Gatherer:
         screenings = leave_out_bad_sensors(whole, screen_point(whole))
         self.tell(f"point {point.title}: {len(drops)} drops")
         found = tuple(
-            self._drop(one, record, setup, screening)
-            for (one, record), screening in zip(drops, screenings, strict=True)
+            self._drop(kept, record, setup, screening)
+            for (kept, record), screening in zip(drops, screenings, strict=True)
         )
         own, asked = point.target, self._options.target
         if self._procedure.quantity is Quantity.DEFLECTION:
@@ -245,7 +245,7 @@ class _Gatherer:
         target = own if own is not None else asked
         progress = judge(
             self._procedure,
-            [one.facts for one in found],
+            [fit.facts for fit in found],
             plate_radius=setup.plate_radius,
             poisson_ratio=setup.poisson_ratio,
             target=None if target is None else float(target),
@@ -270,31 +270,31 @@ class _Gatherer:
         )
 
     def _drop(
-        self, one: SurveyDrop, record: DropRecord, setup: Setup, screening: Screening
+        self, kept: SurveyDrop, record: DropRecord, setup: Setup, screening: Screening
     ) -> ReportDrop:
         result, stored, warnings = None, False, list(screening.warnings)
-        if not one.discarded and screening.status != "rejected":
-            result = None if self._options.refit else _stored(one)
+        if not kept.discarded and screening.status != "rejected":
+            result = None if self._options.refit else _stored(kept)
             if result is not None and not rests_on(result, setup):
                 result = None
                 warnings.append("declared values were changed since: inverted anew")
             stored = result is not None
             if result is None:
-                self.tell(f"  drop {one.drop} is inverted")
+                self.tell(f"  drop {kept.drop} is inverted")
                 analysis = analyse_drop(
                     record.drop, setup, screening, self._analysis, self._library
                 )
-                result = drop_result(str(one.file or self._survey.folder), analysis)
+                result = drop_result(str(kept.file or self._survey.folder), analysis)
             warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
         if result is not None:
             curves = curves_of(record.drop, setup, screening, result, self._library)
         marks = record.metadata.get("marks") or ()
         return ReportDrop(
-            number=one.drop,
-            record=one.number,
+            number=kept.drop,
+            record=kept.number,
             facts=point_drop(
-                record.drop, setup, screening, result, _reason(one) if one.discarded else None
+                record.drop, setup, screening, result, _reason(kept) if kept.discarded else None
             ),
             result=result,
             stored=stored,
@@ -302,8 +302,8 @@ class _Gatherer:
             warnings=tuple(warnings),
             time_local=_local_time(record.metadata),
             marks=tuple(map(str, marks)),
-            notes=one.notes,
-            checksum=_checksum(one.file),
+            notes=kept.notes,
+            checksum=_checksum(kept.file),
             left_out=screening.left_out,
         )
 
@@ -392,10 +392,10 @@ def _diagnosed(folder: str, points: list[ReportPoint], tell: Progress) -> list[R
     tell("residuals are diagnosed")
     kept = [point for point in points if not point.discarded]
     records = []
-    for one in diagnose_files([folder]):
-        if one.error is not None:
-            tell(f"diagnosis: {one.error}")
-        records.append(one.result)
+    for diagnosed in diagnose_files([folder]):
+        if diagnosed.error is not None:
+            tell(f"diagnosis: {diagnosed.error}")
+        records.append(diagnosed.result)
     if len(records) != len(kept):
         tell("diagnosis: its points are not those of the report; it is left out")
         return points

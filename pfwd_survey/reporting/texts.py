@@ -44,9 +44,9 @@ class Texts:
 def _catalogues() -> dict[str, str]:
     folder = resources.files(__package__).joinpath("catalogues")
     return {
-        one.name.removesuffix(".toml"): one.read_text(encoding="utf-8")
-        for one in sorted(folder.iterdir(), key=lambda one: one.name)
-        if one.name.endswith(".toml")
+        file.name.removesuffix(".toml"): file.read_text(encoding="utf-8")
+        for file in sorted(folder.iterdir(), key=lambda file: file.name)
+        if file.name.endswith(".toml")
     }
 
 

@@ -75,7 +75,7 @@ def _on_screen(args: argparse.Namespace) -> int:
     )
     status = show(source, "demo", moduli=found)
     say(f"recorded into {source.survey}")
-    for line in truth_lines([one for one in source.truth if one["drop"] in found], found):
+    for line in truth_lines([drop for drop in source.truth if drop["drop"] in found], found):
         print(line, file=sys.stderr, flush=True)
     if args.plot:
         _plot(source.survey or Path(), args.plot)
@@ -93,8 +93,8 @@ def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) 
         Modulus by drop, Pa.
     """
     lines = ["what was simulated, hidden until now:"]
-    for one in truth:
-        number, modulus = one["drop"], one["modulus_pa"]
+    for drop in truth:
+        number, modulus = drop["drop"], drop["modulus_pa"]
         line = f"  drop {number}: E {modulus / 1e6:.2f} MPa"
         if number in found:
             error = 100 * (found[number] / modulus - 1)

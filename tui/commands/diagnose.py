@@ -34,20 +34,22 @@ def run(args: argparse.Namespace) -> int:
     device = read_device_file(args.device) if args.device else None
     found = list(diagnose_files(args.files, options, device, args.jobs))
     name = device_of(found) if args.write_device else None
-    for one in found:
-        if one.error is not None:
-            say(one.error)
-        elif one.result is not None:
-            _show(one.result, as_json=args.json)
+    for diagnosed in found:
+        if diagnosed.error is not None:
+            say(diagnosed.error)
+        elif diagnosed.result is not None:
+            _show(diagnosed.result, as_json=args.json)
     if args.write_device:
         write_device_file(args.write_device, found, name)
         say(f"device effects written to {args.write_device}")
     if args.plot:
         from pfwd_survey.inverting.diagnosis.plots import plot_diagnoses
 
-        plot_diagnoses([one for one in found if one.diagnosis is not None], args.plot)
+        plot_diagnoses(
+            [diagnosed for diagnosed in found if diagnosed.diagnosis is not None], args.plot
+        )
         say(f"plot {args.plot}")
-    return 1 if any(one.error for one in found) else 0
+    return 1 if any(diagnosed.error for diagnosed in found) else 0
 
 
 def _show(result: DiagnosisResult, *, as_json: bool) -> None:

@@ -18,23 +18,23 @@ def run(args: argparse.Namespace) -> int:
     imported = import_files(
         args.files, args.output, args.header, column_map=args.map, channels=args.channels
     )
-    for one in imported:
-        if one.error is not None:
+    for drop in imported:
+        if drop.error is not None:
             refused = True
-            say(f"import: {one.error}")
-        elif one.remark is not None:
-            say(f"import: {one.remark}")
+            say(f"import: {drop.error}")
+        elif drop.remark is not None:
+            say(f"import: {drop.remark}")
         elif args.json:
             line = {
-                "file": one.file,
-                "point": one.point,
-                "drop": one.number,
-                "record": one.record,
+                "file": drop.file,
+                "point": drop.point,
+                "drop": drop.number,
+                "record": drop.record,
                 "saved": True,
-                "before": one.before,
+                "before": drop.before,
             }
             print(json_text(line), flush=True)
         else:
-            how = "was there before" if one.before else "saved"
-            print(clean(f"{one.file}: {one.point}/{one.number} {how}"), flush=True)
+            how = "was there before" if drop.before else "saved"
+            print(clean(f"{drop.file}: {drop.point}/{drop.number} {how}"), flush=True)
     return 1 if refused else 0

@@ -22,12 +22,12 @@ _SHOWN = {
 
 def run(args: argparse.Namespace) -> int:
     """List the procedures, or show one."""
-    one = find_procedure(args.name) if args.name is not None else None
-    for procedure in (one,) if one is not None else shipped_procedures():
+    wanted = find_procedure(args.name) if args.name is not None else None
+    for procedure in (wanted,) if wanted is not None else shipped_procedures():
         if args.json:
             print(json_text(_record(procedure)), flush=True)
             continue
-        for line in _lines(procedure) if one is not None else [_summary(procedure)]:
+        for line in _lines(procedure) if wanted is not None else [_summary(procedure)]:
             print(clean(line), flush=True)
     return 0
 

@@ -45,11 +45,11 @@ def write_device_file(
     """
     effects: dict[str, list[FoundEffect]] = {}
     drops: dict[str, int] = {}
-    for one in diagnosed:
-        for effect in one.diagnosis.effects if one.diagnosis else ():
-            if effect.scope == "device" and one.diagnosis is not None:
+    for point in diagnosed:
+        for effect in point.diagnosis.effects if point.diagnosis else ():
+            if effect.scope == "device" and point.diagnosis is not None:
                 effects.setdefault(effect.name, []).append(effect)
-                drops[effect.name] = drops.get(effect.name, 0) + len(one.diagnosis.numbers)
+                drops[effect.name] = drops.get(effect.name, 0) + len(point.diagnosis.numbers)
     lines = [
         toml_line("device", device or ""),
         toml_line("date", datetime.date.today().isoformat()),

@@ -76,20 +76,24 @@ def diagnose_entries(
     ----------
     entries, device, jobs : as for :func:`diagnose_files`
     """
-    work = [one for one in entries if isinstance(one, DiagnosisPoint) and one.records is not None]
+    work = [
+        entry
+        for entry in entries
+        if isinstance(entry, DiagnosisPoint) and entry.records is not None
+    ]
     found = dict(zip(map(id, work), _diagnose_all(work, device, jobs), strict=True))
     found |= _shared_device(work, found, device, jobs)
-    for one in entries:
-        if isinstance(one, Diagnosed):
-            yield one
+    for entry in entries:
+        if isinstance(entry, Diagnosed):
+            yield entry
             continue
-        diagnosis = found.get(id(one))
+        diagnosis = found.get(id(entry))
         if device and isinstance(diagnosis, PointDiagnosis):
             diagnosis = with_device(diagnosis, _given(device))
         if isinstance(diagnosis, str):
-            yield Diagnosed(one.file, error=f"{one.file}: {diagnosis}")
+            yield Diagnosed(entry.file, error=f"{entry.file}: {diagnosis}")
             continue
-        yield Diagnosed(one.file, diagnosis_result(one, diagnosis), diagnosis)
+        yield Diagnosed(entry.file, diagnosis_result(entry, diagnosis), diagnosis)
 
 
 def _diagnose_all(
@@ -99,14 +103,14 @@ def _diagnose_all(
     likely: Sequence[Sequence[str]] = (),
 ) -> list[PointDiagnosis | str]:
     """Diagnoses in order; device values are alike for all, or one set a point."""
-    records = [one.records for one in work if one.records is not None]
+    records = [point.records for point in work if point.records is not None]
     devices = device if isinstance(device, Sequence) else [device] * len(records)
     first = likely or [()] * len(records)
     if jobs <= 1 or len(records) < 2:
         library = SurrogateLibrary()
         return [
-            _diagnose(one, values, names, library)
-            for one, values, names in zip(records, devices, first, strict=True)
+            _diagnose(record, values, names, library)
+            for record, values, names in zip(records, devices, first, strict=True)
         ]
     with worker_pool(min(jobs, len(records))) as pool:
         return list(pool.map(_diagnose, records, devices, first))
@@ -134,16 +138,16 @@ def _shared_device(
     if given:
         return {}
     again: dict[int, PointDiagnosis | str] = {}
-    names = {one.device for one in work if one.device is not None}
+    names = {point.device for point in work if point.device is not None}
     for name in sorted(names):
-        points = [one for one in work if one.device == name]
-        sound = [one for one in points if isinstance(found[id(one)], PointDiagnosis)]
+        points = [point for point in work if point.device == name]
+        sound = [point for point in points if isinstance(found[id(point)], PointDiagnosis)]
         if len(sound) < 2:
             continue
         findings = _device_findings(sound, found)
         if findings is None:
             continue
-        first = [found[id(one)] for one in points]
+        first = [found[id(point)] for point in points]
         likely = [
             [e.name for e in d.effects if e.name not in findings.values]
             if isinstance(d, PointDiagnosis)
@@ -152,13 +156,13 @@ def _shared_device(
         ]
         anew = _diagnose_all(points, findings.values, jobs, likely)
         errors = _left_out_errors(points, first, anew, findings, jobs)
-        for one, diagnosis, error in zip(points, anew, errors, strict=True):
+        for point, diagnosis, error in zip(points, anew, errors, strict=True):
             if isinstance(diagnosis, PointDiagnosis):
                 diagnosis = with_device(diagnosis, findings)
                 if error is not None:
                     before = diagnosis.before.residual_rms_over_peak
                     diagnosis = replace(diagnosis, held_out_before=before, held_out_after=error)
-            again[id(one)] = diagnosis
+            again[id(point)] = diagnosis
     return again
 
 
@@ -171,14 +175,15 @@ def _left_out_errors(
 ) -> list[float | None]:
     """What each point leaves when its device is what the other points show in the middle."""
     shown = [
-        _device_values(one, findings) if isinstance(one, PointDiagnosis) else None for one in first
+        _device_values(diagnosis, findings) if isinstance(diagnosis, PointDiagnosis) else None
+        for diagnosis in first
     ]
     work: list[tuple[int, PointRecords, PointDiagnosis, DeviceValues]] = []
     for index, (entry, diagnosis) in enumerate(zip(points, anew, strict=True)):
         others = [v for i, v in enumerate(shown) if i != index and v is not None]
         if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and others:
             values = {
-                name: {key: _median([one[name][key] for one in others]) for key in parameters}
+                name: {key: _median([other[name][key] for other in others]) for key in parameters}
                 for name, parameters in findings.values.items()
             }
             work.append((index, entry.records, diagnosis, values))
@@ -214,7 +219,7 @@ def _median(values: Sequence[float]) -> float:
 def _device_findings(
     points: Sequence[DiagnosisPoint], found: Mapping[int, PointDiagnosis | str]
 ) -> DeviceFindings | None:
-    diagnoses = [d for one in points if isinstance(d := found[id(one)], PointDiagnosis)]
+    diagnoses = [d for point in points if isinstance(d := found[id(point)], PointDiagnosis)]
     counts: dict[str, int] = {}
     for diagnosis in diagnoses:
         for effect in diagnosis.effects:
@@ -225,7 +230,7 @@ def _device_findings(
     if not names:
         return None
     ordered = [name for name in BY_NAME if name in names]
-    records = [one.records for one in points if one.records is not None]
+    records = [point.records for point in points if point.records is not None]
     return fit_device(records, diagnoses, ordered, SurrogateLibrary())
 
 

@@ -38,25 +38,25 @@ def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    rows = [one for one in found if one.diagnosis is not None]
+    rows = [diagnosed for diagnosed in found if diagnosed.diagnosis is not None]
     if not rows:
         raise SurveyError(refusal("--plot", "at least one diagnosed point", "none"))
     figure = Figure(figsize=(15, 3.4 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(rows), 4, squeeze=False)
-    for row, one in zip(axes, rows, strict=True):
-        _draw_traces(row[0], one)
-        _draw_residual(row[1], one)
-        _draw_spectrum(row[2], one)
-        _draw_ladder(row[3], one)
+    for row, diagnosed in zip(axes, rows, strict=True):
+        _draw_traces(row[0], diagnosed)
+        _draw_residual(row[1], diagnosed)
+        _draw_spectrum(row[2], diagnosed)
+        _draw_ladder(row[3], diagnosed)
     target = Path(path)
     figure.savefig(target, dpi=110)
     return target
 
 
-def _draw_traces(axis: Any, one: Diagnosed) -> None:
-    assert one.diagnosis is not None
-    for curves in one.diagnosis.curves:
+def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
         time = curves.time * 1e3
         for observed, before, after in zip(
             curves.observed, curves.before, curves.after, strict=True
@@ -64,14 +64,14 @@ def _draw_traces(axis: Any, one: Diagnosed) -> None:
             axis.plot(time, before * 1e6, color=_BEFORE, lw=0.8, ls="--")
             axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
             axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
-    axis.set_title(f"{Path(one.file).name}: {one.diagnosis.verdict}", fontsize=9)
+    axis.set_title(f"{Path(diagnosed.file).name}: {diagnosed.diagnosis.verdict}", fontsize=9)
     axis.set_ylabel("displacement, µm (down +)", fontsize=8)
     axis.set_xlabel("ms", fontsize=8)
 
 
-def _draw_residual(axis: Any, one: Diagnosed) -> None:
-    assert one.diagnosis is not None
-    for curves in one.diagnosis.curves:
+def _draw_residual(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
         time = curves.time * 1e3
         for observed, before, after in zip(
             curves.observed, curves.before, curves.after, strict=True
@@ -85,9 +85,9 @@ def _draw_residual(axis: Any, one: Diagnosed) -> None:
     axis.set_xlabel("ms", fontsize=8)
 
 
-def _draw_spectrum(axis: Any, one: Diagnosed) -> None:
-    assert one.diagnosis is not None
-    for curves in one.diagnosis.curves:
+def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
         step = curves.time[1] - curves.time[0]
         taper = np.hanning(curves.time.size)
         for values, colour in ((curves.before, _BEFORE), (curves.after, _AFTER)):
@@ -101,9 +101,9 @@ def _draw_spectrum(axis: Any, one: Diagnosed) -> None:
     axis.set_ylabel("m s", fontsize=8)
 
 
-def _draw_ladder(axis: Any, one: Diagnosed) -> None:
-    assert one.diagnosis is not None
-    effects = one.diagnosis.effects
+def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    effects = diagnosed.diagnosis.effects
     names = [effect.name for effect in effects] or ["no effect"]
     evidence = [effect.evidence if np.isfinite(effect.evidence) else 0.0 for effect in effects]
     places = np.arange(len(names))
@@ -111,7 +111,7 @@ def _draw_ladder(axis: Any, one: Diagnosed) -> None:
     axis.set_yticks(places, names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("evidence (drop of the information criterion)", fontsize=8)
-    before, after = one.diagnosis.before, one.diagnosis.after
+    before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
         f"E {before.modulus / 1e6:.1f} to {after.modulus / 1e6:.1f} MPa, residual "
         f"{100 * before.residual_rms_over_peak:.2g} to "

@@ -181,22 +181,22 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     """
     found = [screen(drop, point.setup) for drop in point.drops]
     peaks = [
-        0.0 if one.status == "rejected" else _peak_load(drop)
-        for drop, one in zip(point.drops, found, strict=True)
+        0.0 if screening.status == "rejected" else _peak_load(drop)
+        for drop, screening in zip(point.drops, found, strict=True)
     ]
     largest = max(peaks, default=0.0)
     compared = [
-        one if one.status == "rejected" else _compare(one, peak, largest)
-        for one, peak in zip(found, peaks, strict=True)
+        screening if screening.status == "rejected" else _compare(screening, peak, largest)
+        for screening, peak in zip(found, peaks, strict=True)
     ]
     marked, rejected = [], 0
-    for drop, one in zip(point.drops, compared, strict=True):
-        marked.append(counted(one, drop.number, rejected, point.setup))
-        rejected += one.status == "rejected"
+    for drop, screening in zip(point.drops, compared, strict=True):
+        marked.append(counted(screening, drop.number, rejected, point.setup))
+        rejected += screening.status == "rejected"
     return tuple(marked)
 
 
-def counted(one: Screening, number: int, rejected: int, setup: Setup) -> Screening:
+def counted(screening: Screening, number: int, rejected: int, setup: Setup) -> Screening:
     """A screening with its drop counted as the declared procedure counts.
 
     A rejected drop does not load the ground as a drop does, and hence does not seat the plate.
@@ -204,24 +204,24 @@ def counted(one: Screening, number: int, rejected: int, setup: Setup) -> Screeni
 
     Parameters
     ----------
-    one : Screening
+    screening : Screening
     number : int
         Of the drop within the point.
     rejected : int
         How many drops of the point before it were rejected.
     setup : Setup
     """
-    if setup.procedure is None or one.status == "rejected":
-        return one
+    if setup.procedure is None or screening.status == "rejected":
+        return screening
     seating = number - rejected <= setup.seating_drops
-    return dataclasses.replace(one, status="seating" if seating else "measured")
+    return dataclasses.replace(screening, status="seating" if seating else "measured")
 
 
 def _peak_load(drop: Drop) -> float:
     return _find_pulse(whole_part(drop)[0]).peak
 
 
-def _compare(one: Screening, peak: float, largest: float) -> Screening:
+def _compare(screening: Screening, peak: float, largest: float) -> Screening:
     text = (
         f"peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of this point "
         f"({_kilonewton(largest)})"
@@ -230,8 +230,8 @@ def _compare(one: Screening, peak: float, largest: float) -> Screening:
         return Screening("rejected", f"false trigger: {text}: a rebound or a knock")
     if peak < PARTIAL_OVER_LARGEST * largest:
         warning = f"partial drop: {text}"
-        return dataclasses.replace(one, warnings=(*one.warnings, warning))
-    return one
+        return dataclasses.replace(screening, warnings=(*screening.warnings, warning))
+    return screening
 
 
 def _find_pulse(drop: Drop) -> _Pulse:

@@ -172,16 +172,16 @@ def _with_cursor(content: Line, column: int | None) -> Line:
         return content
     cells: list[Cell] = []
     position = 0
-    for one in content:
-        end = position + len(one.text)
+    for text in content:
+        end = position + len(text.text)
         if position <= column < end:
-            before, after = one.text[: column - position], one.text[column - position + 1 :]
-            letter = one.text[column - position]
-            cells += [Cell(before, one.role)] if before else []
+            before, after = text.text[: column - position], text.text[column - position + 1 :]
+            letter = text.text[column - position]
+            cells += [Cell(before, text.role)] if before else []
             cells.append(Cell("│" if letter in " ─" else letter, "key"))
-            cells += [Cell(after, one.role)] if after else []
+            cells += [Cell(after, text.role)] if after else []
         else:
-            cells.append(one)
+            cells.append(text)
         position = end
     return tuple(cells)
 

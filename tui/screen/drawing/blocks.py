@@ -56,7 +56,7 @@ def table_lines(columns: Sequence[TableColumn], rows: Sequence[TableRow], width:
     lines = [_table_row([column.title for column in columns], columns, shown, widths, "dim", False)]
     for row in rows:
         lines.append(_table_row(row.texts, columns, shown, widths, row.role, row.chosen))
-    return [pad(one, width) for one in lines]
+    return [pad(row, width) for row in lines]
 
 
 def _table_row(
@@ -92,9 +92,9 @@ def beside(
     """Two blocks side by side, of so many rows."""
     lines: list[Line] = []
     for row in range(rows):
-        one = left[row] if row < len(left) else ()
+        shown = left[row] if row < len(left) else ()
         other = right[row] if row < len(right) else ()
-        lines.append((*pad(one, left_width), Cell(gap, "axis"), *other))
+        lines.append((*pad(shown, left_width), Cell(gap, "axis"), *other))
     return lines
 
 
@@ -105,6 +105,6 @@ def exactly(lines: Sequence[Line], rows: int) -> list[Line]:
 
 def centred(lines: Sequence[Line], width: int) -> list[Line]:
     """A block in the middle of a width."""
-    widest = max((width_of(one) for one in lines), default=0)
+    widest = max((width_of(row) for row in lines), default=0)
     indent = max(0, (width - widest) // 2)
-    return [(Cell(" " * indent), *one) for one in lines]
+    return [(Cell(" " * indent), *row) for row in lines]

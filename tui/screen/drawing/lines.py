@@ -123,38 +123,38 @@ def piece(rank: int, *parts: Cell | object) -> Piece:
 
 def fit(pieces: Sequence[Piece], width: int, gap: str = "  ") -> Line:
     """As many pieces as fit, in their order, the least important left out whole."""
-    chosen = [one for one in pieces if width_of(one.cells)]
+    chosen = [part for part in pieces if width_of(part.cells)]
     while chosen and _total(chosen, gap) > width:
-        chosen.remove(max(reversed(chosen), key=lambda one: one.rank))
+        chosen.remove(max(reversed(chosen), key=lambda part: part.rank))
     return _joined(chosen, gap)
 
 
 def flow(pieces: Sequence[Piece], width: int, rows: int, gap: str = "  ") -> list[Line]:
     """Pieces on up to so many lines; what does not fit is left out, least important first."""
-    chosen = [one for one in pieces if width_of(one.cells)]
+    chosen = [part for part in pieces if width_of(part.cells)]
     while chosen:
         lines: list[list[Piece]] = [[]]
-        for one in chosen:
-            if lines[-1] and _total([*lines[-1], one], gap) > width:
+        for part in chosen:
+            if lines[-1] and _total([*lines[-1], part], gap) > width:
                 lines.append([])
-            lines[-1].append(one)
-        too_wide = [one for one in chosen if width_of(one.cells) > width]
+            lines[-1].append(part)
+        too_wide = [part for part in chosen if width_of(part.cells) > width]
         if len(lines) <= rows and not too_wide:
             return [_joined(parts, gap) for parts in lines]
-        chosen.remove(max(reversed(too_wide or chosen), key=lambda one: one.rank))
+        chosen.remove(max(reversed(too_wide or chosen), key=lambda part: part.rank))
     return [()]
 
 
 def _total(pieces: Sequence[Piece], gap: str) -> int:
-    return sum(width_of(one.cells) for one in pieces) + cell_len(gap) * (len(pieces) - 1)
+    return sum(width_of(part.cells) for part in pieces) + cell_len(gap) * (len(pieces) - 1)
 
 
 def _joined(pieces: Sequence[Piece], gap: str) -> Line:
     cells: list[Cell] = []
-    for one in pieces:
+    for part in pieces:
         if cells:
             cells.append(Cell(gap))
-        cells += one.cells
+        cells += part.cells
     return tuple(cells)
 
 

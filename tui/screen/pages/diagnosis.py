@@ -77,12 +77,12 @@ class DiagnosisPage(Page):
         if not results:
             found = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
             if found is not None and found.error:
-                return [(), *[line(" ", cell(one, "bad")) for one in wrap(found.error, width - 2)]]
+                return [(), *[line(" ", cell(row, "bad")) for row in wrap(found.error, width - 2)]]
             hint = (
                 "Enter diagnoses all points of the survey that have measured drops. It takes some "
                 "seconds a point and runs beside the measurement."
             )
-            return [(), *[line(" ", one) for one in wrap(hint, width - 2)]]
+            return [(), *[line(" ", row) for row in wrap(hint, width - 2)]]
         self.place = min(self.place, len(results) - 1)
         names = self.pfwd.diagnoses.names_of_results(len(results))
         device = device_lines(results, self.pfwd.units, width)
@@ -94,13 +94,15 @@ class DiagnosisPage(Page):
         ]
         unit = self.pfwd.units.unit("modulus")
         columns = [
-            TableColumn(f"{one.title} {unit}", one.rank) if one.title.startswith("E ") else one
-            for one in _COLUMNS
+            TableColumn(f"{column.title} {unit}", column.rank)
+            if column.title.startswith("E ")
+            else column
+            for column in _COLUMNS
         ]
         ladder = table_lines(columns, rows, width)
         text: list[Line] = [(), line(cell(f" point {names[self.place]}", "strong"))]
-        for one in diagnosis_lines(results[self.place])[1:]:
-            text += [line(" ", part) for part in wrap(one.strip(), width - 2)]
+        for row in diagnosis_lines(results[self.place])[1:]:
+            text += [line(" ", part) for part in wrap(row.strip(), width - 2)]
         left = room - len(ladder) - len(device)
         self.first = max(0, min(self.first, len(text) - left))
         return [*ladder, *device, *text[self.first : self.first + left]]
@@ -171,6 +173,6 @@ def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -
     lines: list[Line] = [(), line(cell(" effects of the device over the points", "strong"))]
     for name, texts in values.items():
         same = texts[:1] if len(set(texts)) == 1 else texts
-        for one in wrap(f"{name}: {'; '.join(same)} ({len(texts)} points)", width - 2):
-            lines.append(line(" ", one))
+        for row in wrap(f"{name}: {'; '.join(same)} ({len(texts)} points)", width - 2):
+            lines.append(line(" ", row))
     return lines

@@ -80,8 +80,8 @@ def drop_columns(units: Units) -> tuple[TableColumn, ...]:
         "E": f"E {units.unit('modulus')}",
     }
     return tuple(
-        TableColumn(named.get(one.title, one.title), one.rank, one.left, one.free)
-        for one in _COLUMNS
+        TableColumn(named.get(column.title, column.title), column.rank, column.left, column.free)
+        for column in _COLUMNS
     )
 
 

@@ -72,9 +72,9 @@ def drop_lines(view: DropView, width: int, height: int) -> list[Line]:
         text = text_lines(view, drop, width - 1)
         rows = max(LEAST_PLOT, room // 2)
         first = min(view.first, max(0, len(text) - (room - rows)))
-        lower = [line(" ", *one) for one in _part(text, first, room - rows)]
+        lower = [line(" ", *row) for row in _part(text, first, room - rows)]
         body = [*_plots(view, drop, width, rows), *exactly(lower, room - rows)]
-    return [pad(one, width) for one in [*head, *exactly(body, room), *foot]]
+    return [pad(row, width) for row in [*head, *exactly(body, room), *foot]]
 
 
 def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
@@ -201,7 +201,7 @@ def _heading(text: str) -> list[Line]:
 
 
 def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
-    return [line(cell(one, role)) for one in wrap(text, width)]
+    return [line(cell(row, role)) for row in wrap(text, width)]
 
 
 def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:

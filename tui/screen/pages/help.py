@@ -40,25 +40,25 @@ class HelpPage(Page):
 
     def _content(self, width: int) -> list[Line]:
         lines: list[Line] = [()]
-        lines += [line(" ", one) for one in wrap(self._about.HELP, width - 2)]
+        lines += [line(" ", row) for row in wrap(self._about.HELP, width - 2)]
         lines.append(())
         seen = set()
         # The page's own keys first: they are what one looks for.
         for node in (self._about, self.app):
             for binding in node._bindings.key_to_bindings.values():
-                for one in binding:
-                    name = (one.action, one.description)
-                    if not one.description or name in seen:
+                for bound in binding:
+                    name = (bound.action, bound.description)
+                    if not bound.description or name in seen:
                         continue
                     seen.add(name)
-                    key = self.app.get_key_display(one)
-                    lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {one.description}"))
+                    key = self.app.get_key_display(bound)
+                    lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {bound.description}"))
         lines += [(), line(cell(" Said lately", "strong"))]
         notices = list(self.pfwd.state.notices)[-20:]
         for when, notice in reversed(notices):
             mark = "! " if notice.serious else "  "
             texts = wrap(f"{when:%H:%M:%S} {mark}{notice.text}", width - 2)
-            lines += [line(" ", cell(one, "warn" if notice.serious else "text")) for one in texts]
+            lines += [line(" ", cell(row, "warn" if notice.serious else "text")) for row in texts]
         if not notices:
             lines.append(line(cell(" nothing", "dim")))
         folder = self.pfwd.source.survey

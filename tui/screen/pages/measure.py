@@ -77,7 +77,7 @@ class MeasurePage(Page):
             self.chosen = None
         keys = list(self.KEYS)
         if app.source.pace is not None:  # a recording has its points and its drops
-            keys = [*self.REPLAY_KEYS, *(one for one in keys if one[0] not in ("n", "g"))]
+            keys = [*self.REPLAY_KEYS, *(key for key in keys if key[0] not in ("n", "g"))]
         view = MeasureView(
             app.state,
             app.word(),

@@ -93,7 +93,7 @@ def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
     body = _tiny(view, width, room) if tiny else body
     if body is None:
         body = _full(view, width, room) if full else _small(view, width, room)
-    return [pad(one, width) for one in [*top, *exactly(body, room), *foot]]
+    return [pad(row, width) for row in [*top, *exactly(body, room), *foot]]
 
 
 def head_lines(view: MeasureView, width: int) -> list[Line]:
@@ -125,8 +125,8 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
     if view.pace:
         pieces.append(piece(1, cell(view.pace, "strong")))
     separated = [
-        Piece(line(cell("· ", "dim"), *one.cells) if place else one.cells, one.rank)
-        for place, one in enumerate(pieces)
+        Piece(line(cell("· ", "dim"), *part.cells) if place else part.cells, part.rank)
+        for place, part in enumerate(pieces)
     ]
     whole = fit(separated, 10_000, " ")
     if width_of(name) + width_of(whole) + 2 <= width:
@@ -149,7 +149,7 @@ def _word_lines(view: MeasureView, width: int) -> list[Line]:
     head = (badge, Cell(" "), cell(first, "strong"))
     if more:
         rest = wrap(" ".join(more), width - 2)[:2]
-        return [head, *[line(" ", cell(one, "strong")) for one in rest]]
+        return [head, *[line(" ", cell(text, "strong")) for text in rest]]
     return [both_ends(head, (cell(view.clock),), width)]
 
 
@@ -176,7 +176,7 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
         return [(Cell(" "), *fit(parts, width - 1, "   "))]
     lines: list[Line] = [(Cell(" "), *fit(parts, width - 1, "   "))]
     if view.message:  # a sentence is never cut: it takes lines of its own for a while
-        lines += [line(" ", cell(one, "warn")) for one in wrap(view.message, width - 2)[:3]]
+        lines += [line(" ", cell(text, "warn")) for text in wrap(view.message, width - 2)[:3]]
     return lines
 
 
@@ -231,7 +231,7 @@ def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
     value, error = modulus_text(view.drop, view.units)
     shown = f" E {value} ± {error or NOTHING} {view.units.unit('modulus')} (95 %)"
     lines = [line(cell(shown, "strong"))]
-    lines += [line(" ", *one) for one in _verdict_lines(view, width - 1)]
+    lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)]
     lines.append(footnote(view.drop, view, width))
     return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
 
@@ -244,10 +244,10 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     rows_wanted = min(4, room - ROWS - 4)
     space = room - rows_wanted - 4
     value, error = modulus_text(drop, view.units)
-    lines: list[Line] = [(Cell(" "), *one) for one in _figures_of(value, error, width - 2, space)]
+    lines: list[Line] = [(Cell(" "), *row) for row in _figures_of(value, error, width - 2, space)]
     unit = view.units.unit("modulus")
     lines.append(line(cell(f" {unit}, ± for 95 % with the model's error", "strong")))
-    lines += [line(" ", *one) for one in _verdict_lines(view, width - 1)][:2]
+    lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)][:2]
     lines = [*exactly(lines, room - rows_wanted - 1), footnote(drop, view, width)]
     return [*lines, *drop_table(view, width, rows_wanted)]
 
@@ -300,15 +300,15 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     if wide:
         shown = f"{value} ±{error}" if error else value
         digits = digit_lines(shown, "strong", 1, 1)
-        taken = max(width_of(one) for one in digits) + 2
+        taken = max(width_of(row) for row in digits) + 2
         side = width - taken - 3
         sure = fit(
             [piece(0, cell(f"{unit}, ± for 95 %", "strong")), Piece(_refining(drop), 1)], side
         )
-        text = [sure, *[fit([piece(0, one)], side) for one in details]]
+        text = [sure, *[fit([piece(0, detail)], side) for detail in details]]
         judged = _verdict_lines(view, side)[: rows - 1]
         text = [*text[: rows - len(judged)], *judged]
-        return beside([line(" ", *one) for one in digits], exactly(text, rows), taken, rows, "  ")
+        return beside([line(" ", *row) for row in digits], exactly(text, rows), taken, rows, "  ")
     title = "modulus" if drop is None else f"modulus, drop {drop.number}"
     verdict = _verdict_lines(view, width)
     used = len(details) + len(verdict) + 2
@@ -316,7 +316,7 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
     lines += _figures_of(value, error, width, space)
     lines.append(line(cell(f"{unit}, ± for 95 % with the model's error", "strong")))
-    lines += [line(one) for one in details if len(one) <= width]
+    lines += [line(detail) for detail in details if len(detail) <= width]
     room = rows - len(lines)
     return exactly([*lines, *verdict[: max(0, room)]], rows)
 
@@ -372,7 +372,7 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
 
 def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
     text, role = verdict_of(view.drop, view.verdict)
-    return [line(cell(one, role)) for one in wrap(text, width)]
+    return [line(cell(row, role)) for row in wrap(text, width)]
 
 
 def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
@@ -395,7 +395,7 @@ def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
 def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
     """The drops of the point, newest last."""
     drops = [view.state.current.drops[number] for number in sorted(view.state.current.drops)]
-    place = next((at for at, one in enumerate(drops) if one.number == view.chosen), None)
+    place = next((at for at, drop in enumerate(drops) if drop.number == view.chosen), None)
     shown = window(len(drops), place, max(1, rows - 1))
     table = [
         drop_row(

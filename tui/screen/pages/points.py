@@ -114,8 +114,10 @@ class PointsPage(Page):
         unit = app.units.unit("modulus")
         named = {"E": f"E {unit}", "spread": f"spread {unit}", "target": f"target {unit}"}
         columns = [
-            TableColumn(named.get(one.title, one.title), one.rank, one.left, one.free)
-            for one in _COLUMNS
+            TableColumn(
+                named.get(column.title, column.title), column.rank, column.left, column.free
+            )
+            for column in _COLUMNS
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]

@@ -260,11 +260,11 @@ class SetupPage(Page):
     def _found(self, ports: list[tuple[str, str, bool]]) -> None:
         if not self.is_mounted:
             return
-        ordered = sorted(ports, key=lambda one: not one[2])
+        ordered = sorted(ports, key=lambda port: not port[2])
         options = [(Content(clean(text)), url) for text, url, _ in ordered]
         none = [(Content("none" if not options else "choose one"), _NO_PORT)]
         self.query_one("#found", Select).set_options([*none, *options])
-        count = sum(one[2] for one in ports)
+        count = sum(port[2] for port in ports)
         self._say(f"{len(ports)} ports, {count} with an instrument")
 
     def action_take(self) -> None:

@@ -135,7 +135,9 @@ class Diagnoses:
                 self.verdicts[point.name] = verdict_text(result, units)
 
     def _points(self) -> list[PointState]:
-        return [one for one in self._state.points.values() if one.drops and not one.discarded]
+        return [
+            point for point in self._state.points.values() if point.drops and not point.discarded
+        ]
 
 
 def _results(text: str) -> tuple[list[DiagnosisResult], bool]:

@@ -78,7 +78,7 @@ def add_read(drop: DropState, event: DropRead) -> None:
 def add_refit(drop: DropState, event: Refitted) -> None:
     """It was fitted anew, without a fault."""
     if event.label:
-        drop.refits = [one for one in drop.refits if one.label != event.label]
+        drop.refits = [refit for refit in drop.refits if refit.label != event.label]
         drop.refits.append(event)
     elif event.curves is not None:
         drop.curves = event.curves
@@ -131,4 +131,4 @@ def edit_point(point: PointState, event: Edited) -> None:
 
 def newest(point: PointState) -> DropState | None:
     """The drop with the highest number."""
-    return max(point.drops.values(), key=lambda one: one.number, default=None)
+    return max(point.drops.values(), key=lambda drop: drop.number, default=None)

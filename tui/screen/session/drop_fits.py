@@ -165,12 +165,12 @@ class DropFits:
 
     def _read_drop(self, folder: Path, record: int) -> None:
         try:
-            one = recorded_drop(folder, record)
+            recorded = recorded_drop(folder, record)
             results = tuple(stored_results(folder, record))
         except (SurveyError, DeviceError, OSError) as err:
             self._runner.put(Notice(str(err), serious=True))
             return
-        self._runner.put(DropRead(one, results))
+        self._runner.put(DropRead(recorded, results))
 
     def refit(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result that counts stays."""
@@ -187,7 +187,12 @@ class DropFits:
         shown = units.with_unit("modulus", result.modulus_pa)
         self._say(f"drop {number}, {label}: {shown}; m goes through the results")
         drop = next(
-            (one for one in self._state.drops_in_order() if _has_refit(one, number, result)), None
+            (
+                candidate
+                for candidate in self._state.drops_in_order()
+                if _has_refit(candidate, number, result)
+            ),
+            None,
         )
         record = drop.record if drop is not None else None
         if record is None:
@@ -206,4 +211,4 @@ class DropFits:
 
 
 def _has_refit(drop: DropState, number: int, result: DropResult) -> bool:
-    return drop.number == number and any(one.result is result for one in drop.refits)
+    return drop.number == number and any(refit.result is result for refit in drop.refits)

@@ -153,9 +153,9 @@ class SessionState:
             return kept[1]
         drops = [point.drops[number] for number in sorted(point.drops)]
         facts = [
-            with_result(one.facts, one.status, one.discarded, one.result)
-            for one in drops
-            if one.safe and one.facts is not None
+            with_result(drop.facts, drop.status, drop.discarded, drop.result)
+            for drop in drops
+            if drop.safe and drop.facts is not None
         ]
         radius, ratio = self._plate(drops)
         target = self.target_of(point)
@@ -168,8 +168,8 @@ class SessionState:
         used = set(self.progress_of(point).used)
         values = [
             modulus
-            for number, one in point.drops.items()
-            if number in used and (modulus := one.modulus) is not None
+            for number, drop in point.drops.items()
+            if number in used and (modulus := drop.modulus) is not None
         ]
         if not values:
             return Mean(0, None, None)
@@ -182,15 +182,17 @@ class SessionState:
             return ""
         owner = self.points.get(drop.point)
         excluded = self.progress_of(owner).excluded if owner is not None else ()
-        return next((one.reason for one in excluded if one.number == drop.number), "")
+        return next(
+            (exclusion.reason for exclusion in excluded if exclusion.number == drop.number), ""
+        )
 
     def _plate(self, drops: list[DropState]) -> tuple[float, float | None]:
         """Plate radius, m, and Poisson's ratio of drops."""
-        for one in reversed(drops):
-            if one.handed is not None:
-                return one.handed.setup.plate_radius, one.handed.setup.poisson_ratio
-            if one.result and one.result.plate_radius_m:
-                return one.result.plate_radius_m, one.result.poisson_ratio
+        for drop in reversed(drops):
+            if drop.handed is not None:
+                return drop.handed.setup.plate_radius, drop.handed.setup.poisson_ratio
+            if drop.result and drop.result.plate_radius_m:
+                return drop.result.plate_radius_m, drop.result.poisson_ratio
         if self.setup is not None:
             return self.setup.plate_radius, self.setup.poisson_ratio
         return USUAL_RADIUS, None
@@ -198,7 +200,7 @@ class SessionState:
     @property
     def held(self) -> int:
         """How many drops the disk has not taken."""
-        return sum(not one.safe for point in self.points.values() for one in point.drops.values())
+        return sum(not drop.safe for point in self.points.values() for drop in point.drops.values())
 
     @property
     def exit_status(self) -> int:
@@ -282,9 +284,9 @@ class SessionState:
     def drop_of_record(self, record: int) -> DropState | None:
         """By its number within the survey."""
         for point in self.points.values():
-            for one in point.drops.values():
-                if one.record == record:
-                    return one
+            for drop in point.drops.values():
+                if drop.record == record:
+                    return drop
         return None
 
     def drops_in_order(self) -> Iterable[DropState]:
@@ -367,15 +369,19 @@ class SessionState:
             edit_point(self.points.setdefault(event.point, PointState(event.point)), event)
 
     def _on_contents(self, event: ContentsRead) -> None:
-        for one in event.points:
-            point = self.points.setdefault(one.name, PointState(one.name))
-            point.title = one.title
-            point.position, point.discarded, point.notes = one.position, one.discarded, one.notes
-            point.target = one.target if one.target is not None else point.target
-            for kept in one.drops:
+        for content in event.points:
+            point = self.points.setdefault(content.name, PointState(content.name))
+            point.title = content.title
+            point.position, point.discarded, point.notes = (
+                content.position,
+                content.discarded,
+                content.notes,
+            )
+            point.target = content.target if content.target is not None else point.target
+            for kept in content.drops:
                 add_kept(point, kept, shown=event.drops)
         if event.drops:
-            order = [one.name for one in event.points]
+            order = [point.name for point in event.points]
             names = [*order, *(name for name in self.points if name not in order)]
             self.points = {name: self.points[name] for name in names}
         if not self.point and event.points:

@@ -9,7 +9,7 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
     before, after = result.before or FittedState(), result.after or FittedState()
     old, new = (units.text("modulus", state.modulus_pa) for state in (before, after))
     part = percent(after.residual_rms_over_peak)
-    effects = ", ".join(str(one.name).replace("_", " ") for one in result.effects or ())
+    effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
     match result.verdict:
         case "clean":
             return f"CLEAN: residual {part} of the peak, noise only"

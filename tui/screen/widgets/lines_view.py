@@ -51,14 +51,14 @@ class LinesView(Widget, can_focus=True):
     @property
     def text(self) -> str:
         """What is shown, as plain text."""
-        return "\n".join("".join(one.text for one in row).rstrip() for row in self._shown)
+        return "\n".join("".join(piece.text for piece in row).rstrip() for row in self._shown)
 
     def render_line(self, y: int) -> Strip:
         """One line for the terminal."""
         width = self.size.width
         styles = self._look.styles
         cells = self._shown[y] if y < len(self._shown) else ()
-        segments = [Segment(self._glyphs.shown(one.text), styles[one.role]) for one in cells]
+        segments = [Segment(self._glyphs.shown(piece.text), styles[piece.role]) for piece in cells]
         return Strip(segments).adjust_cell_length(width, styles["text"])
 
     def on_click(self, event: object) -> None:
