@@ -21,6 +21,7 @@ from pfwd_device.recording.drop_file import (
     read_drop_file,
     stored_drop,
 )
+from pfwd_device.recording.hdf5_tree import Allowance, opened, read_group
 from pfwd_device.recording.payload import LARGEST_ARRAYS
 from tests.hdf5_visible import visible
 from tests.pfwd_device.recording.make_recording_v1 import values
@@ -357,3 +358,25 @@ def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
         assert len(file["counts"].attrs) == MOST_CALIBRATIONS + 1
     assert drop_from_file_bytes(data, "drop.h5")[0].metadata == metadata
     assert MOST_CALIBRATIONS < hdf5_tree.MOST_ATTRIBUTES
+
+
+def test_no_more_is_read_of_a_file_than_is_allowed(whole: bytes) -> None:
+    with opened(whole) as place:
+        given = Allowance()
+        read_group(place, "drop.h5", given)
+    arrays, texts = Allowance().arrays - given.arrays, Allowance().texts - given.texts
+    with h5py.File(io.BytesIO(whole), "r") as file:
+        sizes: list[int] = []
+        file.visititems(
+            lambda _, item: (
+                sizes.append(item.size * item.dtype.itemsize)
+                if isinstance(item, h5py.Dataset) and item.dtype.kind in "if"
+                else None
+            )
+        )
+    assert arrays == sum(sizes)
+    with opened(whole) as place:
+        read_group(place, "drop.h5", Allowance(arrays, texts))
+    for short in (Allowance(arrays - 1, texts), Allowance(arrays, texts - 1)):
+        with opened(whole) as place, pytest.raises(RecordingError, match="expected at most"):
+            read_group(place, "drop.h5", short)

@@ -18,9 +18,11 @@ from pfwd_device.recording import (
     DropRecord,
     FilesTaken,
     FilesWrittenAgain,
+    Rebound,
     Storage,
     SurveyWriter,
     check,
+    read_drop_file,
     read_survey,
     recover,
 )
@@ -510,3 +512,20 @@ def test_a_lock_that_cannot_be_released_is_no_error(
     monkeypatch.setattr(FileLock, "release", failing)
     writer.close()
     assert recover(tmp_path / "survey").ok
+
+
+def test_a_rebound_that_was_written_again_is_in_its_drop_s_file(tmp_path: Path) -> None:
+    """Its record stands elsewhere in the new journal than in the one that was deleted."""
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        save(writer, 1)
+        writer.note_event("gap", {"samples": 7})
+        writer.save_rebound(1, Rebound(0.4, 900.0, 4242, np.ones((4, 3), np.int32)))
+        (survey / "journal" / "0001.pfwdj").unlink()
+        save(writer, 2)
+        writer.publish(1)
+    read = read_survey(survey)
+    assert [event["details"] for event in read.events] == [{"samples": 7}]
+    assert read.drops[0].file is not None
+    for record in (read.drops[0].read(), read_drop_file(read.drops[0].file)):
+        assert [rebound.first_sample for rebound in record.rebounds] == [4242]

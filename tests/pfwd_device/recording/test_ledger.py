@@ -14,6 +14,7 @@ from pfwd_device.errors import StorageFull
 from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.ledger import (
+    LARGEST_LEDGER,
     Entry,
     LedgerWriter,
     about_drop,
@@ -204,3 +205,57 @@ def test_very_many_lost_records_are_told_in_a_line(tmp_path: Path) -> None:
     assert "drop P 1/4 is lost" in damage
     assert len(damage) < 5
     assert damage == tuple(text for text in check(survey).damaged if "lost" in text)
+
+
+def writer(path: Path, entries: list[Entry]) -> tuple[LedgerWriter, NotingStorage]:
+    """A ledger that is in place, and what is done to the disk from here on."""
+    path.write_bytes(ledger_bytes(ME, entries))
+    storage = NotingStorage(path.parent)
+    return LedgerWriter(path, ME, list(entries), storage), storage
+
+
+NEXT = Entry(3, 4, 1, 790, 60, 0x1234)
+
+
+def test_a_ledger_that_is_in_place_is_appended_to(tmp_path: Path) -> None:
+    ledger, storage = writer(tmp_path / "acknowledged.txt", ENTRIES)
+    ledger.append(NEXT)
+    ledger.close()
+    assert read_ledger(tmp_path / "acknowledged.txt").entries == (*ENTRIES, NEXT)
+    assert [note[0] for note in storage.notes] == ["write", "sync"], "nothing is written anew"
+
+
+def test_a_ledger_that_says_something_else_is_written_anew(tmp_path: Path) -> None:
+    path = tmp_path / "acknowledged.txt"
+    ledger, storage = writer(path, ENTRIES)
+    path.write_bytes(ledger_bytes(ME, ENTRIES[:1]) + b"1 2 3\n")
+    ledger.append(NEXT)
+    ledger.close()
+    assert read_ledger(path).entries == (*ENTRIES, NEXT)
+    assert read_ledger(path).damaged == ()
+    assert "replace" in [note[0] for note in storage.notes]
+
+
+def test_what_is_forgotten_stands_in_no_line_any_more(tmp_path: Path) -> None:
+    path = tmp_path / "acknowledged.txt"
+    ledger, _ = writer(path, [*ENTRIES, NEXT])
+    ledger.forget(2)
+    assert ledger.entries == (ENTRIES[0],)
+    assert ledger.problem() is None
+    again = Entry(2, 3, 2, 0, 500, 7)
+    ledger.append(again)
+    assert read_ledger(path).entries == (ENTRIES[0], again)
+    assert ledger.problem() is None
+    path.write_bytes(b"")
+    assert ledger.problem() is not None, "others do not find the lines"
+    ledger.close()
+
+
+def test_a_ledger_beyond_the_limit_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "acknowledged.txt"
+    path.write_bytes(ledger_bytes(ME, ENTRIES))
+    assert LARGEST_LEDGER == 24 * 2**20
+    monkeypatch.setattr("os.path.getsize", lambda _: LARGEST_LEDGER)
+    assert read_ledger(path).entries == tuple(ENTRIES)
+    monkeypatch.setattr("os.path.getsize", lambda _: LARGEST_LEDGER + 1)
+    assert read_ledger(path).damaged == (1,)

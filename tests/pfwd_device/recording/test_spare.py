@@ -54,6 +54,9 @@ class Refusing(Storage):
             raise OSError(self._number, "refused")
 
 
+HOME_AGAIN = record_log.HOME_AGAIN
+
+
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
@@ -190,6 +193,24 @@ def test_home_is_not_tried_at_every_drop(
         disk.refuse(False)
         save(writer, 2)
         assert writer.kept_in_spare(2) is not None
+
+
+def test_home_is_tried_again_after_a_while(
+    survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr(record_log, "HOME_AGAIN", HOME_AGAIN)
+    monkeypatch.setattr(record_log.time, "monotonic", lambda: now[0])
+    with open_writer(survey, disk, spare) as writer:
+        disk.refuse()
+        save(writer, 1)
+        disk.refuse(False)
+        now[0] += 1.9
+        save(writer, 2)
+        assert writer.kept_in_spare(2) is not None
+        now[0] += 0.2
+        save(writer, 3)
+        assert writer.kept_in_spare(3) is None
 
 
 def test_the_next_program_brings_home_what_waits(
