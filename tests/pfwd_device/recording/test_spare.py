@@ -306,6 +306,30 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
     assert check(survey, spare=spare).ok
 
 
+def test_a_point_that_only_the_spare_part_knows_comes_home_behind_the_others(
+    survey: Path, spare: SpareFolder, disk: Refusing
+) -> None:
+    with open_writer(survey, disk, spare) as writer:
+        save(writer, 1)
+        disk.refuse()
+        assert writer.save_drop(make_record(21, np.random.default_rng(21))) == 2
+    disk.refuse(False)
+    with open_writer(survey, disk, None) as writer:
+        assert writer.save_drop(make_record(11, np.random.default_rng(11))) == 2
+    assert recover(survey, spare=spare).ok
+    points = [(point.name, len(point.drops)) for point in read_survey(survey).points]
+    assert points == [("P 1", 1), ("P 2", 1), ("P 3", 1)]
+
+
+@pytest.mark.parametrize(("free", "kept"), [(16_383, False), (16_384, True)])
+def test_a_reserve_is_kept_where_four_of_them_are_free(
+    survey: Path, disk: Refusing, free: int, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk, "free_bytes", lambda _: free)
+    with SurveyWriter.open(survey, storage=disk, publish=False, reserve_bytes=4096):
+        assert (survey / "reserve").exists() is kept
+
+
 def test_the_same_point_and_drop_number_become_the_next(
     survey: Path, spare: SpareFolder, disk: Refusing
 ) -> None:
