@@ -48,6 +48,11 @@ class Figure:
     least_range: float = 0.0
     """The range is not made smaller than this: noise should look like noise."""
 
+    @property
+    def name(self) -> str:
+        """What is shown, without the sensor that it is of."""
+        return self.title.split(" at ")[0]
+
 
 def ticks(low: float, high: float, most: int) -> list[float]:
     """Round numbers in a range, at most so many.
@@ -107,6 +112,34 @@ def plot_lines(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[
         lines.append((frame, *(_with_cursor(content, cursor))))
     if figure.time_axis:
         lines.append(_time_axis(figure, gutter, columns))
+    return lines
+
+
+def stacked_plots(
+    shown: Sequence[Figure],
+    width: int,
+    rows: int,
+    glyphs: Glyphs,
+    shares: Sequence[int] | None = None,
+) -> list[Line]:
+    """Plots one below the other.
+
+    Parameters
+    ----------
+    shown : sequence of Figure
+    width, rows : int
+        Of all together.
+    glyphs : Glyphs
+    shares : sequence of int, optional
+        Parts of the rows that each gets; as many for each otherwise.
+    """
+    parts = [1] * len(shown) if shares is None else list(shares[: len(shown)])
+    lines: list[Line] = []
+    left = rows
+    for place, figure in enumerate(shown):
+        given = left * parts[place] // sum(parts[place:])
+        lines += plot_lines(figure, width, given, glyphs)
+        left -= given
     return lines
 
 

@@ -1,6 +1,7 @@
 """A drop and a point in words: for tables, verdicts and summaries on every page."""
 
 import math
+from typing import NamedTuple
 
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import Quantity, Verdict
@@ -25,6 +26,30 @@ def uncertainty_of(result: DropResult) -> float | None:
     if ends is None or not all(map(math.isfinite, ends)):
         return None
     return float(ends[1] - ends[0]) / 2
+
+
+class BesideModulus(NamedTuple):
+    """A parameter of the ground beside the modulus, as figures."""
+
+    amount: str
+    deviation: str
+    """Empty: given, not fitted."""
+    unit: str
+
+
+def beside_modulus(result: DropResult, units: Units) -> dict[str, BesideModulus]:
+    """What the model of the ground has besides, by its name; what is not in it is left out."""
+    known: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
+        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
+        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
+        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
+    )
+    found = {}
+    for name, quantity, value, deviation in known:
+        amount, error = units.measured(quantity, value, deviation)
+        if amount != NOTHING:
+            found[name] = BesideModulus(amount, error, units.unit(quantity))
+    return found
 
 
 def plain(value: object) -> str:

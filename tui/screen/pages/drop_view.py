@@ -9,17 +9,17 @@ import numpy as np
 
 from pfwd_survey.inverting.results import DropResult
 from tui.diagnosis_lines import diagnosis_lines
-from tui.screen.drawing.axes import Figure, plot_lines
+from tui.screen.drawing.axes import plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly
 from tui.screen.drawing.drop_figures import curves_of, drop_figures, spectrum_figure
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, line, pad, piece, shorten, wrap
-from tui.screen.pages.drop_texts import remark, uncertainty_of, verdict_of
+from tui.screen.pages.drop_texts import beside_modulus, remark, uncertainty_of, verdict_of
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, QuantityName, Units, figures, percent
+from tui.screen.units import NOTHING, Units, figures, percent
 
 PANELS = ("load", "deflection", "residual", "spectrum")
 WIDE = 100
@@ -126,22 +126,14 @@ def _plots(view: DropView, drop: DropState, width: int, rows: int) -> list[Line]
         replace(figure, cursor=cursor) if figure.time_unit == "ms" else figure
         for figure in everything
     ]
-    by_name = {figure.title.split(" at ")[0]: figure for figure in marked}
+    by_name = {figure.name: figure for figure in marked}
     if view.panel in by_name:
         return plot_lines(replace(by_name[view.panel], time_axis=True), width, rows, view.glyphs)
     count = max(1, min(len(marked), rows // LEAST_PLOT))
     if count == 1:
         name = "deflection" if "deflection" in by_name else next(iter(by_name))
         return plot_lines(replace(by_name[name], time_axis=True), width, rows, view.glyphs)
-    return _stack(marked[:count], width, rows, view.glyphs)
-
-
-def _stack(shown: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -> list[Line]:
-    lines: list[Line] = []
-    for place, figure in enumerate(shown):
-        given = (rows - len(lines)) // (len(shown) - place)
-        lines += plot_lines(figure, width, given, glyphs)
-    return lines
+    return stacked_plots(marked[:count], width, rows, view.glyphs)
 
 
 def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
@@ -216,18 +208,10 @@ def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
         low, high = (units.text("modulus", end, 4) for end in ends)
         lines += _paragraph(f"           {low} to {high}; noise alone ± {noise}"[11:], width)
     bounds = result.at_bound or ()
-    others: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
-        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
-        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
-        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
-    )
-    for name, quantity, found, sd in others:
-        amount, deviation = units.measured(quantity, found, sd)
-        if amount == NOTHING:
-            continue
+    for name, (amount, deviation, of) in beside_modulus(result, units).items():
         given = f"± {deviation}" if deviation else "(given)"
         mark = "  AT BOUND" if any(name in bound for bound in bounds) else ""
-        lines.append(line(f"{name:10} {amount} {given} {units.unit(quantity)}", cell(mark, "bad")))
+        lines.append(line(f"{name:10} {amount} {given} {of}", cell(mark, "bad")))
     correlation = result.modulus_depth_correlation
     if correlation is not None and math.isfinite(correlation):
         lines += _paragraph(f"correlation of modulus and depth {correlation:+.2f}", width)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pfwd_survey.measuring.live_trace import WINDOW, Envelope
 from pfwd_survey.procedures import Quantity
-from tui.screen.drawing.axes import Figure, plot_lines
+from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, table_lines, window
 from tui.screen.drawing.digits import ROWS, SIZES, digit_lines, digit_width, largest_size
 from tui.screen.drawing.drop_figures import drop_figures, live_figures
@@ -27,6 +27,7 @@ from tui.screen.drawing.lines import (
     wrap,
 )
 from tui.screen.pages.drop_texts import (
+    beside_modulus,
     drop_columns,
     drop_row,
     modulus_text,
@@ -271,18 +272,11 @@ def _stacked(figures: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -
     if not figures:
         text = "  no traces yet: they come with the first drop"
         return exactly([(), line(cell(text, "dim"))], rows)
-    shares = (3, 4, 3)[: len(figures)]
-    lines: list[Line] = []
-    left = rows
-    for place, figure in enumerate(figures):
-        given = left * shares[place] // sum(shares[place:])
-        lines += plot_lines(figure, width, given, glyphs)
-        left -= given
-    return lines
+    return stacked_plots(figures, width, rows, glyphs, shares=(3, 4, 3))
 
 
 def _one_panel(view: MeasureView, width: int, rows: int) -> list[Line]:
-    figures = {figure.title.split(" at ")[0]: figure for figure in _figures(view)}
+    figures = {figure.name: figure for figure in _figures(view)}
     panel = view.panel or ("live" if not figures else "deflection")
     if panel == "live" or panel not in figures:
         figure = live_figures(view.envelope, view.units, WINDOW)[0]
@@ -357,16 +351,9 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
     peak = units.with_unit("modulus", result.peak_modulus_pa)
     factor, ratio = result.peak_factor, result.poisson_ratio
     lines.append(f"peak method {peak} (f {plain(factor)}, ν {plain(ratio)})")
-    others: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
-        ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
-        ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
-        ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
-    )
-    for name, quantity, found, sd in others:
-        amount, error = units.measured(quantity, found, sd)
-        if amount != NOTHING:
-            given = f" ± {error}" if error else " (given)"
-            lines.append(f"{name:9} {amount}{given} {units.unit(quantity)}")
+    for name, (amount, deviation, unit) in beside_modulus(result, units).items():
+        given = f"± {deviation}" if deviation else "(given)"
+        lines.append(f"{name:9} {amount} {given} {unit}")
     return lines
 
 
