@@ -21,7 +21,7 @@ from pfwd_device.recording.drop_file import (
     read_drop_file,
     stored_drop,
 )
-from pfwd_device.recording.hdf5_tree import Allowance, opened, read_group
+from pfwd_device.recording.hdf5_tree import Allowance, opened, read_dataset, read_group
 from pfwd_device.recording.payload import LARGEST_ARRAYS
 from tests.hdf5_visible import visible
 from tests.pfwd_device.recording.make_recording_v1 import values
@@ -380,3 +380,32 @@ def test_no_more_is_read_of_a_file_than_is_allowed(whole: bytes) -> None:
     for short in (Allowance(arrays - 1, texts), Allowance(arrays, texts - 1)):
         with opened(whole) as place, pytest.raises(RecordingError, match="expected at most"):
             read_group(place, "drop.h5", short)
+
+
+def test_text_that_is_none_is_said(whole: bytes) -> None:
+    broken = whole.replace(b"T. \xc3\x9cnal", b"T. \xff\xffnal")
+    assert broken != whole
+    with pytest.raises(RecordingError, match="expected text in UTF-8, came other bytes"):
+        drop_from_file_bytes(broken, "drop.h5")
+
+
+def test_values_that_do_not_unpack_are_said(whole: bytes) -> None:
+    with h5py.File(io.BytesIO(whole), "r") as file:
+        start = file["load"].id.get_chunk_info(0).byte_offset
+    broken = bytearray(whole)
+    broken[start] ^= 0xFF  # the first byte of what gzip wrote
+    with pytest.raises(RecordingError, match="expected packed values, came"):
+        drop_from_file_bytes(bytes(broken), "drop.h5")
+
+
+def test_a_dataset_is_read_by_its_path(whole: bytes) -> None:
+    with opened(whole) as place:
+        assert read_dataset(place, "load", "drop.h5").value is not None
+        assert read_dataset(place, "sensors/1/values", "drop.h5").attributes["units"] in (
+            "m",
+            "m/s",
+        )
+        with pytest.raises(RecordingError, match="sensors/9/values: expected it in the file"):
+            read_dataset(place, "sensors/9/values", "drop.h5")
+        with pytest.raises(RecordingError, match="sensors/1: expected a dataset, came another"):
+            read_dataset(place, "sensors/1", "drop.h5")

@@ -529,3 +529,27 @@ def test_a_rebound_that_was_written_again_is_in_its_drop_s_file(tmp_path: Path) 
     assert read.drops[0].file is not None
     for record in (read.drops[0].read(), read_drop_file(read.drops[0].file)):
         assert [rebound.first_sample for rebound in record.rebounds] == [4242]
+
+
+def test_an_earlier_segment_is_held_open_too(tmp_path: Path) -> None:
+    """It was written by a program before, so that nothing of it is in memory."""
+    survey = tmp_path / "survey"
+
+    def opened() -> SurveyWriter:
+        return SurveyWriter.open(survey, publish=False, reserve_bytes=0)
+
+    with opened() as writer:
+        expected = {1: save(writer, 1)}
+    os.link(survey / "journal" / "0001.pfwdj", tmp_path / "backup")
+    with opened() as writer:
+        expected[2] = save(writer, 2)
+    assert (survey / "journal" / "0002.pfwdj").exists()
+    with opened() as writer:
+        (survey / "journal" / "0001.pfwdj").unlink()
+        (tmp_path / "backup").unlink()
+        expected[3] = save(writer, 3)
+        # The segment in hand is what is looked at, so that it has to go as well.
+        (survey / "journal" / "0002.pfwdj").unlink()
+        expected[4] = save(writer, 4)
+    assert check(survey).ok
+    assert digests(survey) == expected

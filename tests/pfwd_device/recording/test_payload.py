@@ -219,3 +219,34 @@ def test_arrays_that_nobody_wants_are_left_packed(pack: bool) -> None:
         assert all(np.array_equal(found[name], arrays[name]) for name in wanted)
     with pytest.raises(RecordingError, match=r"expected (compressed )?arrays"):
         decode_payload(payload[: -len(payload) // 2], "abc".__contains__)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sensors": 3},
+        {"sensors": [[0.0]]},
+        {"rebounds": None},
+        {"declared": []},
+        {"point": 7},
+        {"drop": "1"},
+        {"metadata": "x"},
+    ],
+)
+def test_data_of_another_kind_are_no_drop(change: dict[str, Any]) -> None:
+    array = np.zeros(4)
+    sound = {
+        "point": "P",
+        "drop": 1,
+        "sensors": [[0.0, "velocity"]],
+        "rebounds": [],
+        "declared": {},
+        "metadata": {},
+    }
+    arrays = {"time": np.arange(4.0), "load": array, "sensor 1": array}
+    assert drop_from_parts(sound, arrays).point == "P"
+    with pytest.raises(RecordingError):
+        drop_from_parts(sound | change, arrays)
+    for key in sound:
+        with pytest.raises(RecordingError, match="expected the data of a drop, came others"):
+            drop_from_parts({k: v for k, v in sound.items() if k != key}, arrays)
