@@ -4,7 +4,7 @@ import errno
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from pfwd_device.recording import (
     SurveyWriter,
     check,
     publisher,
+    publishing,
     read_drop_file,
     read_survey,
     recover,
@@ -253,3 +254,41 @@ def test_a_thread_that_is_closed_twice_ends_once(tmp_path: Path) -> None:
     thread = PublishingThread(Failing(0), lambda request, answer: None)
     assert thread.close(1.0)
     assert thread.close(0.0)
+
+
+class Unable:
+    """A publisher that fails for some drops."""
+
+    def __init__(self, *failing: int) -> None:
+        self._failing = failing
+
+    def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        if request["number"] in self._failing:
+            raise RecordingError("no process could be started")
+        return {}
+
+    def close(self) -> None:
+        """Nothing runs."""
+
+
+class Waits(list[float]):
+    """In place of the event that ends a pause: how long each would have been."""
+
+    def wait(self, seconds: float) -> None:
+        self.append(seconds)
+
+    def set(self) -> None:
+        """Nobody waits."""
+
+
+def test_after_each_failure_the_pause_is_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = Waits()
+    monkeypatch.setattr(publishing, "LONGEST_PAUSE", 3.0)
+    thread = PublishingThread(Unable(1, 2, 3, 4, 6), lambda request, answer: None)
+    thread._hurry = waits  # type: ignore[assignment]
+    for number in range(1, 9):
+        thread.submit({"number": number})
+    assert thread.close(30.0)
+    # After 1 to 4; the fifth is published; after 6; none after 7.
+    assert waits == [0.5, 1.0, 2.0, 3.0, 0.5]
+    assert sorted(thread.failures) == [1, 2, 3, 4, 6]
