@@ -500,3 +500,11 @@ def test_where_no_depth_comes_near_there_is_no_profile() -> None:
     near = (Minimum(np.full(4, 0.5), 1.0),)
     fit = GroundFit(near[0], (), near, False, 0, contact, ())
     assert module._profile_again(fit, contact, 1.0) == ()
+
+
+@pytest.mark.parametrize("method", ["least-squares", "mpga"])
+def test_the_best_ground_is_not_among_the_others(library: SurrogateLibrary, method: Method) -> None:
+    found = fitted(library, method=method)
+    longer = found.drops[0].drop
+    assert longer.window_end == longer.with_tail().window_end, "the tail is taken in"
+    assert all(not np.array_equal(other.point, found.best.point) for other in found.others)

@@ -122,3 +122,12 @@ def test_a_hundredth_is_another_speed_on_purpose(speed: float, real: bool) -> No
     run(clock, 20.0, speed=speed, jitter=1e-4)
     assert clock.is_real_time is real
     assert (clock.drift_ppm is not None) is real
+
+
+def test_a_drift_that_changes_is_followed() -> None:
+    clock = DeviceClock()
+    run(clock, 15.5)
+    assert clock.drift_ppm == pytest.approx(0, abs=60)
+    run(clock, 45.0, speed=1 + 900e-6, begin=1015.5, device=20.5)
+    assert clock.drift_ppm is not None
+    assert clock.drift_ppm > 400
