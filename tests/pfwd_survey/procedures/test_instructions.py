@@ -79,6 +79,7 @@ ENOUGH = "Enough for a mean; another measured drop makes it surer."
         ([SEATING, MEASURED], ENOUGH),
         ([MEASURED, SEATING], ENOUGH),
         ([DISCARDED], "Drop 1 does not count (discarded): a measured drop."),
+        ([SEATING, DISCARDED], "Drop 2 does not count (discarded): a measured drop."),
         ([MEASURED, REJECTED], "Drop 2 does not count (rejected: no drop): a measured drop."),
     ],
 )
