@@ -1,0 +1,1 @@
+"""Layered ground fitted to drops: unknowns, misfit, starts, intervals, how many layers."""
