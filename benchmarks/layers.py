@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import layers_inverted
+from benchmarks import layers_inverted, layers_measured
 from benchmarks.output import Reporter
 from inversion import Grounds, Instrument, PlateProblem, SurrogateLibrary, plate_compliance
 from inversion.forward.contact import PLATE_MODELS, QuadratureRule
@@ -66,8 +66,19 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--cases", type=int, default=60, help="own drops that are inverted")
     parser.add_argument("--seed", type=int, default=1, help="of their grounds")
     parser.add_argument("--jobs", type=int, default=1, help="processes for them")
+    parser.add_argument(
+        "--measured",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="the ladder of measured points of several sensors, nothing else",
+    )
+    parser.add_argument("--header", type=Path, help="what the files do not declare (TOML)")
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
+    if options.measured:
+        layers_measured.measured(report, options.measured, options.header, options.jobs)
+        return 0
     if options.inverted:
         layers_inverted.speed(report)
         if options.records:

@@ -54,7 +54,7 @@ def diagnose_point(
     """
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
-        base = Search([point]).base()
+        base = Search([point], priors=False).base()
         search = Search([point], fixed=device)
         best = search.run(likely)
         return _report(point, search, base, best)

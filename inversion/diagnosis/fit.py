@@ -34,7 +34,8 @@ class Fit:
     problem : Problem
     device : (d,) ndarray of unit_values
     own : tuple of (k_i,) ndarray of unit_values, one a point
-    cost : float, sum of squares of the weighted residuals (`DropModel.weighted_residual`)
+    cost : float, sum of squares of the weighted residuals (`DropModel.weighted_residual`), the
+        priors' not among them
     independent : float, what it would be if they were noise
     normal : (n, n) ndarray, J^T J in unit_values; the device's block first
     """
@@ -124,7 +125,14 @@ def fit(
         normal, gradient = _linearise(problem, device, owns, residuals)
         if gain < _SMALLEST_GAIN:
             break
-    return Fit(problem, device, tuple(owns), cost, problem.independent, normal)
+    return Fit(
+        problem,
+        device,
+        tuple(owns),
+        problem.data_cost(device, owns) if problem.prior_weight else cost,
+        problem.independent,
+        normal,
+    )
 
 
 def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations: int) -> Fit:
@@ -154,6 +162,8 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
         max_nfev=iterations,
     )
     unit_values, cost = found.x, 2.0 * float(found.cost)
+    if problem.prior_weight:
+        cost = problem.data_cost(unit_values[:width], [unit_values[width:]])
     normal = found.jac.T @ found.jac
     return Fit(
         problem, unit_values[:width], (unit_values[width:],), cost, problem.independent, normal

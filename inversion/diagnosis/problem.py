@@ -28,6 +28,9 @@ from inversion.measured.peak_method import peak_modulus
 from inversion.measured.record import prepare
 
 _STEP = 1e-4
+# Soils and granular fills: the logarithm of the density, kg/m3, and the relaxation time, s.
+_DENSITY_PRIOR = (math.log(1900.0), 0.12)
+_RELAXATION_PRIOR = (1.0e-3, 1.5e-3)
 # Modulus of the ground under layers over that by the peak method.
 _BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
@@ -41,9 +44,10 @@ def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]
     modulus, viscosity, density = soil_parameters(peak_modulus)
     low, high = modulus.lower / peak_modulus, modulus.upper / peak_modulus
     slowest = viscosity.upper / peak_modulus
+    density = replace(density, prior=_DENSITY_PRIOR)
     return (
         Parameter("modulus_ratio", "-", low, high, (0.8,), logarithmic=True),
-        Parameter("relaxation", "s", 0.0, slowest, (1.0e-3,)),
+        Parameter("relaxation", "s", 0.0, slowest, (1.0e-3,), prior=_RELAXATION_PRIOR),
         density,
     )
 
@@ -171,7 +175,8 @@ def _first_look(records: PointRecords) -> FirstLook:
     first = records.records[0]
     drops = []
     for record in records.records:
-        drop = prepare(record)
+        # As the drops' models have their sensors.
+        drop = prepare(record.nearest_first())
         floor = model_floor(drop, record.model_floor)
         scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
         load = drop.load
@@ -199,6 +204,8 @@ class Problem:
     scope : FitScope, what counts
     local : sequence of sequences of Effect, what each point has; None: all have all
     left_out : set of (point, drop), which count for nothing
+    prior_weight : float, weighted residual that one standard deviation from a prior counts as; 0:
+        priors do not count
     """
 
     def __init__(
@@ -210,7 +217,9 @@ class Problem:
         scope: FitScope = WHOLE,
         local: Sequence[Sequence[Effect]] | None = None,
         left_out: Collection[tuple[int, int]] = (),
+        prior_weight: float = 0.0,
     ) -> None:
+        self.prior_weight = prior_weight
         self.points = tuple(points)
         self.effects = tuple(effects)
         self.fixed = fixed or {}
@@ -269,9 +278,37 @@ class Problem:
         return point.drops[number].predict(point.ground(self.own[index], own), values)
 
     def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
-        """Of a point, (n,); see `DropModel.weighted_residual`."""
+        """Of a point, (n,); see `DropModel.weighted_residual`.  The priors' stand last."""
         count = len(self.points[index].drops)
-        return np.concatenate([self.residual_drop(index, device, own, i) for i in range(count)])
+        parts = [self.residual_drop(index, device, own, i) for i in range(count)]
+        return np.concatenate([*parts, self._from_priors(index, device, own)[0]])
+
+    def data_cost(self, device: FloatArray, owns: Sequence[FloatArray]) -> float:
+        """Sum of squares of what the data leave, without the priors."""
+        total = 0.0
+        for index, own in enumerate(owns):
+            for number in range(len(self.points[index].drops)):
+                left = self.residual_drop(index, device, own, number)
+                total += float(left @ left)
+        return total
+
+    def _from_priors(
+        self, index: int, device: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals of the priors, (d + k,), and their slopes; the device's with the first point.
+
+        Empty where priors do not count.
+        """
+        if self.prior_weight == 0.0:
+            return np.empty(0), np.empty(0)
+        pairs = [u.parameter.from_prior(float(x)) for u, x in zip(self.device, device, strict=True)]
+        if index:
+            pairs = [(0.0, 0.0)] * len(pairs)
+        pairs += [
+            u.parameter.from_prior(float(x)) for u, x in zip(self.own[index], own, strict=True)
+        ]
+        found = self.prior_weight * np.array(pairs).reshape(-1, 2)
+        return found[:, 0], found[:, 1]
 
     def residual_drop(
         self, index: int, device: FloatArray, own: FloatArray, number: int
@@ -312,8 +349,8 @@ class Problem:
         """
         count = len(self.points[index].drops)
         self._prime(index, device, own)
-        parts = np.split(there, np.cumsum(self._sizes(index))[:-1])
         rows = np.cumsum([0, *self._sizes(index)])
+        parts = np.split(there[: rows[-1]], rows[1:-1])
         result = np.zeros((there.size, device.size + own.size))
         for column in range(device.size + own.size):
             is_own = column >= device.size
@@ -327,6 +364,8 @@ class Problem:
                 changed = self.residual_drop(index, moved_device, moved_own, number)
                 part = slice(rows[number], rows[number + 1])
                 result[part, column] = (changed - parts[number]) / step
+        slopes = self._from_priors(index, device, own)[1]
+        result[rows[-1] :][np.diag_indices(slopes.size)] = slopes
         return result
 
     def _prime(self, index: int, device: FloatArray, own: FloatArray) -> None:

@@ -53,6 +53,9 @@ _REFINED = 2
 # What is so much worse after a few steps will not catch up.
 _HOPELESS = 60.0
 _SHORTLIST = 6
+# A set is expected to leave this part of what the best smaller one left; a fit is repeated when
+# the priors should have weighed so many times more or less.
+_EXPECTED, _SAME_WEIGHT = 0.3, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,7 @@ class Search:
     catalogue : sequence of Effect, to choose from
     fixed : values of device effects that are given, by name
     scope : FitScope, what counts
+    priors : bool, whether what nature gives counts
     """
 
     def __init__(
@@ -103,8 +107,10 @@ class Search:
         fixed: dict[str, dict[str, float]] | None = None,
         *,
         scope: FitScope = WHOLE,
+        priors: bool = True,
     ) -> None:
         self.points = tuple(points)
+        self.priors = priors
         self.fixed = fixed or {}
         self.scope = scope
         contexts = [tuple(model.context for model in point.drops) for point in points]
@@ -150,14 +156,26 @@ class Search:
         active = self._ordered((*ordered, *self._given))
         problem = Problem(self.points, active, self.fixed, scope=self.scope)
         starts = self._starts(problem, names)
+        if self.priors:
+            # Priors weigh against what is left; at first that is what a smaller set left, at most.
+            problem.prior_weight = max(1.0, _EXPECTED * self._least_excess(names))
         if len(starts) > _REFINED and iterations > _QUICK:
             tried = [fit(problem, device, own, _QUICK) for device, own in starts]
             tried.sort(key=lambda attempt: attempt.cost)
             starts = [(attempt.device, list(attempt.own)) for attempt in tried[:_REFINED]]
         fits = [fit(problem, device, own, iterations) for device, own in starts]
         best = min(fits, key=lambda attempt: attempt.cost)
+        if self.priors and iterations > _QUICK:
+            weight = max(1.0, best.excess)
+            if not 1.0 / _SAME_WEIGHT < weight / problem.prior_weight < _SAME_WEIGHT:
+                problem.prior_weight = weight
+                best = fit(problem, best.device, list(best.own), iterations)
         self.solves += problem.solves
         return self._keep(Candidate(ordered, best, self._score(best)))
+
+    def _least_excess(self, names: frozenset[str]) -> float:
+        """Of the sets within one that are known; 1 where none is."""
+        return min((c.fit.excess for key, c in self._known.items() if key < names), default=1.0)
 
     def _score(self, found: Fit) -> float:
         return self._misfit(found) + found.problem.size * float(np.log(self.independent))

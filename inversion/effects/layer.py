@@ -12,8 +12,13 @@ from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 
 _RATIO = Parameter("modulus_ratio", "-", 0.02, 100.0, (2.0, 0.6), logarithmic=True)
-_RELAXATION = Parameter("relaxation_ratio", "-", 0.05, 20.0, (1.0,), logarithmic=True)
-_DENSITY = Parameter("density_ratio", "-", 0.75, 1.4, (1.0,), logarithmic=True, natural=True)
+# Soils, granular fills and asphalt differ by so much in damping and density (logarithms).
+_RELAXATION = Parameter(
+    "relaxation_ratio", "-", 0.05, 20.0, (1.0,), logarithmic=True, prior=(0.0, 0.7)
+)
+_DENSITY = Parameter(
+    "density_ratio", "-", 0.75, 1.4, (1.0,), logarithmic=True, natural=True, prior=(0.0, 0.08)
+)
 _THICKNESS = Parameter("thickness", "m", 0.03, 3.0, (0.2,), logarithmic=True)
 # Thicknesses that the plate can feel and the sensors can tell, in plate radii.
 _THICKNESS_RADII = (0.2, 20.0)

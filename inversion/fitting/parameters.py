@@ -44,6 +44,8 @@ class Parameter:
     natural : bool, whether its bounds are those of nature, where a value may well sit
     usual : (float, float) or None, what instruments in use have: a fit may leave it, and then
         stands for something else that looks alike
+    prior : (float, float) or None, what nature gives: centre and standard deviation, of the natural
+        logarithm where it is logarithmic
     """
 
     name: str
@@ -54,6 +56,7 @@ class Parameter:
     logarithmic: bool = False
     natural: bool = False
     usual: tuple[float, float] | None = None
+    prior: tuple[float, float] | None = None
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Physical value of points (...,) of the unit interval."""
@@ -74,6 +77,16 @@ class Parameter:
         if self.logarithmic:
             return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit_value), self.upper - self.lower)
+
+    def from_prior(self, unit_value: float) -> tuple[float, float]:
+        """Distance from the prior's centre in its standard deviations, and its slope."""
+        if self.prior is None:
+            return 0.0, 0.0
+        centre, deviation = self.prior
+        low, high = self.lower, self.upper
+        if self.logarithmic:
+            low, high = math.log(low), math.log(high)
+        return (low + (high - low) * unit_value - centre) / deviation, (high - low) / deviation
 
     def deviation(self, unit_value: float, of_unit_value: float) -> float:
         """Standard deviation of the value where that of the unit value is `of_unit_value`."""

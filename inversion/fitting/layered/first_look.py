@@ -74,7 +74,7 @@ class FirstLook:
         instrument ``natural_frequency``, ``damping`` and ``lag``.
         """
         media = 3 if self.has_middle else 2
-        fit = self._fit(media, rock, geophone, lag)
+        fit = self.fit(rock=rock, geophone=geophone, lag=lag)
         ground = fit.space.grounds(fit.best.point[None])
         modulus, relaxation = ground.modulus[0], ground.viscosity[0] / ground.modulus[0]
         found = {
@@ -103,6 +103,10 @@ class FirstLook:
             if name in said:
                 found[key] = float(said[name])
         return found
+
+    def fit(self, *, rock: bool, geophone: bool, lag: bool) -> LayeredFit:
+        """The best layered ground of a variant of ground and instrument."""
+        return self._fit(3 if self.has_middle else 2, rock, geophone, lag)
 
     def _fit(self, media: int, rock: bool, geophone: bool, lag: bool) -> LayeredFit:
         declared = self.rock_depth is not None and math.isfinite(self.rock_depth)

@@ -26,6 +26,7 @@ class Lines:
     right: Sequence[Array]
     width: int
     parameter: Parameter = PLAIN
+    prior_weight: float = 0.0
 
     @property
     def points(self) -> Sequence[Array]:

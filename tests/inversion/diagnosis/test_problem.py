@@ -24,7 +24,9 @@ def test_soil_has_the_bounds_of_the_inversion(modulus: float) -> None:
     )
     assert relaxation.lower == viscosity.lower == 0.0
     assert modulus * relaxation.upper == pytest.approx(viscosity.upper)
-    assert density == same_density
+    # Of soils and granular fills: 1900 kg/m3, a tenth of them below 1630 or above 2215.
+    assert density == replace(same_density, prior=(np.log(1900.0), 0.12))
+    assert relaxation.prior == (1.0e-3, 1.5e-3)
     assert ratio.logarithmic == absolute.logarithmic is True
     assert relaxation.logarithmic == viscosity.logarithmic is False
 
@@ -130,3 +132,44 @@ def test_a_drop_that_is_left_out_counts_for_nothing(point: Point) -> None:
     )
     jacobian = part.jacobian(0, device, own, part.residual(0, device, own))
     assert jacobian.shape == (sizes[0] + sizes[2], 3)
+
+
+def test_priors_stand_last_and_weigh_as_said(point: Point) -> None:
+    lag = [BY_NAME["sensor_lag"]]
+    without, weighed = Problem([point], lag), Problem([point], lag, prior_weight=3.0)
+    device, own = np.array([0.7]), np.array([0.5, 0.2, 0.4])
+    plain, found = (p.residual(0, device, own) for p in (without, weighed))
+    np.testing.assert_array_equal(found[: plain.size], plain)
+    delay = float(lag[0].parameters[0].value(0.7))
+    relaxation = float(point.soil()[1].parameter.value(0.2))
+    density = float(point.soil()[2].parameter.value(0.4))
+    expected = [
+        delay / 5e-4,
+        0.0,  # the modulus has none
+        (relaxation - 1.0e-3) / 1.5e-3,
+        np.log(density / 1900.0) / 0.12,
+    ]
+    np.testing.assert_allclose(found[plain.size :], 3.0 * np.array(expected), rtol=1e-9)
+    assert weighed.data_cost(device, [own]) == pytest.approx(float(plain @ plain))
+
+
+def test_priors_have_their_rows_in_the_jacobian(point: Point) -> None:
+    problem = Problem([point], [BY_NAME["sensor_lag"]], prior_weight=2.0)
+    device, own = np.array([0.7]), np.array([0.5, 0.2, 0.4])
+    there = problem.residual(0, device, own)
+    slopes = problem.jacobian(0, device, own, there)[-4:]
+    step = 1e-6
+    for column, place in enumerate(range(4)):
+        moved = np.concatenate([device, own])
+        moved[place] += step
+        change = problem.residual(0, moved[:1], moved[1:])[-4:] - there[-4:]
+        np.testing.assert_allclose(slopes[:, column], change / step, rtol=1e-4, atol=1e-6)
+
+
+def test_a_devices_prior_counts_once(point: Point) -> None:
+    lag = [BY_NAME["sensor_lag"]]
+    problem = Problem([point, point], lag, prior_weight=1.0)
+    device, own = np.array([0.7]), np.array([0.5, 0.2, 0.4])
+    first, second = (problem.residual(i, device, own)[-4] for i in (0, 1))
+    assert first != 0.0
+    assert second == 0.0
