@@ -128,7 +128,7 @@ def _load_noise(
     transfer = layered_transfer(
         misfit.setup, item.instrument.plate_mass, transform.s, grounds, misfit.rule
     )[0]
-    response, _ = fit.space.response(fit.best.point[None], transform.s, misfit.sensors.size)
+    response, _ = misfit.response(fit.best.point[None], transform.s)
     transfer = transfer * response[0] * item.instrument.response(transform.s)
     parts = weights @ transform.synthesis(wanted).T
     spectrum = np.einsum("dks,ks->ds", parts, transfer)

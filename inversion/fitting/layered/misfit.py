@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.layered.parameters import LayeredSpace
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import (
@@ -114,8 +114,18 @@ class LayeredMisfit:
             self.space.grounds(points),
             self.rule,
         )
-        response, _ = self.space.response(points, self.s, self.sensors.size)
+        response, _ = self.response(points, self.s)
         return [_in_time(transfer * response, synthesis) for synthesis in self._synthesis]
+
+    def response(
+        self, points: FloatArray, s: ComplexArray
+    ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
+        """What the fitted instrument does to the sensors that count; see `LayeredSpace`."""
+        # A lag of one sensor names its place among all of them.
+        every = self.drops[0].drop.offsets.size
+        response, slopes = self.space.response(points, s, every)
+        counting = {column: slope[:, self.sensors] for column, slope in slopes.items()}
+        return response[:, self.sensors], counting
 
     def residual(self, points: FloatArray) -> FloatArray:
         """Weighted residuals (m, n) at points (m, d), those of the priors last."""
@@ -142,7 +152,7 @@ class LayeredMisfit:
         )
         chain = space.chain(points)[:, :, free]
         slopes = np.einsum("mpkf,mpd->mdkf", by_ground, chain, optimize=True)
-        response, by_instrument = space.response(points, self.s, self.sensors.size)
+        response, by_instrument = self.response(points, self.s)
         transfer = np.asarray(transfer * response)
         slopes = slopes * response[:, None]
         for place, column in enumerate(free):

@@ -1,0 +1,238 @@
+"""Residuals of layered ground against finite elements, and their derivatives by differences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion import Instrument
+from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
+from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.forward.layered import CONVERGED
+from tests.inversion.differences import by_differences
+from tests.inversion.layered_drops import (
+    DEPTH,
+    OFFSETS,
+    POISSON_RATIO,
+    RADIUS,
+    TWO,
+    Array,
+    prepared,
+    recorded,
+)
+
+BAND = 800.0
+
+
+@pytest.fixture(scope="module")
+def drop() -> LayeredDrop:
+    return prepared(recorded())
+
+
+def space(**options: Any) -> LayeredSpace:
+    return layered_space(2, 6e7, RADIUS, POISSON_RATIO, **({"rock_depth": DEPTH} | options))
+
+
+def truth(of: LayeredSpace) -> Array:
+    """The point at the ground of the finite elements."""
+    upper, lower = TWO.layers
+    values = {
+        "modulus_1": upper.modulus,
+        "modulus_2": lower.modulus,
+        "thickness_1": upper.thickness,
+        "thickness_2": lower.thickness,
+        "relaxation": lower.viscosity / lower.modulus,
+        "relaxation_1": upper.viscosity / upper.modulus,
+        "relaxation_2": lower.viscosity / lower.modulus,
+        "density_1": upper.density,
+        "density_2": lower.density,
+        "lag": 0.0,
+        "lag_of_sensor_2": 0.0,
+        "natural_frequency": 2.0,
+        "geophone_damping": 0.7,
+    }
+    return of.point([values[name] for name in of.names])
+
+
+def test_residuals_at_the_truth_are_what_the_mesh_leaves(drop: LayeredDrop) -> None:
+    """The model's stated error is 0.35 % of the peak; the mesh is good to a tenth of a percent."""
+    of = space(own_relaxation=True)
+    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 200)
+    assert misfit.data_cost(truth(of)) < 0.15
+    wrong = truth(of)
+    wrong[of.names.index("modulus_2")] += math.log(1.05) / math.log(3e10 / 1e6)
+    assert misfit.data_cost(wrong) > 4.0
+
+
+def test_a_residual_is_predicted_less_observed_over_the_scale(drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True)
+    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 50)
+    point = truth(of)[None]
+    (predicted,) = misfit.predicted(point)
+    (rows,) = misfit.rows
+    expected = (predicted[0] - drop.drop.displacement[:, rows]) / drop.scale[:, None]
+    assert misfit.residual(point)[0, : misfit.count] == pytest.approx(expected.ravel())
+    assert misfit.count == rows.size * len(OFFSETS)
+    # Held against the finite elements themselves, at the kept samples.
+    peak = drop.drop.peak_displacement[:, None]
+    assert np.abs(predicted[0] - drop.drop.displacement[:, rows]).max() < 0.005 * peak.max()
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "own relaxation, rock declared": {"own_relaxation": True},
+    "one relaxation, rock anywhere": {"rock_depth": None},
+    "no rock": {"rock_depth": math.inf},
+    "thickness given": {"thickness": (0.2,)},
+    "lag and lag of one sensor": {"lag": True, "sensor_lags": (1,)},
+    "geophone": {"geophone": True},
+    "elastic": {"elastic": True, "density": 2000.0},
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_derivatives_are_central_differences(name: str, drop: LayeredDrop) -> None:
+    """By the converged rule: the fast one's derivatives are good to 0.6 % (docs/layers.md)."""
+    of = space(**KINDS[name])
+    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 40, 2.0, rule=CONVERGED)
+    place, free = truth(of)[None], np.arange(of.size)
+    values, slopes = misfit.linearise(place, free)
+    expected_values, expected = by_differences(misfit.residual)(place, free)
+    assert values == pytest.approx(expected_values)
+    for column, unknown in enumerate(of.names):
+        size = np.abs(expected[0, :, column]).max()
+        assert size > 0.0, unknown
+        assert slopes[0, :, column] == pytest.approx(expected[0, :, column], abs=2e-4 * size), (
+            unknown
+        )
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_derivatives_of_the_fast_rule(name: str, drop: LayeredDrop) -> None:
+    of = space(**KINDS[name])
+    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
+    place, free = truth(of)[None], np.arange(of.size)
+    slopes = misfit.linearise(place, free)[1]
+    expected = by_differences(misfit.residual)(place, free)[1]
+    size = np.abs(expected).max(axis=1)
+    assert np.all(np.abs(slopes - expected).max(axis=1) <= 0.01 * size + 1e-12)
+
+
+def test_derivatives_by_some_unknowns_are_those_of_all(drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True, lag=True, geophone=True)
+    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, 1.0)
+    place = truth(of)[None]
+    every = misfit.linearise(place, np.arange(of.size))[1]
+    for free in ([0], [1, 3, of.size - 1], [of.names.index("lag"), 2]):
+        some = misfit.linearise(place, np.array(free))[1]
+        assert some == pytest.approx(every[:, :, free])
+
+
+def test_a_batch_is_its_members(drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True, lag=True)
+    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 40, 1.0, rule=CONVERGED)
+    places = np.clip(truth(of) + 0.05 * np.array([[-1.0], [0.0], [1.0]]), 0.0, 1.0)
+    values, slopes = misfit.linearise(places, np.arange(of.size))
+    costs = misfit.objective(places)
+    for place, value, slope, cost in zip(places, values, slopes, costs, strict=True):
+        alone = misfit.linearise(place[None], np.arange(of.size))
+        # Members may share their wavenumbers; what the converged rule finds is the same.
+        assert value == pytest.approx(alone[0][0], abs=1e-4 * np.abs(alone[0]).max())
+        assert slope == pytest.approx(alone[1][0], abs=1e-4 * np.abs(alone[1]).max())
+        assert cost == pytest.approx(float(np.mean(value**2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.5, 3.0])
+def test_priors_stand_behind_the_data_with_their_weight(weight: float, drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True)
+    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, weight)
+    place = np.full((1, of.size), 0.45)
+    left, slope = of.prior_residuals(place)
+    residual = misfit.residual(place)
+    assert residual.shape[1] == misfit.count + of.size
+    assert residual[0, misfit.count :] == pytest.approx(weight * left[0])
+    values, slopes = misfit.linearise(place, np.arange(of.size))
+    assert values == pytest.approx(residual)
+    assert slopes[0, misfit.count :] == pytest.approx(np.diag(weight * slope))
+    assert misfit.data_cost(place[0]) == pytest.approx(np.mean(residual[0, : misfit.count] ** 2))
+    assert misfit.objective(place)[0] == pytest.approx(np.mean(residual[0] ** 2))
+
+
+def test_drops_share_the_ground(drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True)
+    twice = replace(
+        drop,
+        drop=replace(drop.drop, displacement=2 * drop.drop.displacement),
+        model_load=2 * drop.model_load,
+    )
+    alone = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
+    both = LayeredMisfit([drop, twice], of, "rigid-rough", BAND, 40)
+    point = truth(of)
+    first = alone.residual(point[None])[0, : alone.count]
+    found = both.residual(point[None])[0, : both.count]
+    # One transform for both: the ground is linear, so that twice the load moves it twice as far.
+    assert found == pytest.approx(np.concatenate([first, 2 * first]))
+    assert both.solves == 1
+
+
+def test_sensors_that_do_not_count_are_left_out(drop: LayeredDrop) -> None:
+    of = space(own_relaxation=True)
+    every = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
+    some = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, sensors=[0, 2])
+    point = truth(of)[None]
+    whole = every.residual(point)[0, : every.count].reshape(len(OFFSETS), -1)
+    left = some.residual(point)[0, : some.count].reshape(2, -1)
+    assert left == pytest.approx(whole[[0, 2]], abs=0.02)
+    assert some.setup.offsets == (0.0, 0.6)
+
+
+def test_the_lag_of_a_sensor_stays_with_it_when_others_are_left_out(drop: LayeredDrop) -> None:
+    of = space(sensor_lags=(2,))
+    point = truth_with_lag(of)
+    every = LayeredMisfit([drop], of, "rigid-rough", BAND, 40).predicted(point)[0][0]
+    for sensors in ([0, 2], [2, 3], [0, 1]):
+        some = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, sensors=sensors)
+        found = some.predicted(point)[0][0]
+        assert found == pytest.approx(every[sensors], abs=1e-3 * np.abs(every).max())
+        slopes = some.linearise(point, np.arange(of.size))[1][0, : some.count]
+        moved = slopes[:, of.names.index("lag_of_sensor_3")].reshape(2, -1)
+        for sensor, slope in zip(sensors, moved, strict=True):
+            assert (np.abs(slope).max() > 0.0) == (sensor == 2)
+
+
+def truth_with_lag(of: LayeredSpace) -> Array:
+    values = dict(zip(of.names, of.values(np.full((1, of.size), 0.4))[0], strict=True))
+    return of.point([*(values | {"lag_of_sensor_3": 2e-3}).values()])[None]
+
+
+def test_samples_are_an_even_stride_that_ends_with_the_window(drop: LayeredDrop) -> None:
+    for most in (10, 33, 1000):
+        (rows,) = LayeredMisfit([drop], space(), "rigid-rough", BAND, most).rows
+        assert rows.size <= most
+        assert np.unique(np.diff(rows)).size == 1
+        window = drop.drop.window
+        assert rows[-1] == window.stop - 1
+        assert rows[0] >= window.start
+        assert rows[0] - window.start < rows[1] - rows[0]
+
+
+def test_no_more_of_the_band_than_samples_and_filter_hold(drop: LayeredDrop) -> None:
+    step = drop.drop.step
+    wide = LayeredMisfit([drop], space(), "rigid-rough", 1e5, 40)
+    assert wide.transform.band == pytest.approx(0.5 / step)
+    narrow = replace(drop, instrument=Instrument(RADIUS, 10.0, load_filter=150.0))
+    assert LayeredMisfit([narrow], space(), "rigid-rough", BAND, 40).transform.band == 300.0
+    assert LayeredMisfit([drop], space(), "rigid-rough", BAND, 40).transform.band == BAND
+
+
+def test_solves_are_counted(drop: LayeredDrop) -> None:
+    of = space()
+    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 20)
+    places = np.tile(truth(of), (3, 1))
+    misfit.predicted(places)
+    misfit.linearise(places, np.arange(of.size))
+    misfit.objective(places[:1])
+    assert misfit.solves == 7
