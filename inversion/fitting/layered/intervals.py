@@ -168,12 +168,15 @@ def _profile(
     starts = np.clip(point + (held - point[column])[:, None] * towards, 0.0, 1.0)
     starts[:, column] = held
     coarse = fit.coarse
-    found = fit_batch(
-        coarse.linearise, starts, iterations=_PROFILE_ITERATIONS, tolerance=1e-3, frozen=column
-    )
+    if point.size == 1:  # there is nothing else to fit again
+        cost = coarse.objective(starts)
+    else:
+        cost = fit_batch(
+            coarse.linearise, starts, iterations=_PROFILE_ITERATIONS, tolerance=1e-3, frozen=column
+        ).cost
     # The best ground at the band of the search is where the profile is measured from.
-    least = min(float(coarse.objective(point[None])[0]), float(found.cost.min()))
-    rise = (found.cost - least) * _per_cost(fit)
+    least = min(float(coarse.objective(point[None])[0]), float(cost.min()))
+    rise = (cost - least) * _per_cost(fit)
     half = len(_PROFILE_STEPS)
     below = _crossing(point[column], held[:half][::-1], rise[:half][::-1])
     above = _crossing(point[column], held[half:], rise[half:])
