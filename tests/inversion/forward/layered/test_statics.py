@@ -1,0 +1,282 @@
+"""What layered ground is at rest, by closed forms and by stress functions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion.forward.layered import (
+    FAST,
+    LayeredGround,
+    LayeredGrounds,
+    LayeredPlateModel,
+    Medium,
+    Parameter,
+    PlateSetup,
+    layered_transfer,
+    layered_transfer_slopes,
+)
+from inversion.forward.layered import model as module
+from inversion.forward.layered.statics import (
+    effective_depth,
+    effective_modulus,
+    static_compliance,
+)
+from tests.inversion.forward.layered.references import (
+    burmister_factor,
+    uniform_pressure_deflection,
+)
+
+RADIUS, NU = 0.15, 0.35
+PLATES: tuple[LayeredPlateModel, ...] = ("rigid-rough", "rigid-smooth", "averaged", "uniform")
+AREA = math.pi * RADIUS**2
+
+
+def ground(*layers: tuple[float, float], nu: float = NU, rock: bool = False) -> LayeredGround:
+    """Of moduli, Pa, and thicknesses, m; viscosity and density do not count at rest."""
+    media = tuple(Medium(e, 1e-3 * e, 2000.0, nu, h) for e, h in layers)
+    return LayeredGround(media, rock)
+
+
+# --- compliance and effective modulus ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("plate", "factor"),
+    # Rigid, the pressure of a rigid one, and the centre of uniform pressure; times p a / E.
+    [("rigid-smooth", math.pi / 2), ("averaged", math.pi / 2), ("uniform", 2.0)],
+)
+def test_a_half_space_at_rest_is_boussinesq_s(plate: LayeredPlateModel, factor: float) -> None:
+    expected = factor * (1 - NU**2) * RADIUS / (5e7 * AREA)
+    assert static_compliance(plate, RADIUS, ground((5e7, math.inf))) == pytest.approx(
+        expected, rel=2e-4
+    )
+
+
+def test_a_bonded_plate_on_a_half_space() -> None:
+    r"""Load over displacement: :math:`4 G a \ln(3 - 4\nu) / (1 - 2\nu)`.
+
+    Spence 1968, Proc. R. Soc. A 305, 55-80.
+    """
+    shear = 5e7 / (2 + 2 * NU)
+    expected = (1 - 2 * NU) / (4 * shear * RADIUS * math.log(3 - 4 * NU))
+    found = static_compliance("rigid-rough", RADIUS, ground((5e7, math.inf)))
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("plate", PLATES)
+@pytest.mark.parametrize("rock", [False, True])
+def test_equal_media_are_one(plate: LayeredPlateModel, rock: bool) -> None:
+    last = 0.7 if rock else math.inf
+    split = ground((6e7, 0.1), (6e7, 0.3), (6e7, last), rock=rock)
+    assert effective_modulus(plate, RADIUS, split) == pytest.approx(6e7, rel=1e-3)
+    alone = ground((6e7, 0.4 + last), rock=rock)
+    assert effective_modulus(plate, RADIUS, alone) == pytest.approx(6e7, rel=1e-9)
+    assert effective_depth(plate, RADIUS, split) == pytest.approx(
+        effective_depth(plate, RADIUS, alone), rel=3e-3
+    )
+
+
+@pytest.mark.parametrize(("ratio", "thickness"), [(10.0, 0.15), (5.0, 0.3), (0.2, 0.2)])
+def test_two_layers_have_burmister_s_modulus(ratio: float, thickness: float) -> None:
+    """Incompressible, uniform pressure: w = 1.5 p a F/E_2, so that the modulus is E_2/F."""
+    upper, lower = 5e7 * ratio, 5e7
+    of = ground((upper, thickness), (lower, math.inf), nu=0.499)
+    factor = burmister_factor(ratio, RADIUS / thickness)
+    # At 0.499 instead of 1/2.
+    assert effective_modulus("uniform", RADIUS, of) == pytest.approx(lower / factor, rel=4e-3)
+
+
+MEDIA = ([2e8, 8e7, 5e7], [0.2, 0.3])
+
+
+def by_stress_functions(moduli: list[float], thicknesses: list[float]) -> float:
+    """Deflection of the centre per force under uniform pressure, m/N."""
+    ratios = [NU] * len(moduli)
+    return uniform_pressure_deflection(moduli, ratios, thicknesses, RADIUS, 1 / AREA, 0.0)
+
+
+def test_three_layers_have_the_modulus_of_their_deflection() -> None:
+    moduli, thicknesses = MEDIA
+    of = ground(*zip(moduli, [*thicknesses, math.inf], strict=True))
+    expected = 2 * (1 - NU**2) * RADIUS / AREA / by_stress_functions(moduli, thicknesses)
+    assert effective_modulus("uniform", RADIUS, of) == pytest.approx(expected, rel=1e-3)
+
+
+def test_on_rock_the_one_medium_reaches_to_the_same_rock() -> None:
+    """Rock as a half-space of ten thousand times the modulus."""
+    rock = 1e12
+    of = ground((2e8, 0.2), (5e7, 0.6), rock=True)
+    layered = by_stress_functions([2e8, 5e7, rock], [0.2, 0.6])
+    alone = by_stress_functions([1e8, rock], [0.8])
+    assert effective_modulus("uniform", RADIUS, of) == pytest.approx(
+        1e8 * alone / layered, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_the_modulus_lies_between_those_of_the_media_and_rises_with_each(
+    plate: LayeredPlateModel,
+) -> None:
+    before = effective_modulus(plate, RADIUS, ground((2e8, 0.2), (8e7, 0.3), (5e7, math.inf)))
+    assert 5e7 < before < 2e8
+    for j in range(3):
+        moduli = [2e8, 8e7, 5e7]
+        moduli[j] *= 1.1
+        of = ground(*zip(moduli, [0.2, 0.3, math.inf], strict=True))
+        assert before < effective_modulus(plate, RADIUS, of) < 1.1 * before
+    thicker = ground((2e8, 0.25), (8e7, 0.3), (5e7, math.inf))
+    assert effective_modulus(plate, RADIUS, thicker) > before
+
+
+def test_viscosity_and_density_do_not_count_at_rest() -> None:
+    light, heavy = (
+        LayeredGround(
+            (Medium(2e8, eta, rho, NU, 0.2), Medium(5e7, eta, rho, NU)),
+        )
+        for eta, rho in ((0.0, 1200.0), (3e5, 2700.0))
+    )
+    for value in (effective_modulus, effective_depth):
+        assert value("rigid-rough", RADIUS, light) == pytest.approx(
+            value("rigid-rough", RADIUS, heavy), rel=1e-6
+        )
+
+
+# --- effective depth -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layered", [False, True])
+def test_rock_at_the_effective_depth_takes_a_tenth_of_the_deflection_away(layered: bool) -> None:
+    """By stress functions; rock is a half-space of ten thousand times the modulus."""
+    moduli, thicknesses = MEDIA if layered else ([5e7], [])
+    of = ground(*zip(moduli, [*thicknesses, math.inf], strict=True))
+    depth = effective_depth("uniform", RADIUS, of)
+    above = list(np.cumsum([0.0, *thicknesses]))
+    inside = [j for j, top in enumerate(above) if top < depth]
+    cut = [thicknesses[j] for j in inside[:-1]] + [depth - above[inside[-1]]]
+    on_rock = by_stress_functions([*(moduli[j] for j in inside), 1e12], cut)
+    whole = (
+        by_stress_functions(moduli, thicknesses)
+        if layered
+        else 2 * (1 - NU**2) * RADIUS / (5e7 * AREA)
+    )
+    assert on_rock / whole == pytest.approx(0.9, abs=1e-3)
+
+
+def test_a_stiff_crust_spreads_the_load_deeper() -> None:
+    depths = [
+        effective_depth("rigid-rough", RADIUS, ground((e, 0.2), (5e7, math.inf)))
+        for e in (2e7, 5e7, 2e8, 2e9)
+    ]
+    assert depths == sorted(depths)
+    assert depths[0] < 0.8 * depths[1] < 0.8 * depths[-1]
+
+
+def test_it_goes_in_proportion_to_the_plate() -> None:
+    small = effective_depth("rigid-rough", RADIUS, ground((2e8, 0.2), (5e7, math.inf)))
+    large = effective_depth("rigid-rough", 2 * RADIUS, ground((2e8, 0.4), (5e7, math.inf)))
+    assert large == pytest.approx(2 * small, rel=2e-3)
+
+
+@pytest.mark.parametrize("depth", [0.05, 0.3, 1.0, 4.0])
+def test_it_ends_above_the_rock(depth: float) -> None:
+    assert 0.0 < effective_depth("rigid-rough", RADIUS, ground((5e7, depth), rock=True)) < depth
+
+
+def test_it_ends_at_two_hundred_radii_where_nothing_else_ends_it() -> None:
+    bridge = ground((3e10, 3.0), (1e6, math.inf))
+    assert effective_depth("rigid-rough", RADIUS, bridge) == pytest.approx(200 * RADIUS)
+
+
+# --- grounds that need about as many wavenumbers -------------------------------------------------
+
+S = 40.0 + 2j * np.pi * np.linspace(0.0, 400.0, 9)
+SETUP = PlateSetup("rigid-rough", RADIUS, (0.0, 0.3, 0.9))
+
+
+def mixed() -> LayeredGrounds:
+    """Viscous and hardly viscous, stiff and soft, in no order."""
+    return LayeredGrounds.of(
+        [
+            LayeredGround((Medium(e, tau * e, 2000.0, NU, h), Medium(5e7, tau * 5e7, 1900.0, NU)))
+            for e, tau, h in (
+                (2e8, 1e-3, 0.2),
+                (2e8, 0.0, 0.2),
+                (3e9, 2e-4, 0.05),
+                (3e7, 5e-3, 0.4),
+                (2e8, 1e-6, 0.2),
+                (2e8, 2e-3, 0.3),
+            )
+        ]
+    )
+
+
+def counts(of: LayeredGrounds) -> list[int]:
+    return [module._node_count(SETUP, of.take([i]), S, FAST) for i in range(len(of))]
+
+
+def test_every_ground_is_in_one_group_and_none_needs_over_1_4_times_the_least() -> None:
+    of = mixed()
+    groups = module._alike(SETUP, of, S, FAST)
+    assert sorted(np.concatenate(groups).tolist()) == list(range(len(of)))
+    needed = counts(of)
+    ends = [(min(needed[i] for i in g), max(needed[i] for i in g)) for g in groups]
+    assert len(groups) > 1
+    for (least, most), (following, _) in zip(ends, [*ends[1:], (10**9, 0)], strict=True):
+        assert most <= 1.4 * least < following
+
+
+@pytest.mark.parametrize(("most", "groups"), [(140, 1), (141, 2)])
+def test_groups_part_at_1_4(most: int, groups: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    needed = iter([most, 100])
+    monkeypatch.setattr(module, "_node_count", lambda *_: next(needed))
+    found = module._alike(SETUP, mixed().take([0, 1]), S, FAST)
+    assert [list(g) for g in found] == ([[1, 0]] if groups == 1 else [[1], [0]])
+
+
+@pytest.mark.parametrize("mass", [0.0, 12.0])
+def test_groups_give_each_ground_its_own_response(mass: float) -> None:
+    """In their order.
+
+    A ground alone in its group is solved exactly as it is by itself; one that shares the
+    wavenumbers of a more demanding one is within what the fast rule is good to.
+    """
+    of = mixed()
+    parameters = [Parameter("modulus", 0), Parameter("thickness", 0), Parameter("density", 1)]
+    together = layered_transfer(SETUP, mass, S, of)
+    found, slopes = layered_transfer_slopes(SETUP, mass, S, of, parameters)
+    shape = (len(of), 3, 3, S.size)
+    assert slopes.shape == shape
+    setup = SETUP if mass == 0.0 else module._with_centre(SETUP)
+    groups = module._alike(setup, of, S, FAST)
+    alone_in_it = {int(g[0]) for g in groups if g.size == 1}
+    for place in range(len(of)):
+        single = layered_transfer(SETUP, mass, S, of.take([place]))[0]
+        value, slope = layered_transfer_slopes(SETUP, mass, S, of.take([place]), parameters)
+        exact: dict[str, Any] = {"rel": 1e-12} if place in alone_in_it else {"rel": 2e-3}
+        assert close(together[place], single, **exact)
+        assert close(found[place], value[0], **exact)
+        assert close(slopes[place], slope[0], rel=10 * exact["rel"])
+    # All in one group, exactly what the group is by itself.
+    for group in groups:
+        assert close(together[group], layered_transfer(SETUP, mass, S, of.take(group)), rel=1e-12)
+
+
+def close(found: Any, expected: Any, rel: float) -> bool:
+    """Within a part of each sensor's largest value."""
+    size = np.abs(expected).max(axis=-1, keepdims=True)
+    return bool(np.all(np.abs(found - expected) <= rel * size))
+
+
+def test_grounds_are_taken_by_their_place() -> None:
+    of = mixed()
+    some = of.take([3, 0])
+    assert len(of) == 6
+    assert len(some) == 2
+    assert np.array_equal(some.modulus, of.modulus[[3, 0]])
+    assert np.array_equal(some.viscosity, of.viscosity[[3, 0]])
+    assert np.array_equal(some.thickness, of.thickness[[3, 0]])
+    assert some.rock == of.rock
