@@ -96,6 +96,10 @@ class Settings:
             raise ModelError(
                 f"layers: the published method knows one, got {self.layers}; leave one of them out"
             )
+        if self.method == "published" and self.plate not in PLATE_MODELS:
+            raise ModelError(
+                f"plate: the published method knows {', '.join(PLATE_MODELS)}, got {self.plate}"
+            )
         if self.thickness is not None:
             if self.layers == "auto" or len(self.thickness) != self.layers - 1:
                 raise ModelError(
@@ -112,11 +116,13 @@ class Settings:
 
     def depth_of(self, record: Record) -> float | None:
         """Bedrock depth of the model, m: inf none, None fitted."""
-        if self.bedrock_depth == "declared":
-            return record.bedrock_depth
         if self.bedrock_depth == "unknown":
             return None
-        return float(self.bedrock_depth)
+        said = self.bedrock_depth
+        depth = record.bedrock_depth if said == "declared" else float(said)
+        if depth is not None and not depth > 0.0:
+            raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
+        return depth
 
 
 def invert(
@@ -232,8 +238,6 @@ def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem,
     ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
     # Offset 0 leads: the plate's own motion couples its mass.
     offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
-    if depth is not None and not depth > 0.0:
-        raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
     assert settings.homogeneous  # the plate is one that the tables know
     problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)  # type: ignore[arg-type]
     return problem, None if depth is None else round(depth / radius, 10)

@@ -116,17 +116,22 @@ class LayeredGrounds:
         shape = np.shape(self.modulus)
         _require(len(shapes) == 1 and len(shape) == 2, "fields", "one shape (m, N)", shapes)
         last = None if self.rock else -1
-        _require(bool(np.all(self.modulus > 0.0)), "modulus", "values > 0 Pa", self.modulus)
-        _require(bool(np.all(self.density > 0.0)), "density", "values > 0 kg/m3", self.density)
-        _require(bool(np.all(self.viscosity >= 0.0)), "viscosity", ">= 0 Pa s", self.viscosity)
-        _require(
-            bool(np.all((self.poisson_ratio >= 0.0) & (self.poisson_ratio < 0.5))),
-            "Poisson's ratio",
-            "0 <= values < 0.5",
-            self.poisson_ratio,
-        )
         h = self.thickness[:, :last]
-        _require(bool(np.all((h > 0.0) & np.isfinite(h))), "thickness", "finite values > 0 m", h)
+        for values, right, name, expected in (
+            (self.modulus, self.modulus > 0.0, "modulus", "values > 0 Pa"),
+            (self.density, self.density > 0.0, "density", "values > 0 kg/m3"),
+            (self.viscosity, self.viscosity >= 0.0, "viscosity", ">= 0 Pa s"),
+            (
+                self.poisson_ratio,
+                (self.poisson_ratio >= 0.0) & (self.poisson_ratio < 0.5),
+                "Poisson's ratio",
+                "0 <= values < 0.5",
+            ),
+            (h, (h > 0.0) & np.isfinite(h), "thickness", "finite values > 0 m"),
+        ):
+            # One of a batch that is alike in it: a line, not a table.
+            wrong = values[~right]
+            _require(wrong.size == 0, name, expected, wrong[0] if wrong.size else None)
 
     @classmethod
     def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:

@@ -1,0 +1,369 @@
+"""Layers of finite elements, inverted as a user does; what is said where they are not known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion import (
+    InversionResult,
+    ModelError,
+    Record,
+    Settings,
+    SurrogateLibrary,
+    invert,
+    invert_joint,
+)
+from inversion import layered_inversion as module
+from inversion.fitting.layered.intervals import LayeredUncertainty, layered_uncertainty
+from inversion.forward.layered import LayeredGround, Medium
+from inversion.forward.layered.statics import effective_depth, effective_modulus
+from pfwd_survey.files.traces import read_traces
+from pfwd_survey.inverting.analysis import record_of
+from tests.inversion.layered_drops import (
+    ALONE,
+    DEPTH,
+    POISSON_RATIO,
+    RADIUS,
+    TWO,
+    changed,
+    recorded,
+)
+
+TWO_LAYERS = Settings(method="least-squares", layers=2)
+AUTO = replace(TWO_LAYERS, layers="auto")
+TRUTH = LayeredGround(
+    tuple(
+        Medium(m.modulus, m.viscosity, m.density, m.poisson_ratio, m.thickness) for m in TWO.layers
+    ),
+    rock=True,
+)
+
+
+@pytest.fixture(scope="module")
+def found(library: SurrogateLibrary) -> InversionResult:
+    return invert(recorded(noise=0.001, seed=1), TWO_LAYERS, library)
+
+
+def holds(interval: tuple[float, float] | None, value: float) -> bool:
+    assert interval is not None
+    return interval[0] < value < interval[1]
+
+
+# --- what is found -------------------------------------------------------------------------------
+
+
+def test_layers_are_found_within_their_intervals(found: InversionResult) -> None:
+    assert len(found.layers) == 2
+    for layer, truth in zip(found.layers, TWO.layers, strict=True):
+        assert holds(layer.modulus_interval, truth.modulus)
+        assert layer.modulus.value == pytest.approx(truth.modulus, rel=0.03)
+        assert layer.viscosity == pytest.approx(truth.viscosity, rel=0.05)
+        assert layer.density == pytest.approx(truth.density, rel=0.05)
+        assert layer.thickness.value == pytest.approx(truth.thickness, rel=0.03)
+        assert layer.modulus_open == (False, False)
+        assert layer.poisson_ratio == POISSON_RATIO
+    upper, lower = found.layers
+    assert holds(upper.thickness_interval, 0.2)
+    assert upper.thickness.deviation is not None
+    # What the others leave of the declared depth.
+    assert lower.thickness_interval is None
+    assert lower.thickness.deviation is None
+    assert found.explained
+    assert found.converged
+    assert found.modulus_known
+    assert found.warnings == ()
+
+
+def test_the_subgrade_is_the_lowest_layer(found: InversionResult) -> None:
+    lowest = found.layers[-1]
+    ground = found.subgrade
+    assert ground.modulus == lowest.modulus
+    assert found.modulus_interval == lowest.modulus_interval
+    assert ground.viscosity.value == lowest.viscosity
+    assert ground.density.value == lowest.density
+    assert ground.bedrock_depth.value == pytest.approx(DEPTH)
+    assert ground.bedrock_depth.deviation is None
+    assert found.depth_interval is None
+    assert found.model == "layer"
+    for value in (ground.viscosity, ground.density):
+        assert value.deviation is not None
+        assert 0.0 < value.deviation < 0.1 * value.value
+
+
+def test_the_effective_modulus_is_that_of_the_ground_and_holds_the_truth(
+    found: InversionResult,
+) -> None:
+    expected = effective_modulus("rigid-rough", RADIUS, TRUTH)
+    assert holds(found.effective.interval, expected)
+    assert found.effective.modulus == pytest.approx(expected, rel=0.01)
+    low, high = found.effective.interval
+    assert math.sqrt(low * high) == pytest.approx(found.effective.modulus)
+    assert 1.003 < high / low < 1.05
+    assert found.effective.depth == pytest.approx(
+        effective_depth("rigid-rough", RADIUS, TRUTH), rel=0.02
+    )
+
+
+def test_histories_are_those_of_the_layers(found: InversionResult) -> None:
+    history = found.history
+    left = history.predicted - history.observed
+    peak = np.abs(history.observed).max(axis=1)
+    assert np.all(np.abs(left).max(axis=1) < 0.02 * peak)
+    assert found.r_squared > 0.9999
+    assert found.residual_rms_over_peak < 0.005
+
+
+def test_unknown_rock_is_found_with_its_interval(library: SurrogateLibrary) -> None:
+    """The depth's interval is that of the lowest thickness below the others as found."""
+    result = invert(recorded(noise=0.001, rock_depth=None), TWO_LAYERS, library)
+    assert result.subgrade.bedrock_depth.value == pytest.approx(DEPTH, rel=0.01)
+    assert holds(result.depth_interval, DEPTH)
+    assert result.model == "layer"
+    assert result.modulus_depth_correlation is not None
+    assert -1.0 <= result.modulus_depth_correlation <= 1.0
+    upper, lower = result.layers
+    assert lower.thickness_interval is not None
+    assert result.depth_interval == pytest.approx(
+        [upper.thickness.value + end for end in lower.thickness_interval]
+    )
+
+
+def test_given_thickness_and_density_are_kept(library: SurrogateLibrary) -> None:
+    settings = replace(TWO_LAYERS, thickness=(0.2,))
+    result = invert(recorded(density=2000.0), settings, library)
+    upper, lower = result.layers
+    assert upper.thickness.value == 0.2
+    assert upper.thickness.deviation is upper.thickness_interval is None
+    assert lower.thickness.value == pytest.approx(1.0)
+    assert upper.density == lower.density == 2000.0
+    assert result.subgrade.density.deviation is None
+    assert upper.modulus.value == pytest.approx(1.8e8, rel=0.02)
+
+
+def test_elastic_ground_has_no_viscosity(library: SurrogateLibrary) -> None:
+    result = invert(recorded(), replace(TWO_LAYERS, elastic=True), library)
+    assert all(layer.viscosity == 0.0 for layer in result.layers)
+    assert result.subgrade.viscosity.deviation is None
+    # Soil that is viscous is not explained without.
+    assert not result.explained
+    assert "residual not explained" in result.warnings[0]
+
+
+def test_one_modulus_alone_under_a_plate_of_equal_pressure(library: SurrogateLibrary) -> None:
+    """One unknown: its profile is its misfit."""
+    settings = replace(TWO_LAYERS, layers=1, plate="uniform", elastic=True)
+    result = invert(recorded(density=2000.0), settings, library)
+    assert result.plate == "uniform"
+    assert holds(result.modulus_interval, result.subgrade.modulus.value)
+
+
+def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
+    record = recorded(noise=0.001, seed=2)
+    results = [
+        invert(record, replace(TWO_LAYERS, method=method), library)  # type: ignore[arg-type]
+        for method in ("mpga", "least-squares")
+    ]
+    for a, b in zip(results[0].layers, results[1].layers, strict=True):
+        assert a.modulus.value == pytest.approx(b.modulus.value, rel=1e-3)
+    assert [result.method for result in results] == ["mpga", "least-squares"]
+    assert results[0].forward_solves > results[1].forward_solves
+
+
+def test_the_same_seed_gives_the_same_result(
+    found: InversionResult, library: SurrogateLibrary
+) -> None:
+    again = invert(recorded(noise=0.001, seed=1), TWO_LAYERS, library)
+    assert again.layers == found.layers
+    assert again.effective == found.effective
+    assert again.forward_solves == found.forward_solves
+
+
+def test_joint_drops_have_one_ground_and_their_own_histories(library: SurrogateLibrary) -> None:
+    records = [recorded(noise=0.002, seed=s, scale=1 + 0.3 * s) for s in range(2)]
+    first, second = invert_joint(records, TWO_LAYERS, library)
+    assert first.layers == second.layers
+    assert first.effective == second.effective
+    assert holds(first.modulus_interval, 5e7)
+    assert second.history.load.max() > 1.2 * first.history.load.max()
+    assert second.peak.modulus != first.peak.modulus
+
+
+def test_only_the_centre_is_used_where_that_is_asked_for(library: SurrogateLibrary) -> None:
+    settings = replace(TWO_LAYERS, all_sensors=False)
+    first, other = (
+        invert(record, settings, library) for record in (recorded(), changed(recorded(), 3, 2.0))
+    )
+    assert first.layers == other.layers
+    assert first.history.predicted.shape[0] == 1
+    assert any("layers from the centre sensor alone" in text for text in first.warnings)
+    # The intervals hold what the values are only one choice of.
+    for layer, truth in zip(first.layers, TWO.layers, strict=True):
+        assert holds(layer.modulus_interval, truth.modulus)
+
+
+# --- how many ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), 3])
+def test_two_media_are_told_and_one_is_left_one(
+    seed: int | None, library: SurrogateLibrary
+) -> None:
+    noise = {"noise": 0.0 if seed is None else 0.001, "seed": seed or 0}
+    two = invert(recorded(TWO, **noise), AUTO, library)  # type: ignore[arg-type]
+    assert len(two.layers) == 2
+    assert two.layers[1].modulus.value == pytest.approx(5e7, rel=0.02)
+    said = [text for text in two.warnings if "layers chosen" in text]
+    assert said[0].startswith("layers chosen: 2 of 1 to 3 tried")
+    alone = invert(recorded(ALONE, **noise), AUTO, library)  # type: ignore[arg-type]
+    assert len(alone.layers) == 1
+    assert holds(alone.modulus_interval, 6e7)
+    assert alone.effective.modulus == pytest.approx(alone.subgrade.modulus.value, rel=1e-6)
+
+
+def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: SurrogateLibrary) -> None:
+    centre = invert(recorded(sensors=1), AUTO, library)
+    assert len(centre.layers) == 1
+    both = invert(recorded(sensors=2), AUTO, library)
+    assert len(both.layers) == 2
+
+
+# --- what is not known ---------------------------------------------------------------------------
+
+
+def widened(factor: float) -> Callable[[Any], LayeredUncertainty]:
+    """The lowest modulus is known within a factor."""
+
+    def uncertainty(fit: Any) -> LayeredUncertainty:
+        found = layered_uncertainty(fit)
+        intervals = list(found.intervals)
+        intervals[1] = (2e7, 2e7 * factor)
+        return replace(found, intervals=tuple(intervals))
+
+    return uncertainty
+
+
+@pytest.mark.parametrize(("factor", "known"), [(9.9, True), (10.1, False)])
+def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
+    factor: float, known: bool, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "layered_uncertainty", widened(factor))
+    result = invert(recorded(), TWO_LAYERS, library)
+    assert result.modulus_known == known
+    said = [text for text in result.warnings if text.startswith("modulus of the subgrade")]
+    assert bool(said) != known
+    if not known:
+        assert "20 to 2e+02 MPa fit as well; the effective modulus, 95 MPa, stands" in said[0]
+
+
+def test_a_layer_between_that_is_not_known_is_said(
+    library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def uncertainty(fit: Any) -> LayeredUncertainty:
+        found = layered_uncertainty(fit)
+        return replace(found, intervals=((1e7, 1.01e8), *found.intervals[1:]))
+
+    monkeypatch.setattr(module, "layered_uncertainty", uncertainty)
+    result = invert(recorded(), TWO_LAYERS, library)
+    assert result.modulus_known
+    assert result.warnings == ("modulus of layer 1 not known: 10 to 1e+02 MPa fit as well",)
+
+
+# --- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"layers": 0}, "layers: expected 1 to 4 or auto, got 0"),
+        ({"layers": 5}, "layers: expected 1 to 4 or auto, got 5"),
+        ({"layers": "many"}, "layers: expected 1 to 4 or auto, got many"),
+        ({"layers": 2, "method": "published"}, "layers: the published method knows one, got 2"),
+        (
+            {"plate": "uniform", "method": "published"},
+            "plate: the published method knows .*, got uniform",
+        ),
+        ({"layers": 2, "thickness": (0.1, 0.2)}, "each layer but the lowest, got 2 for layers 2"),
+        ({"layers": "auto", "thickness": (0.1,)}, "but the lowest, got 1 for layers auto"),
+        ({"layers": 1, "thickness": (0.1,)}, "but the lowest, got 1 for layers 1"),
+        ({"layers": 2, "thickness": (0.0,)}, "thickness: expected values > 0 m"),
+        ({"layers": 2, "thickness": (math.nan,)}, "thickness: expected values > 0 m"),
+        ({"layers": 2, "thickness": (math.inf,)}, "thickness: expected values > 0 m"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ModelError, match=message) as caught:
+        Settings(**settings)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("layers", [1, 2, "auto"])
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        ({"bedrock_depth": 0.0}, "bedrock depth: expected a value > 0 m or inf, got 0"),
+        ({"bedrock_depth": -1.0}, "bedrock depth: expected a value > 0 m or inf, got -1"),
+        ({"poisson_ratio": 0.5}, "Poisson's ratio: expected 0 <= value.* < 0.5.*, got 0.5"),
+    ],
+)
+def test_what_is_declared_is_refused_in_one_line(
+    layers: Any, declared: dict[str, Any], message: str, library: SurrogateLibrary
+) -> None:
+    with pytest.raises(ModelError, match=message) as caught:
+        invert(replace(recorded(), **declared), replace(TWO_LAYERS, layers=layers), library)
+    assert "\n" not in str(caught.value)
+
+
+def test_layers_that_end_below_the_rock_are_refused(library: SurrogateLibrary) -> None:
+    settings = replace(TWO_LAYERS, thickness=(1.3,))
+    with pytest.raises(ModelError, match=r"above the rock at 1\.2 m, got 1\.3 m"):
+        invert(recorded(), settings, library)
+
+
+# --- finite elements of another program ----------------------------------------------------------
+
+NAMES = [f"layers{number:02}" for number in range(1, 7)]
+
+
+def of_folder(folder: Path, name: str) -> tuple[Record, dict[str, Any]]:
+    point = read_traces(folder / f"{name}.csv")
+    truth = json.loads((folder / "truth.json").read_text())[name]
+    return record_of(point.drops[0], point.setup), truth
+
+
+EVERYDAY = ("layers03", "layers05", "layers06")
+
+
+@pytest.mark.parametrize(
+    "name", [n if n in EVERYDAY else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+)
+def test_drops_of_another_program(name: str, shared: Path, library: SurrogateLibrary) -> None:
+    """Every modulus and thickness in its interval, as many media as there are."""
+    record, truth = of_folder(shared / "layered", name)
+    media = truth["layers"]
+    result = invert(record, Settings(layers=len(media)), library)
+    for layer, expected in zip(result.layers, media, strict=True):
+        assert holds(layer.modulus_interval, 1e6 * expected["modulus_MPa"])
+    for layer, thickness in zip(result.layers, truth["thickness_m"], strict=False):
+        assert holds(layer.thickness_interval, thickness)
+    assert result.explained
+    if name in ("layers05", "layers06"):
+        expected = 1e6 * media[-1]["modulus_MPa"]
+        assert result.subgrade.modulus.value == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "media"), list(zip(NAMES, (2, 2, 2, 2, 3, 3), strict=True)))
+def test_how_many_of_another_program(
+    name: str, media: int, shared: Path, library: SurrogateLibrary
+) -> None:
+    """Two sensors tell two media of the three of layers04."""
+    record, _ = of_folder(shared / "layered", name)
+    assert len(invert(record, Settings(layers="auto"), library).layers) == media
