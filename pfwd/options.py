@@ -72,6 +72,7 @@ def analysis_options(known: tuple[str, ...], given: Mapping[str, Any]) -> Analys
     OptionError
         If one is unknown, of the wrong kind, outside its range, or contradicts another.
     """
+    given = {name: _listed(value) for name, value in given.items()}
     for name, value in given.items():
         if name not in known:
             close = difflib.get_close_matches(name, known, 1)
@@ -117,6 +118,11 @@ def _check(name: str, value: object) -> None:
 def _plain(value: Any) -> Any:
     """A number of numpy as one of Python."""
     return value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
+
+
+def _listed(value: Any) -> Any:
+    """An array of numpy as a list: it compares with words number by number."""
+    return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) else value
 
 
 def reading(

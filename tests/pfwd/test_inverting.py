@@ -122,6 +122,22 @@ def test_the_options_are_those_of_the_command_line() -> None:
     assert with_depth["method"] == "least-squares"
 
 
+def test_layers_and_thicknesses_are_those_of_the_command_line() -> None:
+    drop = pfwd.example("three-sensors").drops[0]
+    for thickness in ([np.float64(0.3)], (0.3,), np.array([0.3])):
+        result = pfwd.invert(drop, layers=2, thickness=thickness, method="least-squares")
+        upper, lower = result["layers"]
+        assert upper["thickness_m"] == 0.3
+        assert upper["thickness_interval_m"] is None
+        assert lower["modulus_pa"] == result.modulus
+        assert type(upper["modulus_pa"]) is float
+        assert result["effective_modulus_pa"] > 0
+    json.dumps(result.to_dict(), allow_nan=False)
+    one = pfwd.invert(drop, layers=np.int64(1), thickness="unknown", method="least-squares")
+    assert len(one["layers"]) == 1
+    assert one["layers"][0]["modulus_pa"] == one["effective_modulus_pa"] == one.modulus
+
+
 def test_a_declared_value_wins_over_the_file() -> None:
     points = pfwd.example("half-space")
     for data in (points, points.file, points.drops[0]):
@@ -174,6 +190,16 @@ TIME = np.arange(100) * 1e-4
         (("f",), {"model": "soil"}, r"model: expected one of layer, half-space, came 'soil'"),
         (("f",), {"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* came -1"),
         (("f",), {"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
+        (("f",), {"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* came 2.0"),
+        (("f",), {"layers": True}, r"layers: expected a whole number from 1 to 4, .* came True"),
+        (("f",), {"layers": "two"}, r"layers: expected .* or 'auto', came 'two'"),
+        (("f",), {"layers": 5}, r"layers: expected a whole number from 1 to 4, .* came 5"),
+        (("f",), {"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* came 0.2"),
+        (("f",), {"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* came '0.2'"),
+        (("f",), {"layers": 2, "thickness": [None]}, r"thickness: expected a list of numbers"),
+        (("f",), {"layers": 2, "thickness": 1 + WAVE[:2]}, r"thickness: expected a value for each"),
+        (("f",), {"layers": WAVE[:2]}, r"layers: expected a whole number from 1 to 4, "),
+        (("f",), {"layers": 3, "thickness": [0.2]}, r"thickness: expected a value for each layer"),
         (("f",), {"seed": 1.5}, r"seed: expected a whole number >= 0, came 1.5"),
         (("f",), {"elastic": "yes"}, r"elastic: expected True or False, came 'yes'"),
         (("f",), {"poisson_ratio": 0.5}, r"poisson_ratio: expected .* came 0.5"),

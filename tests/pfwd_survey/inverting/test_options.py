@@ -4,8 +4,17 @@ from typing import Any
 
 import pytest
 
+from inversion.fitting.layered import number
 from pfwd_survey.errors import OptionError
-from pfwd_survey.inverting.options import DEFAULT, PUBLISHED, AnalysisOptions, Choices
+from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting.analysis import settings_of
+from pfwd_survey.inverting.options import (
+    DEFAULT,
+    MOST_LAYERS,
+    PUBLISHED,
+    AnalysisOptions,
+    Choices,
+)
 
 
 @pytest.mark.parametrize(
@@ -18,6 +27,29 @@ from pfwd_survey.inverting.options import DEFAULT, PUBLISHED, AnalysisOptions, C
         ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number > 0, .* came 0"),
         ({"bedrock_depth": float("nan")}, "--bedrock-depth"),
         ({"seed": -1}, "--seed: expected a whole number >= 0, came -1"),
+        ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, came 0"),
+        ({"layers": 5}, "--layers: expected a whole number from 1 to 4, or auto, came 5"),
+        ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, came many"),
+        (
+            {"layers": 2, "thickness": (0.0,)},
+            "--thickness: expected numbers > 0, in m, or unknown, came 0",
+        ),
+        ({"layers": 2, "thickness": (float("nan"),)}, "--thickness: expected numbers > 0"),
+        ({"layers": 2, "thickness": (float("inf"),)}, "--thickness: expected numbers > 0"),
+        (
+            {"layers": 3, "thickness": (0.2,)},
+            "--thickness: expected a value for each layer but the lowest, from the top, with "
+            "--layers, came --thickness 0.2 and --layers 3",
+        ),
+        ({"thickness": (0.2,)}, "came --thickness 0.2 and --layers 1"),
+        (
+            {"layers": "auto", "thickness": (0.2, 0.3)},
+            "came --thickness 0.2,0.3 and --layers auto",
+        ),
+        (
+            {"layers": 2, "thickness": (0.8,), "bedrock_depth": 0.8},
+            "--thickness: expected layers that end above the rock at 0.8 m, came 0.8 m",
+        ),
     ],
 )
 def test_a_value_outside_its_range_is_refused(options: dict[str, Any], message: str) -> None:
@@ -37,6 +69,8 @@ def test_a_value_outside_its_range_is_refused(options: dict[str, Any], message: 
         ({"published": True, "method": "least-squares"}, "--published and --method least-squares"),
         ({"published": True, "joint": True}, "--published and --joint"),
         ({"published": True, "bedrock_depth": "unknown"}, "--published and --bedrock-depth unkno"),
+        ({"published": True, "layers": 2}, "--published and --layers 2"),
+        ({"published": True, "layers": "auto"}, "--published and --layers auto"),
     ],
 )
 def test_a_contradictory_pair_is_refused(options: dict[str, Any], pair: str) -> None:
@@ -52,6 +86,10 @@ def test_a_contradictory_pair_is_refused(options: dict[str, Any], pair: str) -> 
         {"published": True, "plate": "published", "method": "mpga"},
         {"published": True, "model": "layer", "bedrock_depth": 1.0, "elastic": True},
         {"bedrock_depth": 2, "joint": True},
+        {"layers": 1, "published": True},
+        {"layers": 4, "thickness": "unknown"},
+        {"layers": "auto", "thickness": "unknown"},
+        {"layers": 3, "thickness": (0.2, 0.5), "bedrock_depth": 0.71},
     ],
 )
 def test_an_agreeing_pair_is_accepted(options: dict[str, Any]) -> None:
@@ -68,3 +106,21 @@ def test_what_is_not_said_is_the_default() -> None:
 def test_overrides_carry_the_names_of_the_header() -> None:
     options = AnalysisOptions(plate_radius=0.1, plate_mass=0.0)
     assert options.overrides() == {"plate_radius_m": 0.1, "plate_mass_kg": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("options", "layers", "thickness"),
+    [
+        ({}, 1, None),
+        ({"layers": "auto"}, "auto", None),
+        ({"layers": 3, "thickness": "unknown"}, 3, None),
+        ({"layers": 3, "thickness": (0.2, 0.3)}, 3, (0.2, 0.3)),
+    ],
+)
+def test_layers_reach_the_inversion(options: dict[str, Any], layers: Any, thickness: Any) -> None:
+    settings = settings_of(AnalysisOptions(**options), Setup(plate_radius=0.15))
+    assert (settings.layers, settings.thickness) == (layers, thickness)
+
+
+def test_as_many_layers_as_the_inversion_knows() -> None:
+    assert MOST_LAYERS == number.MOST_LAYERS == 4
