@@ -361,7 +361,7 @@ def _remarks(
     low, high = layers[-1].modulus_interval
     if not known:
         said.append(
-            f"modulus of the subgrade not known: {low / 1e6:.2g} to {high / 1e6:.2g} MPa fit as "
+            f"modulus of the subgrade not known: {_megapascals(low, high)} fit as "
             f"well; the effective modulus, {effective.modulus / 1e6:.3g} MPa, stands for the "
             f"upper {effective.depth:.2g} m; sensors further out tell the layers apart"
         )
@@ -369,8 +369,7 @@ def _remarks(
         low, high = layer.modulus_interval
         if high > OPEN_FACTOR * low:
             said.append(
-                f"modulus of layer {number} not known: {low / 1e6:.2g} to {high / 1e6:.2g} MPa fit "
-                "as well"
+                f"modulus of layer {number} not known: {_megapascals(low, high)} fit as well"
             )
     if fit.misfit.sensors.size == 1 and fit.space.media > 1:
         said.append(
@@ -382,10 +381,18 @@ def _remarks(
     return tuple(said)
 
 
+def _megapascals(low: float, high: float) -> str:
+    """An interval of moduli, Pa, to two digits and without powers of ten."""
+    ends = (f"{float(f'{end / 1e6:.2g}'):g}" for end in (low, high))
+    return f"{' to '.join(ends)} MPa"
+
+
 def _missed(tried: tuple[Considered, ...]) -> str:
     """By how much each number of layers missed the sensors that were left out."""
     errors = [c.left_out for c in tried if c.left_out is not None]
     if len(errors) < len(tried):
         return ""
-    listed = ", ".join(f"{100 * error:.2g}" for error in errors)
-    return f"; they miss a sensor that was left out by {listed} % of its peak"
+    listed = ", ".join(
+        f"{100 * error:.2g} % with {number}" for number, error in enumerate(errors, 1)
+    )
+    return f"; a sensor that was left out is missed by, of its peak, {listed}"

@@ -292,7 +292,7 @@ _COLUMNS = (
 def _row(one: Result) -> tuple[object, ...]:
     name = (one.point or os.path.basename(one.file), one.number, one.status)
     if one.modulus is None or one.modulus_interval is None:
-        return (*name, "", "", "", "", "", "", "; ".join([one.reason or "", *one.warnings]))
+        return (*name, "", "", "", "", "", "", "; ".join(filter(None, [one.reason, *one.warnings])))
     low, high = one.modulus_interval
     return (
         *name,

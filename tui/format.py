@@ -159,6 +159,14 @@ def _layer(result: DropResult, number: int) -> LayerResult:
     return (result.layers or ())[number]
 
 
+def _layer_modulus(result: DropResult, number: int) -> float | None:
+    """MPa; of the lowest layer what the result says of the subgrade: nothing if not known."""
+    layers = result.layers or ()
+    if result.modulus_pa is None and number == len(layers) - 1:
+        return None
+    return _finite(layers[number].modulus_pa, 1e6)
+
+
 def _pulse(result: DropResult) -> HalfSinePulse:
     return result.half_sine or HalfSinePulse()
 
@@ -174,9 +182,9 @@ _GROUND: dict[str, Callable[[DropResult], str]] = {
 _LAYER: dict[str, Callable[[DropResult, int], str]] = {
     "drop": lambda result, number: _text(result.drop),
     "layer": lambda result, number: str(number + 1),
-    "E MPa": lambda result, number: _short(_finite(_layer(result, number).modulus_pa, 1e6)),
+    "E MPa": lambda result, number: _short(_layer_modulus(result, number)),
     "95 % MPa": lambda result, number: _ends(_layer(result, number).modulus_interval_pa, 1e6),
-    "thick m": lambda result, number: _short(_finite(_layer(result, number).thickness_m)),
+    "h m": lambda result, number: _short(_finite(_layer(result, number).thickness_m)),
     "95 % m": lambda result, number: _ends(_layer(result, number).thickness_interval_m),
     "η kPa s": lambda result, number: _short(_finite(_layer(result, number).viscosity_pa_s, 1e3)),
     "ρ kg/m³": lambda result, number: _short(_finite(_layer(result, number).density_kg_m3)),

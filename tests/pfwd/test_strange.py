@@ -83,3 +83,27 @@ def test_a_folder_that_is_no_survey_is_refused(tmp_path: Path) -> None:
         with pytest.raises(pfwd.SurveyError) as caught:
             refused(tmp_path)
         assert "\n" not in str(caught.value)
+
+
+def test_a_layered_subgrade_that_is_not_known_is_shown_without_a_modulus(survey: Path) -> None:
+    (result, *_) = pfwd.invert(pfwd.example("layer"), layers=2, method="least-squares")
+    said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+    record = {
+        **result.to_dict(),
+        "modulus_pa": None,
+        "modulus_sd_pa": None,
+        "modulus_interval_pa": [1e6, 8e8],
+        "warnings": [said],
+    }
+    with SurveyWriter.open(survey) as writer:
+        writer.save_result(1, record)
+    opened = pfwd.open(survey)
+    (stored,) = opened.results
+    assert stored.modulus is None
+    assert stored.to_dict()["layers"] == json.loads(json.dumps(record["layers"]))
+    assert stored.to_dict()["effective_modulus_pa"] == record["effective_modulus_pa"]
+    assert said in str(stored)
+    assert f"<td>{said}</td>" in stored._repr_html_()
+    frame = opened.to_dataframe()
+    assert frame["modulus_pa"][0] is None or math.isnan(frame["modulus_pa"][0])
+    assert frame["modulus_interval_high_pa"][0] == 8e8

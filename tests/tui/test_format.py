@@ -157,3 +157,69 @@ def test_the_method_that_ran_is_shown() -> None:
     published = replace(RESULT, method="published")
     assert "  model layer, load measured, method published, seed 0" in result_lines([published])
     assert "  published" in drop_line("A", 1, published)
+
+
+# --- layers --------------------------------------------------------------------------------------
+
+UPPER = {
+    "modulus_pa": 180.2e6,
+    "modulus_sd_pa": 1.1e6,
+    "modulus_interval_pa": [174.5e6, 185.8e6],
+    "thickness_m": 0.2003,
+    "thickness_sd_m": 0.001,
+    "thickness_interval_m": [0.1947, 0.2054],
+    "viscosity_pa_s": 120.4e3,
+    "density_kg_m3": 2049.0,
+    "poisson_ratio": 0.35,
+}
+LOWER = {
+    "modulus_pa": 50.02e6,
+    "modulus_sd_pa": 0.1e6,
+    "modulus_interval_pa": [49.7e6, 50.3e6],
+    "viscosity_pa_s": 50.1e3,
+    "density_kg_m3": 1951.0,
+    "poisson_ratio": 0.35,
+}
+LAYERED = DropResult.from_json(
+    RESULT.to_json()
+    | {
+        "modulus_pa": 50.02e6,
+        "layers": [UPPER, LOWER],
+        "effective_modulus_pa": 95.0e6,
+        "effective_modulus_interval_pa": [94.37e6, 95.57e6],
+        "effective_depth_m": 0.8184,
+        "warnings": [],
+    }
+)
+
+
+def test_layers_have_a_table_and_one_modulus_for_all() -> None:
+    lines = result_lines([LAYERED])
+    assert lines[5:9] == [
+        "  drop  layer  E MPa        95 % MPa    h m            95 % m  η kPa s  ρ kg/m³",
+        "     1      1    180  174.5 to 185.8  0.200  0.1947 to 0.2054      120     2049",
+        "     1      2   50.0  49.70 to 50.30      -                 -     50.1     1951",
+        "  drop 1: one modulus for all 95.0 MPa (94.37 to 95.57), down to 0.818 m",
+    ]
+    assert max(map(len, lines[5:9])) <= 80
+    assert "one modulus" not in "\n".join(result_lines([RESULT]))
+    alone = DropResult.from_json(LAYERED.to_json() | {"layers": [LOWER]})
+    assert "layer" not in "\n".join(result_lines([alone])).replace("model layer", "")
+
+
+def test_a_subgrade_that_is_not_known_is_a_dash_with_its_interval() -> None:
+    open_end = replace(
+        LAYERED, modulus_pa=None, modulus_sd_pa=None, modulus_interval_pa=(2.0e7, 4.0e9)
+    )
+    lines = result_lines([open_end])
+    assert lines[4].split()[:5] == ["1", "-", "20", "to", "4000"]
+    assert lines[7].split()[2:6] == ["-", "49.70", "to", "50.30"]
+
+
+def test_layers_of_which_nothing_is_known_are_shown_all_the_same() -> None:
+    bare = DropResult.from_json(
+        {"file": "a.csv", "drop": 1, "status": "measured", "layers": [{}, {"modulus_pa": None}]}
+    )
+    lines = result_lines([bare])
+    assert sum("      1  " in line or "      2  " in line for line in lines) >= 2
+    assert "  drop 1: one modulus for all - MPa (-), down to - m" in lines
