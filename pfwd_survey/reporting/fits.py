@@ -62,6 +62,7 @@ _SHOWN = (
     "peak_factor",
     "contact_end_s",
     "window_end_s",
+    "layers",
 )
 
 
@@ -86,7 +87,8 @@ def layers_are_whole(result: DropResult) -> bool:
     """Whether all layers that a result names can be computed with."""
     layers = result.layers or ()
     return all(
-        layer.modulus_pa is not None
+        not layer.unreadable
+        and layer.modulus_pa is not None
         and layer.viscosity_pa_s is not None
         and layer.density_kg_m3 is not None
         and layer.poisson_ratio is not None

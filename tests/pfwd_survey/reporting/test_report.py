@@ -27,7 +27,7 @@ from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import fonts
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import draw_traces
-from pfwd_survey.reporting.fits import curves_of
+from pfwd_survey.reporting.fits import curves_of, is_sound
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.report import write_report
 from pfwd_survey.reporting.texts import load_texts
@@ -100,6 +100,11 @@ def test_curves_are_those_of_the_stored_ground(survey: Path) -> None:
         AnalysisOptions(method="least-squares", bedrock_depth=1.2),
         AnalysisOptions(method="least-squares", model="half-space"),
         AnalysisOptions(method="least-squares", plate="rigid-smooth", load="half-sine"),
+        AnalysisOptions(method="least-squares", layers=2, bedrock_depth=1.2),
+        AnalysisOptions(method="least-squares", layers=2, bedrock_depth="none"),
+        AnalysisOptions(method="least-squares", layers=3, thickness=(0.2, 0.3), elastic=True),
+        AnalysisOptions(method="least-squares", plate="uniform", bedrock_depth="none"),
+        AnalysisOptions(method="least-squares", plate="uniform", layers=2, load="half-sine"),
     ],
 )
 def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOptions) -> None:
@@ -151,6 +156,78 @@ def test_sensors_are_named_by_side_and_those_left_out_are_marked(
     assert [name for name in names if "0.3" in name] == ["0.3 m", "-0.3 m"]
     assert names[-1] == said
     assert "-0.6 m" in said
+
+
+LAYERS = [
+    {
+        "modulus_pa": modulus,
+        "viscosity_pa_s": 4e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+        "thickness_m": thickness,
+    }
+    for modulus, thickness in ((90e6, 0.2), (45e6, None))
+]
+
+
+def layered(**changes: Any) -> DropResult:
+    return DropResult.from_json({**result_of(2), "layers": LAYERS, **changes})
+
+
+def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
+    drop, library = half_sine_drop(2, 8000.0), SurrogateLibrary()
+    screening = screen(drop, SETUP)
+    known, unknown = layered(), layered(modulus_pa=None, modulus_sd_pa=None)
+    assert is_sound(known)
+    assert is_sound(unknown)
+    assert not is_sound(DropResult.from_json({**result_of(2), "modulus_pa": None}))
+    curves = [curves_of(drop, SETUP, screening, r, library) for r in (known, unknown)]
+    assert curves[0] is not None
+    assert curves[1] is not None
+    np.testing.assert_array_equal(curves[0].predicted, curves[1].predicted)
+    # The stiff top holds the plate up: less than on the lower medium alone.
+    alone = curves_of(drop, SETUP, screening, DropResult.from_json(result_of(2)), library)
+    assert alone is not None
+    assert curves[0].predicted.max() < 0.9 * alone.predicted.max()
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        "two",
+        [3, 4],
+        [LAYERS[1], LAYERS[0]],
+        [LAYERS[0], {**LAYERS[1], "thickness_m": "deep"}],
+        *(
+            [{**LAYERS[0], key: None}, LAYERS[1]]
+            for key in ("modulus_pa", "viscosity_pa_s", "density_kg_m3", "poisson_ratio")
+        ),
+    ],
+)
+def test_layers_that_can_not_be_computed_with_are_not_used(layers: Any) -> None:
+    assert not is_sound(layered(layers=layers))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"modulus_pa": -1.0}, {"poisson_ratio": 0.5}, {"thickness_m": 0.0}]
+)
+def test_layers_that_no_ground_has_give_no_curves(wrong: dict[str, float]) -> None:
+    drop = half_sine_drop(2, 8000.0)
+    result = layered(layers=[{**LAYERS[0], **wrong}, LAYERS[1]])
+    assert curves_of(drop, SETUP, screen(drop, SETUP), result, SurrogateLibrary()) is None
+
+
+def test_a_report_of_a_layered_result_without_a_modulus(survey: Path) -> None:
+    said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+    result = layered(modulus_pa=None, modulus_sd_pa=None, warnings=[said]).to_json()
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(2, result)
+    text, page, report = page_of(survey)
+    drop = report.points[0].drops[1]
+    assert drop.stored
+    assert drop.curves is not None
+    assert said in text
+    assert not re.search(r"\b(nan|None|null)\b", " ".join(page.texts))
 
 
 def test_what_is_missing_or_stale_is_inverted(survey: Path) -> None:
