@@ -56,6 +56,15 @@ def test_the_wheel_holds_every_package_of_the_checkout() -> None:
     assert set(PACKAGES) == folders
 
 
+def test_every_folder_of_modules_is_a_package() -> None:
+    """Without `__init__.py` the contracts of imports look past it and hold whatever it does."""
+    beside = {"tests", "benchmarks", "docs", "examples"}
+    tops = {path.parent for path in TOP.glob("*/__init__.py") if path.parent.name not in beside}
+    folders = {path.parent for top in tops for path in top.rglob("*.py")}
+    assert len(folders) > 20
+    assert [str(f) for f in sorted(folders) if not (f / "__init__.py").is_file()] == []
+
+
 def test_every_package_says_that_it_is_typed() -> None:
     for package in PACKAGES:
         assert (TOP / package / "py.typed").is_file()
