@@ -122,7 +122,7 @@ def _plain(value: Any) -> Any:
 
 def _listed(value: Any) -> Any:
     """An array of numpy as a list: it compares with words number by number."""
-    return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) else value
+    return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) > 0 else value
 
 
 def reading(
