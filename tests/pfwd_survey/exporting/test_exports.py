@@ -179,3 +179,56 @@ def test_a_damaged_result_is_said_and_the_others_come(survey: Path, tmp_path: Pa
     assert rows[0]["reason"].startswith("damaged: ")
     assert rows[1]["modulus_pa"] == "45000000.0"
     assert done.results == 1
+
+
+LAYERS = [
+    {
+        "modulus_pa": modulus,
+        "modulus_sd_pa": 1e5,
+        "modulus_interval_pa": [0.5 * modulus, 2 * modulus],
+        "thickness_m": thickness,
+        "thickness_sd_m": None,
+        "thickness_interval_m": None,
+        "viscosity_pa_s": 4e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+    }
+    for modulus, thickness in ((90e6, 0.2), (45e6, None))
+]
+SAID = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+
+
+@pytest.mark.parametrize("form", list(OWN))
+def test_layers_whose_subgrade_is_not_known_go_into_every_format(
+    survey: Path, tmp_path: Path, form: str
+) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    more = {
+        "modulus_pa": None,
+        "modulus_sd_pa": None,
+        "modulus_interval_pa": [1e6, 8e8],
+        "layers": LAYERS,
+        "effective_modulus_pa": 6e7,
+        "effective_modulus_interval_pa": [5.9e7, 6.1e7],
+        "effective_depth_m": 0.8,
+        "warnings": [SAID],
+    }
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **more))
+    path = tmp_path / "out"
+    export_survey(survey, form, path)
+    if form == "table":
+        row = rows_of(path)[0]
+        assert (row["modulus_pa"], row["modulus_interval_high_pa"]) == ("", "800000000.0")
+        assert SAID in row["warnings"]
+    elif form == "jsonl":
+        line = json.loads(path.read_text(encoding="utf-8").splitlines()[0])
+        assert line["modulus_pa"] is None
+        assert line["result"]["layers"] == LAYERS
+        assert line["result"]["effective_modulus_pa"] == 6e7
+    elif form == "geojson":
+        properties = json.loads(path.read_text(encoding="utf-8"))["features"][0]["properties"]
+        assert properties["modulus_pa"] is None
+        assert SAID in properties["warnings"]
+    elif form == "gpx":
+        assert SAID in path.read_text(encoding="utf-8")
