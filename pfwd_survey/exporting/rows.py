@@ -175,9 +175,11 @@ def _result(result: DropResult, point: PointContent, record: DropRecord | None) 
     for key, unit, ends in (
         ("modulus_interval", "pa", result.modulus_interval_pa),
         ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),
+        ("effective_modulus_interval", "pa", result.effective_modulus_interval_pa),
     ):
         low, high = (None, None) if ends is None else map(number, ends)
         found[f"{key}_low_{unit}"], found[f"{key}_high_{unit}"] = low, high
+    found["layers"] = None if result.layers is None else len(result.layers)
     pulse = result.half_sine
     if pulse is not None:
         found["half_sine_peak_pressure_pa"] = number(pulse.peak_pressure_pa)
@@ -187,7 +189,7 @@ def _result(result: DropResult, point: PointContent, record: DropRecord | None) 
     warnings += _stale(result, point, record)
     missing = missing_parts(result)
     if found.get("modulus_pa") is not None and missing:
-        found["modulus_pa"] = found["peak_modulus_pa"] = None
+        found["modulus_pa"] = found["peak_modulus_pa"] = found["effective_modulus_pa"] = None
         warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
     found["warnings"] = warnings
     return found

@@ -48,17 +48,17 @@ def test_no_modulus_without_what_belongs_to_it(
 ) -> None:
     drop = read_survey(survey).drops[0].read().drop
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(1, result_of(drop, **missing))
+        writer.save_result(1, result_of(drop, **missing, effective_modulus_pa=6e7))
     path = tmp_path / "out"
     export_survey(survey, form, path)
     text = path.read_text(encoding="utf-8")
     if form == "table":
         values: dict[str, Any] = dict(rows_of(path)[0])
-        assert values["modulus_pa"] == ""
+        assert values["modulus_pa"] == values["effective_modulus_pa"] == ""
     else:
         line = json.loads(text.splitlines()[0])
         values = line if form == "jsonl" else line["features"][0]["properties"]
-        assert values["modulus_pa"] is None
+        assert values["modulus_pa"] is values["effective_modulus_pa"] is None
     assert f"modulus withheld: the result lacks {named}" in str(values["warnings"])
 
 
@@ -195,6 +195,13 @@ LAYERS = [
     }
     for modulus, thickness in ((90e6, 0.2), (45e6, None))
 ]
+EFFECTIVE = (
+    "layers",
+    "effective_modulus_pa",
+    "effective_modulus_interval_low_pa",
+    "effective_modulus_interval_high_pa",
+    "effective_depth_m",
+)
 SAID = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
 
 
@@ -221,14 +228,19 @@ def test_layers_whose_subgrade_is_not_known_go_into_every_format(
         row = rows_of(path)[0]
         assert (row["modulus_pa"], row["modulus_interval_high_pa"]) == ("", "800000000.0")
         assert SAID in row["warnings"]
+        found = [row[key] for key in EFFECTIVE]
+        assert found == ["2", "60000000.0", "59000000.0", "61000000.0", "0.8"]
     elif form == "jsonl":
         line = json.loads(path.read_text(encoding="utf-8").splitlines()[0])
         assert line["modulus_pa"] is None
+        assert line["layers"] == 2
+        assert line["effective_modulus_interval_low_pa"] == 5.9e7
         assert line["result"]["layers"] == LAYERS
         assert line["result"]["effective_modulus_pa"] == 6e7
     elif form == "geojson":
         properties = json.loads(path.read_text(encoding="utf-8"))["features"][0]["properties"]
         assert properties["modulus_pa"] is None
+        assert properties["effective_modulus_pa"] == 6e7
         assert SAID in properties["warnings"]
     elif form == "gpx":
         assert SAID in path.read_text(encoding="utf-8")
