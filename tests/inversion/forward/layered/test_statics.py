@@ -106,6 +106,15 @@ def test_three_layers_have_the_modulus_of_their_deflection() -> None:
     assert effective_modulus("uniform", RADIUS, of) == pytest.approx(expected, rel=1e-3)
 
 
+def test_the_one_medium_has_the_lowest_one_s_poisson_ratio() -> None:
+    moduli, thicknesses, ratios = [2e8, 5e7], [0.2], [0.2, 0.45]
+    media = (Medium(2e8, 0.0, 2000.0, 0.2, 0.2), Medium(5e7, 0.0, 2000.0, 0.45))
+    deflection = uniform_pressure_deflection(moduli, ratios, thicknesses, RADIUS, 1 / AREA, 0.0)
+    expected = 2 * (1 - 0.45**2) * RADIUS / AREA / deflection
+    found = effective_modulus("uniform", RADIUS, LayeredGround(media))
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
 def test_on_rock_the_one_medium_reaches_to_the_same_rock() -> None:
     """Rock as a half-space of ten thousand times the modulus."""
     rock = 1e12
@@ -164,6 +173,14 @@ def test_rock_at_the_effective_depth_takes_a_tenth_of_the_deflection_away(layere
         else 2 * (1 - NU**2) * RADIUS / (5e7 * AREA)
     )
     assert on_rock / whole == pytest.approx(0.9, abs=1e-3)
+
+
+def test_what_lies_below_the_effective_depth_does_not_count_for_it() -> None:
+    """The deflection below two metres is a tenth of a tenth: the depth is that of one medium."""
+    alone = effective_depth("rigid-rough", RADIUS, ground((5e7, math.inf)))
+    assert alone < 1.5
+    deep = ground((5e7, 2.0), (5.5e7, 1.0), (5e7, math.inf))
+    assert effective_depth("rigid-rough", RADIUS, deep) == pytest.approx(alone, rel=0.02)
 
 
 def test_a_stiff_crust_spreads_the_load_deeper() -> None:
