@@ -149,7 +149,8 @@ def test_given_thickness_and_density_are_kept(library: SurrogateLibrary) -> None
 
 
 def test_elastic_ground_has_no_viscosity(library: SurrogateLibrary) -> None:
-    result = invert(recorded(), replace(TWO_LAYERS, elastic=True), library)
+    settings = replace(TWO_LAYERS, elastic=True, thickness=(0.2,))
+    result = invert(recorded(), settings, library)
     assert all(layer.viscosity == 0.0 for layer in result.layers)
     assert result.subgrade.viscosity.deviation is None
     # Soil that is viscous is not explained without.
@@ -345,7 +346,7 @@ def of_folder(folder: Path, name: str) -> tuple[Record, dict[str, Any]]:
     return record_of(point.drops[0], point.setup), truth
 
 
-EVERYDAY = ("layers03", "layers05", "layers06")
+EVERYDAY = ("layers05", "layers06")
 
 
 @pytest.mark.parametrize(
