@@ -142,6 +142,8 @@ def test_what_a_record_does_not_feel_has_the_deviation_of_its_prior(
         low, high = found.intervals[2]
         assert high / low > 1000.0
         assert found.open_ends[2][0]
+        # Open is the bound, not beyond it.
+        assert low == pytest.approx(of.unknowns[2].parameter.lower)
         return
     column = of.names.index(name)
     parameter = of.unknowns[column].parameter
