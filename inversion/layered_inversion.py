@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,10 @@ from inversion.result import Effective, LayerValue, Value
 
 # An interval wider than this factor is no value.
 OPEN_FACTOR = 10.0
+# A distance counts once within this, m: sensors on both sides of the plate.
+_SAME_DISTANCE = 0.005
+# Mean square residual over which, times that of one medium, a layer does not fit as well.
+_FITS_AS_WELL = 1.2
 # Media with which it is decided which part of the record is explained.
 _WINDOW_LAYERS = 3
 # Step of the unit values in the derivatives of the effective modulus.
@@ -125,7 +129,7 @@ def invert_layers(
         fit = work.best_of(int(request.layers))
         return _described(fit, request, (Considered(fit, information(fit)),), work.solves)
     sensors = drops[0].drop.offsets.size
-    most = most_layers(sensors)
+    most = most_layers(_distances(drops[0]))
     # What can be told decides for all numbers alike which part of the record counts.
     work.window = work.first_fit(min(_WINDOW_LAYERS, most)).window
     tried: list[Considered] = []
@@ -142,7 +146,49 @@ def invert_layers(
         elif best.fit.cost <= 1.0 or media > best.media + 1:
             break
     assert best is not None
-    return _described(best.fit, request, tuple(tried), work.solves)
+    chosen = _described(best.fit, request, tuple(tried), work.solves)
+    if most == 1:
+        # One sensor does not tell layers, nor that there are none.
+        two = work.best_of(2)
+        layered = _described(two, request, (Considered(two, information(two)),), work.solves)
+        if two.cost <= _FITS_AS_WELL * max(1.0, best.fit.cost):
+            return _with_layers_that_fit_as_well(chosen, layered)
+    return chosen
+
+
+def _distances(item: LayeredDrop) -> int:
+    """How many distances from the plate's centre the sensors have."""
+    offsets = np.sort(np.abs(item.drop.offsets))
+    return 1 + int(np.count_nonzero(np.diff(offsets) > _SAME_DISTANCE))
+
+
+def _with_layers_that_fit_as_well(
+    one: LayeredInversion, layered: LayeredInversion
+) -> LayeredInversion:
+    """One medium whose intervals hold the layered grounds that fit as well."""
+
+    def joined(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+        return min(a[0], b[0]), max(a[1], b[1])
+
+    (only,) = one.layers
+    below = layered.layers[-1]
+    interval = joined(only.modulus_interval, below.modulus_interval)
+    effective = replace(
+        one.effective, interval=joined(one.effective.interval, layered.effective.interval)
+    )
+    low, high = interval
+    said = (
+        "one sensor does not tell layers: the modulus is that of one medium for all, and its "
+        "interval holds the ground below a layer that fits as well; sensors further out tell"
+    )
+    return replace(
+        one,
+        layers=(replace(only, modulus_interval=interval),),
+        effective=effective,
+        modulus_known=high <= OPEN_FACTOR * low,
+        remarks=(*one.remarks, said),
+        solves=layered.solves,
+    )
 
 
 @dataclass

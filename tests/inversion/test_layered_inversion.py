@@ -239,6 +239,13 @@ def test_two_media_are_told_and_one_is_left_one(
 def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: SurrogateLibrary) -> None:
     centre = invert(recorded(sensors=1), AUTO, library)
     assert len(centre.layers) == 1
+    # It cannot know that there are none: the interval holds the ground below a layer.
+    low, high = centre.layers[0].modulus_interval
+    assert low <= TWO.layers[1].modulus <= high
+    assert centre.modulus_interval == (low, high)
+    low, high = centre.effective.interval
+    assert low <= 95e6 <= high
+    assert any("one sensor does not tell layers" in said for said in centre.warnings)
     both = invert(recorded(sensors=2), AUTO, library)
     assert len(both.layers) == 2
 

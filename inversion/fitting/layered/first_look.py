@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,7 +23,6 @@ _MIDDLE_DISTANCES = 4
 _SAME_DISTANCE = 0.005
 
 
-@dataclass(eq=False)
 class FirstLook:
     """Layered grounds that fit the drops of a point, computed when they are asked for.
 
@@ -38,15 +36,24 @@ class FirstLook:
     peak_modulus : float, Pa, by the peak method
     """
 
-    drops: Sequence[LayeredDrop]
-    poisson_ratio: float
-    density: float | None
-    rock_depth: float | None
-    elastic: bool
-    peak_modulus: float
-    _known: dict[tuple[int, bool, bool, bool], LayeredFit] = field(default_factory=dict)
-    _middle: bool | None = None
-    _window: Window | None = None
+    def __init__(
+        self,
+        drops: Sequence[LayeredDrop],
+        poisson_ratio: float,
+        density: float | None,
+        rock_depth: float | None,
+        elastic: bool,
+        peak_modulus: float,
+    ) -> None:
+        self.drops = tuple(drops)
+        self.poisson_ratio = poisson_ratio
+        self.density = density
+        self.rock_depth = rock_depth
+        self.elastic = elastic
+        self.peak_modulus = peak_modulus
+        self._known: dict[tuple[int, bool, bool, bool], LayeredFit] = {}
+        self._middle: bool | None = None
+        self._window: Window | None = None
 
     @property
     def distances(self) -> int:
