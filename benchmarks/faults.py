@@ -14,24 +14,19 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.hasty_instrument import HASTY, RATE, hasty_instrument
 from benchmarks.output import Reporter
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import check, read_survey, recover
-from simulators.instrument import SimulatedInstrument, serve
+from simulators.instrument import serve
 
 # Ten drops a second: every 2 s, twenty times real time, without bounces.
-HASTY: dict[str, Any] = {
-    "base": "default",
-    "drops": {"interval": 2.0, "bounces": [0, 0], "jitter": 0.1, "first": 1.0},
-}
-RATE = 20.0
 START = 30.0  # s that a logger may take for its first drop on a busy machine
 
 Name = tuple[str, int]
@@ -130,13 +125,6 @@ class Logger:
         for pipe in (self.process.stdout, self.process.stderr):
             if pipe is not None:
                 pipe.close()
-
-
-@contextlib.contextmanager
-def hasty_instrument(seed: int, **more: Any) -> Iterator[SimulatedInstrument]:
-    """An instrument that drops its hammer ten times a second, for ever."""
-    with serve(HASTY | more, seed=seed, rate=RATE, listen="tcp://127.0.0.1:0") as instrument:
-        yield instrument
 
 
 def kills(count: int, rng: np.random.Generator, folder: Path) -> Tally:

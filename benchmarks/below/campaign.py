@@ -22,7 +22,7 @@ from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
 from benchmarks.below.planted import PLANTED, VARIABLE
 from benchmarks.below.shim import Fault, compile_shim, why_not
 from benchmarks.below.sweep import Counts, faults
-from benchmarks.faults import hasty_instrument
+from benchmarks.hasty_instrument import hasty_instrument
 from benchmarks.output import Reporter
 from simulators.instrument import SimulatedInstrument
 

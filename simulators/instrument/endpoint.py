@@ -10,13 +10,11 @@ import contextlib
 import os
 import select
 import socket
-import sys
 import time
 from typing import Protocol
 
 from simulators.mesh import SimulationError
 
-HAS_PTY = os.name == "posix"
 READ_SIZE = 65_536
 QUIET_TIME = 0.1
 """s for which nothing may be unread: bytes pass through a queue of the kernel before they count as
@@ -186,27 +184,3 @@ class TcpEndpoint:
             self._peer.close()
             self._peer = None
             self._finished = False
-
-
-def open_endpoint(listen: str | None, movable: bool = False) -> Endpoint:
-    """The endpoint that `--listen` names; by default a virtual serial port where there are any.
-
-    Raises
-    ------
-    EndpointError
-        If it cannot be offered here.
-    """
-    if listen is None:
-        listen = "pty" if HAS_PTY else "tcp://127.0.0.1:0"
-    if listen == "pty":
-        if sys.platform == "win32":
-            raise EndpointError("pty: this platform has no virtual serial ports; try tcp://")
-        else:  # noqa: RET506 - only an else is left out of the checks for Windows
-            from simulators.instrument.pseudo_terminal import PtyEndpoint
-
-            return PtyEndpoint(movable)
-    host, colon, port = listen.removeprefix("tcp://").rpartition(":")
-    good = listen.startswith("tcp://") and colon and host and port.isdecimal()
-    if not good or int(port) > 65_535:
-        raise EndpointError(f"{listen}: expected pty or tcp://HOST:PORT")
-    return TcpEndpoint(host.strip("[]"), int(port))

@@ -19,8 +19,8 @@ from simulators.instrument.endpoint import (
     Endpoint,
     EndpointError,
     TcpEndpoint,
-    open_endpoint,
 )
+from simulators.instrument.opening import open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
 
