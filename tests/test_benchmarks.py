@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import coverage, layers, noise, validation
+from benchmarks import coverage, layers, layers_inverted, noise, validation
+from benchmarks.__main__ import main
 
 # A surrogate is built where none is at hand, and every drop takes seconds.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -94,9 +95,9 @@ def test_validation_goes_without_the_studys_tables(tmp_path: Path) -> None:
     assert validation.printed_errors(tmp_path) == {}
 
 
-@pytest.mark.parametrize("part", [coverage, noise, validation])
-def test_wrong_usage_is_status_2(part: object) -> None:
-    assert part.run(["--cases", "many"]) == 2  # type: ignore[attr-defined]
+@pytest.mark.parametrize("part", ["coverage", "noise", "validation", "layers"])
+def test_wrong_usage_is_status_2(part: str) -> None:
+    assert main([part, "--cases", "many"]) == 2
 
 
 def test_layers_reports_speed_and_a_thousandth(
@@ -118,3 +119,15 @@ def test_layers_reports_speed_and_a_thousandth(
     fast = [float(str(r["worst"])) for r in records if "p90" in r]
     assert len(fast) == 12
     assert max(fast) < 1e-3
+
+
+def test_layers_are_inverted_from_finite_elements(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layers_inverted, "_least", lambda action: (action(), 1.0)[1])
+    assert layers.run(["--inverted", "--cases", "2", "--json"]) == 0
+    records = {str(r.get("what")): r for r in lines(capsys)}
+    for what in ("subgrade", "top"):
+        assert float(str(records[what]["worst"])) < 10.0
+        assert records[what]["interval_holds"] == 100.0
+    assert records["subgrade"]["cases"] == 2

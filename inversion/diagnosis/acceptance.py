@@ -19,7 +19,12 @@ _MOST_LEFT = 0.5
 
 
 def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
-    """Whether effects that do not explain the residual take at least half of it away."""
+    """Whether effects that do not explain the residual take at least half of it away.
+
+    A ground below layers whose numbers go on past their bounds is none.
+    """
+    if any(unknown.effect and unknown.effect.ground_is_below for unknown in best.fit.at_bound()):
+        return False
     left = residual_over_peak(point, best)
     return left <= _MOST_LEFT * residual_over_peak(point, base)
 
@@ -62,9 +67,10 @@ def _unusual(best: Candidate) -> list[str]:
         reach = _CHANCE * unknown.parameter.deviation(unit_value, deviation)
         low, high = unknown.parameter.usual
         if value + reach < low or value - reach > high:
-            name, unit = unknown.parameter.name.replace("_", " "), unknown.parameter.unit
+            name = unknown.parameter.name.replace("_", " ")
+            unit = "" if unknown.parameter.unit == "-" else f" {unknown.parameter.unit}"
             found.append(
-                f"{unknown.effect.name}: {value:.3g} {unit} is the {name} of no instrument in use "
-                f"({low:g} to {high:g} {unit}): it stands in for another cause"
+                f"{unknown.effect.name}: {value:.3g}{unit} is the {name} of no instrument in use "
+                f"({low:g} to {high:g}{unit}): it stands in for another cause"
             )
     return found

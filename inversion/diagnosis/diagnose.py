@@ -67,7 +67,10 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         best = search.base()
         objections = reasons_to_reject(point, best)
         if objections:
-            objections.append(f"{names} came nearest and left more than half of it: not taken over")
+            objections.append(
+                f"{names} came nearest, but left more than half of it or ran into a bound: not taken "
+                "over"
+            )
     # What explains little has no alternatives.
     others = {
         effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}

@@ -1,5 +1,7 @@
 """The second-order high-pass of a geophone, left in the record."""
 
+import math
+
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, geophone
 from inversion.fitting.parameters import Parameter
@@ -16,7 +18,17 @@ class GeophoneResponse(Effect):
         Parameter(
             "natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True, usual=(2.0, 30.0)
         ),
-        Parameter("damping", "-", 0.02, 1.5, (0.6, 0.2), logarithmic=True),
+        # Open ones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical damping.
+        Parameter(
+            "damping",
+            "-",
+            0.02,
+            1.5,
+            (0.6, 0.2),
+            logarithmic=True,
+            usual=(0.05, 1.05),
+            prior=(math.log(0.5), 0.7),
+        ),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
     # Roll-off of the sensor and ground that stiffens explain a record only together.

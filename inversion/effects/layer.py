@@ -11,8 +11,10 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 
-_RATIO = Parameter("modulus_ratio", "-", 0.02, 100.0, (2.0, 0.6), logarithmic=True)
-# Soils, granular fills and asphalt differ by so much in damping and density (logarithms).
+# Soils, granular fills and asphalt differ by so much in modulus, damping and density (logarithms).
+_RATIO = Parameter(
+    "modulus_ratio", "-", 0.02, 100.0, (2.0, 0.6), logarithmic=True, prior=(0.0, 1.5)
+)
 _RELAXATION = Parameter(
     "relaxation_ratio", "-", 0.05, 20.0, (1.0,), logarithmic=True, prior=(0.0, 0.7)
 )

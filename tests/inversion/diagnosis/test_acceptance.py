@@ -110,8 +110,32 @@ def test_a_bound_of_an_effect_counts_and_one_of_the_ground_does_not() -> None:
 def test_less_than_half_is_not_worth_reporting(
     monkeypatch: pytest.MonkeyPatch, left: float, worth: bool
 ) -> None:
-    errors = {"base": 0.1, "best": left}
+    base, best = Candidate(), Candidate()
+    _leaving(monkeypatch, {id(base): 0.1, id(best): left})
+    assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "worth"), [("layer", False), ("bedrock", True)])
+def test_a_ground_below_layers_past_their_bounds_is_not_worth_reporting(
+    monkeypatch: pytest.MonkeyPatch, name: str, worth: bool
+) -> None:
+    bound = Unknown(PLAIN, BY_NAME[name])
+    base, best = Candidate(), Candidate(fit=Fit([], np.array([]), 0.0, [bound]))
+    _leaving(monkeypatch, {id(base): 0.1, id(best): 0.01})
+    assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
+
+
+def _leaving(monkeypatch: pytest.MonkeyPatch, errors: dict[int, float]) -> None:
     monkeypatch.setattr(
-        "inversion.diagnosis.acceptance.residual_over_peak", lambda _, candidate: errors[candidate]
+        "inversion.diagnosis.acceptance.residual_over_peak",
+        lambda _, candidate: errors[id(candidate)],
     )
-    assert is_worth_reporting(ONE, "base", "best") is worth  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("drops", "sensors", "most"), [(1, 1, 2), (1, 3, 4), (4, 3, 4), (3, 6, 5), (3, 8, 6)]
+)
+def test_many_records_tell_more_effects(drops: int, sensors: int, most: int) -> None:
+    point = Point([Model(np.zeros((sensors, 8)))] * drops)
+    assert reasons(point, Candidate(effects=(EFFECT,) * most)) == []
+    assert reasons(point, Candidate(effects=(EFFECT,) * (most + 1)))
