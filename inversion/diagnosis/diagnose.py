@@ -68,8 +68,8 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         objections = reasons_to_reject(point, best)
         if objections:
             objections.append(
-                f"{names} came nearest, but left more than half of it or ran into a bound: not taken "
-                "over"
+                f"{names} came nearest, but left more than half of it or ran into a bound: not "
+                "taken over"
             )
     # What explains little has no alternatives.
     others = {
