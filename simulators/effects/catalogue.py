@@ -173,6 +173,18 @@ EFFECTS: dict[str, SimulatedEffect] = {
             "layer", "point", (1.15, 0.6, 2.5), _m.layer, "one modulus", True, "few", 1, 2
         ),
         SimulatedEffect(
+            "layer",
+            "point",
+            (0.7, 1.4, 1.8),
+            _m.two_layers,
+            "one modulus",
+            True,
+            "few",
+            1,
+            3,
+            "two",
+        ),
+        SimulatedEffect(
             "stress_dependence", "point", (0.05, 0.2, 0.45), _m.stress_within, "damping, a lag"
         ),
         SimulatedEffect(

@@ -9,7 +9,7 @@ import numpy as np
 
 from simulators.drop import STANDARD_GRAVITY, SimulatedDrop
 from simulators.effects.march import Indentation, strike
-from simulators.effects.response import layered_ground
+from simulators.effects.response import layered_ground, stacked_ground
 from simulators.effects.scene import Scene, SimulatedPoint
 from simulators.effects.soil import Hysteresis, PowerLaw
 from simulators.effects.unmodelled import oscillator
@@ -33,6 +33,20 @@ def layer(scene: Scene, ratio: float) -> SimulatedPoint:
     response = scene.response(site)
     drops = scene.strike_all([response] * len(scene.heights))
     parameters = {"ratio": ratio, "thickness_m": thickness}
+    return SimulatedPoint(
+        scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf
+    )
+
+
+def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
+    """A top of the square of `ratio` over a middle of `ratio`, one plate radius thick each."""
+    below = scene.site.layers[-1]
+    thickness = scene.radius
+    above = ((ratio**2, thickness), (ratio, thickness))
+    site = stacked_ground(below.modulus, above, below.viscosity, below.density, below.poisson_ratio)
+    response = scene.response(site)
+    drops = scene.strike_all([response] * len(scene.heights))
+    parameters = {"ratio": ratio**2, "middle_ratio": ratio, "thickness_m": thickness}
     return SimulatedPoint(
         scene.signals(drops), response.ground.layers[-1].modulus, parameters, math.inf
     )

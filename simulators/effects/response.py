@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -163,6 +164,20 @@ def layered_ground(
     poisson_ratio: float,
 ) -> Ground:
     """A top layer of `ratio` times the modulus (and viscosity) of the ground below, no base."""
-    top = Layer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
+    return stacked_ground(modulus, ((ratio, thickness),), viscosity, density, poisson_ratio)
+
+
+def stacked_ground(
+    modulus: float,
+    above: Sequence[tuple[float, float]],
+    viscosity: float,
+    density: float,
+    poisson_ratio: float,
+) -> Ground:
+    """Layers of given ratios and thicknesses, from the top down, on ground without a base."""
+    layers = [
+        Layer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
+        for ratio, thickness in above
+    ]
     below = Layer(modulus, viscosity, density, poisson_ratio, math.inf)
-    return Ground((top, below), "none")
+    return Ground((*layers, below), "none")
