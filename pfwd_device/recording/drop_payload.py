@@ -1,17 +1,23 @@
 """A drop and its rebounds as the data and arrays of a record, and back, bit by bit."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pfwd_device.drop import Channel, Drop
 from pfwd_device.errors import RecordingError
+from pfwd_device.peaks import Peaks, trace_peaks
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
 
 MOST_SENSORS = 1024
 MOST_REBOUNDS = 1024
+
+PEAKS_VERSION = 1
+"""Of what a record says of the peaks. To be raised when :func:`pfwd_device.peaks.trace_peaks` finds
+others: those of an older record are then computed from its traces."""
 
 Parts = tuple[dict[str, Any], dict[str, Array]]
 
@@ -40,6 +46,58 @@ def drop_parts(record: DropRecord) -> Parts:
 def is_trace(name: str) -> bool:
     """Whether an array of a drop's record is one of its traces, in SI units."""
     return name in ("time", "load") or name.startswith("sensor ")
+
+
+@dataclass(frozen=True, slots=True)
+class DropFacts:
+    """What a row of a table needs of a drop: its peaks, or the traces to find them in."""
+
+    declared: Mapping[str, Any]
+    """As in :class:`DropRecord`."""
+    metadata: Mapping[str, Any]
+    """As in :class:`DropRecord`."""
+    peaks: Peaks | None
+    """As they were recorded; None: they were not."""
+    drop: Drop | None
+    """The traces; None: the peaks are there, and the traces were not read."""
+
+
+def facts_of(record: DropRecord) -> DropFacts:
+    """Those of a drop whose traces are there."""
+    return DropFacts(record.declared, record.metadata, None, record.drop)
+
+
+def peaks_data(drop: Drop) -> dict[str, Any] | None:
+    """What a record says of the peaks of a drop; None when that has to be left to its readers.
+
+    They decide what is to be done about missing samples. A drop with any value that is no finite
+    number is one of those.
+    """
+    values = (drop.time, drop.load, *(channel.values for channel in drop.channels))
+    if not all(np.isfinite(trace).all() for trace in values):
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest
+        peaks = trace_peaks(drop)
+    found = [peak for _, peak in peaks.displacements]
+    if not np.isfinite([peaks.load, *found]).all():
+        return None
+    return {"version": PEAKS_VERSION, "load": peaks.load, "displacements": found}
+
+
+def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
+    """The peaks that a record has; None when it has none, or others than this version writes."""
+    said = data.get("peaks")
+    if not isinstance(said, dict) or said.get("version") != PEAKS_VERSION:
+        return None
+    load, found, sensors = said.get("load"), said.get("displacements"), data.get("sensors")
+    if not isinstance(found, list) or not isinstance(sensors, list) or len(found) != len(sensors):
+        return None
+    try:
+        # As Channel has it: 0.0 takes the sign off -0.
+        offsets = [_number(offset) + 0.0 for offset, _ in sensors]
+        return Peaks(_number(load), tuple(zip(offsets, map(_number, found), strict=True)))
+    except (TypeError, ValueError):
+        return None
 
 
 def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:

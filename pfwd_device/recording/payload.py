@@ -154,7 +154,21 @@ def decode_payload(
         If the payload is anything else than what :func:`encode_payload` makes.
     """
     head, end = _head(payload)
-    rest = payload[end:]
+    return _object(head.get("data")), _arrays(head, payload[end:], wanted)
+
+
+def decode_payload_unless(
+    payload: bytes, enough: Callable[[dict[str, Any]], bool], wanted: Callable[[str], bool]
+) -> tuple[dict[str, Any], dict[str, Array] | None]:
+    """As :func:`decode_payload`; None for the arrays where the data are enough."""
+    head, end = _head(payload)
+    data = _object(head.get("data"))
+    return data, None if enough(data) else _arrays(head, payload[end:], wanted)
+
+
+def _arrays(
+    head: Mapping[str, Any], rest: bytes, wanted: Callable[[str], bool]
+) -> dict[str, Array]:
     described = head.get("arrays")
     if not isinstance(described, list) or len(described) > MOST_ARRAYS:
         raise RecordingError(f"expected a list of at most {MOST_ARRAYS} arrays, came another thing")
@@ -180,7 +194,7 @@ def decode_payload(
         if end <= needed and wanted(name):
             values = np.frombuffer(block, dtype, math.prod(shape), end - size)
             arrays[name] = values.reshape(shape)
-    return _object(head.get("data")), arrays
+    return arrays
 
 
 def payload_data(payload: Payload) -> dict[str, Any]:

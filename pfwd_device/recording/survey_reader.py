@@ -9,9 +9,12 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
+    DropFacts,
     drop_from_parts,
+    facts_of,
     is_trace,
     rebound_from_payload,
+    recorded_peaks,
     with_rebounds,
 )
 from pfwd_device.recording.files import file_facts
@@ -27,7 +30,7 @@ from pfwd_device.recording.index import (
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.payload import decode_payload, payload_data
+from pfwd_device.recording.payload import decode_payload, decode_payload_unless, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
 from pfwd_device.text import clean
@@ -84,6 +87,10 @@ class SurveyDrop:
     def read_traces(self) -> DropRecord:
         """As :meth:`read`, without rebounds and without what the converter gave."""
         return self._survey.read_traces(self.number)
+
+    def read_facts(self) -> DropFacts:
+        """Its peaks where they were recorded, else its traces, with what is known of it."""
+        return self._survey.read_facts(self.number)
 
     def read_file(self) -> bytes | None:
         """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
@@ -174,6 +181,16 @@ class Survey:
             except RecordingError:
                 pass  # damaged since the survey was opened
         return replace(self.read_drop(number), counts=None, rebounds=())
+
+    def read_facts(self, number: int) -> DropFacts:
+        """Peaks of a drop where they were recorded, else its traces, with what is known of it."""
+        entry = self._index.drops.get(number)
+        if entry is not None:
+            try:
+                return self._facts_from_journal(entry)
+            except RecordingError:
+                pass  # damaged since the survey was opened
+        return facts_of(self.read_traces(number))
 
     def read_drop(self, number: int) -> DropRecord:
         """The drop with this survey-wide number, with all its rebounds.
@@ -324,10 +341,23 @@ class Survey:
         else:
             data, arrays = decode_payload(payload)
         record = drop_from_parts(data, arrays)
-        found = (data.get("number"), record.point, record.drop.number)
-        if found != (entry.number, entry.point, entry.drop):
-            raise RecordingError(f"expected drop {entry.number}, came another one")
+        _compare(entry, data.get("number"), record.point, record.drop.number)
         return record
+
+    def _facts_from_journal(self, entry: DropEntry) -> DropFacts:
+        payload = self._frame(entry).payload
+        data, arrays = decode_payload_unless(
+            payload, lambda data: recorded_peaks(data) is not None, is_trace
+        )
+        if arrays is not None:
+            record = drop_from_parts({**data, "rebounds": []}, arrays)
+            _compare(entry, data.get("number"), record.point, record.drop.number)
+            return facts_of(record)
+        _compare(entry, data.get("number"), data.get("point"), data.get("drop"))
+        declared, metadata = data.get("declared"), data.get("metadata")
+        if not isinstance(declared, dict) or not isinstance(metadata, dict):
+            raise RecordingError(f"expected what is known of drop {entry.number}, came others")
+        return DropFacts(declared, metadata, recorded_peaks(data), None)
 
     def _frame(self, entry: DropEntry) -> Frame:
         frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
@@ -384,6 +414,12 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         states = None
     with no_collections():
         return Survey(layout, read_index(layout), states)
+
+
+def _compare(entry: DropEntry, *found: object) -> None:
+    """Refuse the record of another drop: `found` are its number, point and number within it."""
+    if found != (entry.number, entry.point, entry.drop):
+        raise RecordingError(f"expected drop {entry.number}, came another one")
 
 
 def _in_order(paths: list[Path]) -> tuple[Path, ...]:

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording.capture import CaptureWriter
-from pfwd_device.recording.drop_payload import drop_parts, rebound_payload
+from pfwd_device.recording.drop_payload import drop_parts, peaks_data, rebound_payload
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
@@ -290,6 +290,8 @@ class SurveyWriter:
             number = self._index.next_number()
             data, arrays = drop_parts(record)
             data |= {"number": number, "key": key, "restored_from": None}
+            if (peaks := peaks_data(record.drop)) is not None:
+                data["peaks"] = peaks
             entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
             self._index.add(entry, data)
             # The file takes about as much again as the record.

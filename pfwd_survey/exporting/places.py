@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pfwd_device.recording import DropRecord
+from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_survey.files.survey_content import DropContent, PointContent
 
 
@@ -21,7 +21,7 @@ class Place:
     """m; None: not said."""
 
 
-def place_of(point: PointContent, drop: DropContent, record: DropRecord | None) -> Place | None:
+def place_of(point: PointContent, drop: DropContent, record: DropFacts | None) -> Place | None:
     """The position of a drop: what was said later wins over what was recorded.
 
     Returns
@@ -37,7 +37,7 @@ def place_of(point: PointContent, drop: DropContent, record: DropRecord | None) 
     return None
 
 
-def time_of(record: DropRecord | None) -> str | None:
+def time_of(record: DropFacts | None) -> str | None:
     """When a drop fell, ISO 8601; None when nobody said."""
     if record is None:
         return None

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord
+from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
@@ -93,7 +93,7 @@ def _row(
     record, fault = None, None
     result: DropResult | None = None
     try:
-        record = drop.read_traces()
+        record = drop.read_facts()
     except RecordingError as err:
         fault = f"damaged: {err}"
     try:
@@ -106,7 +106,9 @@ def _row(
     except RecordingError as err:
         fault = f"damaged: {err}"
     place = place_of(point, drop, record)
-    peaks = peaks_of(record.drop) if record is not None else None
+    peaks = None
+    if record is not None:
+        peaks = record.peaks if record.drop is None else peaks_of(record.drop)
     values: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
     values |= _facts(content, point, drop, record)
     values |= {
@@ -127,7 +129,7 @@ def _row(
 
 
 def _facts(
-    content: SurveyContent, point: PointContent, drop: DropContent, record: DropRecord | None
+    content: SurveyContent, point: PointContent, drop: DropContent, record: DropFacts | None
 ) -> dict[str, Any]:
     declared = {**(record.declared if record else {}), **point.declared}
     # Said of the point later, wins over what was recorded with the drop.
@@ -151,7 +153,7 @@ def _facts(
     }
 
 
-def _result(result: DropResult, point: PointContent, record: DropRecord | None) -> dict[str, Any]:
+def _result(result: DropResult, point: PointContent, record: DropFacts | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
     found: dict[str, Any] = {}
     said = result.to_json()
@@ -211,7 +213,7 @@ def missing_parts(result: DropResult) -> list[str]:
     return [name for name, there in parts.items() if not there]
 
 
-def _stale(result: DropResult, point: PointContent, record: DropRecord | None) -> list[str]:
+def _stale(result: DropResult, point: PointContent, record: DropFacts | None) -> list[str]:
     """What has been declared otherwise since the result was made."""
     now = {**(record.declared if record else {})}
     for edit in point.edits:

@@ -8,6 +8,7 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
+from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.payload import decode_json
 
 LARGEST_RESULT = 10_000_000
@@ -39,8 +40,8 @@ class DropContent:
     """The stored results, in order; a damaged one raises RecordingError."""
     read_last_result: Callable[[], Result | None] = field(repr=False)
     """The last of the stored results, None where there is none; the others are not looked at."""
-    read_traces: Callable[[], DropRecord] = field(repr=False)
-    """As `read`, maybe without rebounds and without what the converter gave."""
+    read_facts: Callable[[], DropFacts] = field(repr=False)
+    """The drop's peaks or else its traces, with what is known of it; raises as `read`."""
     read_key: Callable[[], str | None] = field(repr=False)
     """What identifies the drop on the instrument."""
     read_file: Callable[[], bytes | None] = field(repr=False, default=lambda: None)
@@ -147,11 +148,15 @@ def _drop(drop: SurveyDrop) -> DropContent:
         edits=drop.edits,
         read=drop.read,
         read_results=lambda: tuple(read_result(path) for path in drop.results),
-        read_last_result=lambda: read_result(drop.results[-1]) if drop.results else None,
-        read_traces=drop.read_traces,
+        read_last_result=lambda: _last_result(drop.results),
+        read_facts=drop.read_facts,
         read_key=lambda: drop.key,
         read_file=drop.read_file,
     )
+
+
+def _last_result(paths: tuple[Path, ...]) -> Result | None:
+    return read_result(paths[-1]) if paths else None
 
 
 def read_result(path: Path) -> Result:

@@ -30,6 +30,7 @@ from pfwd_device.recording.drop_file import (
     software_version,
     write_drop,
 )
+from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.hdf5_tree import (
     Attribute,
     Dataset,
@@ -495,7 +496,7 @@ def _drop(path: str, said: Mapping[str, Any], there: Container[str]) -> DropCont
         read=partial(read, path, number, written),
         read_results=partial(_results_of, path, number, results),
         read_last_result=partial(_last_result_of, path, number, results),
-        read_traces=partial(read, path, number, written),
+        read_facts=lambda: facts_of(read(path, number, written)),
         read_key=partial(_text_or_none, said["key"]),
     )
 

@@ -352,7 +352,7 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_rebound(2, Rebound(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
     assert len(folder_content(survey).drops[1].read().rebounds) == 2
-    drop = folder_content(survey).drops[1]
+    drop = read_survey(survey).drops[1]
     whole, traces = drop.read(), drop.read_traces()
     assert whole.counts is not None
     assert (traces.rebounds, traces.counts) == ((), None)

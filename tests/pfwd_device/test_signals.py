@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Channel
-from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_device.signals import displacement_of, quiet_samples, remove_offset
 
 TIME = np.arange(-10, 90) / 1000
 

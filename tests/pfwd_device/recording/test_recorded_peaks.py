@@ -1,0 +1,84 @@
+"""What a drop's record says of its peaks, and when it is taken."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd_device import Channel, Drop
+from pfwd_device.peaks import Peaks, trace_peaks
+from pfwd_device.recording.drop_payload import PEAKS_VERSION, peaks_data, recorded_peaks
+
+TIME = np.arange(-8, 24) / 1024
+
+
+def a_drop(**changed: Any) -> Drop:
+    """Traces whose sums are exact in binary numbers, so that every machine finds the same."""
+    load = 16.0 + np.maximum(0.0, np.arange(-8.0, 24.0)) * 64
+    velocity = np.where(TIME > 0, 0.5, 0.0) - 0.25
+    channels = (Channel(-0.0, "velocity", velocity), Channel(-0.5, "displacement", load / 2**20))
+    parts: dict[str, Any] = {"number": 1, "time": TIME, "load": load, "channels": channels}
+    return Drop(**{**parts, **changed})
+
+
+def record_data(**changed: Any) -> dict[str, Any]:
+    peaks = peaks_data(a_drop())
+    assert peaks is not None
+    sensors = [[-0.0, "velocity"], [-0.5, "displacement"]]
+    return {"sensors": sensors, "peaks": {**peaks, **changed}}
+
+
+def test_these_numbers_change_only_with_the_version() -> None:
+    """Whoever changes what peaks are has to raise the version, else old records are taken."""
+    found = trace_peaks(a_drop())
+    assert (PEAKS_VERSION, found.load) == (1, 23 * 64.0)
+    # Half a metre a second, from rest through one step of half that, then 22 whole ones.
+    assert found.displacements == ((0.0, 22.5 * 0.5 / 1024), (-0.5, 23 * 64.0 / 2**20))
+    assert peaks_data(a_drop()) == {
+        "version": 1,
+        "load": 1472.0,
+        "displacements": [0.010986328125, 0.001403808593750],
+    }
+
+
+def test_peaks_come_back_bit_by_bit() -> None:
+    assert recorded_peaks(record_data()) == trace_peaks(a_drop())
+    assert str(recorded_peaks(record_data())).count("-0.0") == 0
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"version": PEAKS_VERSION + 1},
+        {"version": None},
+        {"load": "8"},
+        {"load": None},
+        {"load": True},
+        {"displacements": [0.1]},
+        {"displacements": [0.1, "0.2"]},
+        {"displacements": 0.1},
+    ],
+)
+def test_other_peaks_than_this_version_writes_are_left(changed: dict[str, Any]) -> None:
+    assert recorded_peaks(record_data(**changed)) is None
+
+
+@pytest.mark.parametrize("said", [None, [], "8000 N", 3])
+def test_a_record_without_peaks_has_none(said: object) -> None:
+    assert recorded_peaks({**record_data(), "peaks": said}) is None
+    assert recorded_peaks({"sensors": []}) is None
+
+
+def test_sensors_that_are_none_leave_the_peaks() -> None:
+    assert recorded_peaks({**record_data(), "sensors": [1, 2]}) is None
+    assert recorded_peaks({**record_data(), "sensors": [["0", "velocity"], [0, "x"]]}) is None
+
+
+@pytest.mark.parametrize("strange", [np.nan, np.inf])
+def test_missing_samples_are_left_to_readers(strange: float) -> None:
+    values = a_drop().load.copy()
+    values[-1] = strange
+    assert peaks_data(a_drop(load=values)) is None
+    assert peaks_data(a_drop(channels=(Channel(0.0, "velocity", values),))) is None
+    assert peaks_data(a_drop(channels=())) == {"version": 1, "load": 1472.0, "displacements": []}
+    assert Peaks(1.0, ()).centre is None
