@@ -364,7 +364,10 @@ def read_index(layout: Layout) -> Index:
 
 @contextlib.contextmanager
 def no_collections() -> Iterator[None]:
-    """Python does not look for cycles meanwhile: an index has several 100,000 tuples and none."""
+    """Python does not look for cycles meanwhile.
+
+    An index has several 100,000 tuples and none, as have the rows of a table.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -14,7 +14,7 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from itertools import accumulate
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,13 @@ DTYPES = ("<f8", "<i4", "|u1")
 
 _LENGTH = struct.Struct("<I")
 _DECODE = json.JSONDecoder().raw_decode
+_BLANKS = b" \t\n\r"
+"""Those of JSON."""
 _SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
 Payload = bytes | memoryview
+Found = TypeVar("Found")
 
 
 def encode_json(data: Any) -> str:
@@ -76,11 +79,12 @@ def decode_json(text: str | bytes) -> Any:
         raise RecordingError(problem)
     try:
         if isinstance(text, bytes) and text.isascii():
-            # Half of the time goes to telling UTF-16 and others, and to blanks around the value;
-            # nobody writes those. An error is found again, and told, below.
+            # Half of the time goes to telling UTF-16 and others, and to blanks before the value;
+            # nobody writes those. A result's file ends with the end of a line. An error is found
+            # again, and told, below.
             with contextlib.suppress(ValueError):
                 value, end = _DECODE(text.decode("ascii"))
-                if end == len(text):
+                if end == len(text) or not text[end:].strip(_BLANKS):
                     return value
         return json.loads(text)
     except (ValueError, RecursionError) as err:  # UnicodeDecodeError is a ValueError
@@ -158,12 +162,13 @@ def decode_payload(
 
 
 def decode_payload_unless(
-    payload: bytes, enough: Callable[[dict[str, Any]], bool], wanted: Callable[[str], bool]
-) -> tuple[dict[str, Any], dict[str, Array] | None]:
-    """As :func:`decode_payload`; None for the arrays where the data are enough."""
+    payload: bytes, find: Callable[[dict[str, Any]], Found | None], wanted: Callable[[str], bool]
+) -> tuple[dict[str, Any], Found | dict[str, Array]]:
+    """As :func:`decode_payload`, with what is found in the data in place of the arrays."""
     head, end = _head(payload)
     data = _object(head.get("data"))
-    return data, None if enough(data) else _arrays(head, payload[end:], wanted)
+    found = find(data)
+    return data, _arrays(head, payload[end:], wanted) if found is None else found
 
 
 def _arrays(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.peaks import Peaks
 from pfwd_device.recording.drop_payload import (
     DropFacts,
     drop_from_parts,
@@ -68,6 +69,11 @@ class SurveyDrop:
     def results(self) -> tuple[Path, ...]:
         """Files with results, in order."""
         return self._survey.results_of(self.number)
+
+    @property
+    def last_result(self) -> Path | None:
+        """The last of them."""
+        return self._survey.last_result_of(self.number)
 
     @property
     def file(self) -> Path | None:
@@ -233,6 +239,12 @@ class Survey:
         """Files with results of the drop with this survey-wide number, in order."""
         return _in_order([self.folder / path for path in self._results.get(number, ())])
 
+    def last_result_of(self, number: int) -> Path | None:
+        """The last of the files with results of the drop with this survey-wide number."""
+        # All of them are in one folder, so that paths have the order of names.
+        paths = self._results.get(number)
+        return self.folder / max(paths, key=lambda path: (len(path), path)) if paths else None
+
     def file_of(self, number: int) -> Path | None:
         """The HDF5 file of the drop with this survey-wide number, when it is published."""
         name = self._layout.drop_file_name(number)
@@ -346,18 +358,16 @@ class Survey:
 
     def _facts_from_journal(self, entry: DropEntry) -> DropFacts:
         payload = self._frame(entry).payload
-        data, arrays = decode_payload_unless(
-            payload, lambda data: recorded_peaks(data) is not None, is_trace
-        )
-        if arrays is not None:
-            record = drop_from_parts({**data, "rebounds": []}, arrays)
+        data, found = decode_payload_unless(payload, recorded_peaks, is_trace)
+        if not isinstance(found, Peaks):
+            record = drop_from_parts({**data, "rebounds": []}, found)
             _compare(entry, data.get("number"), record.point, record.drop.number)
             return facts_of(record)
         _compare(entry, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
             raise RecordingError(f"expected what is known of drop {entry.number}, came others")
-        return DropFacts(declared, metadata, recorded_peaks(data), None)
+        return DropFacts(declared, metadata, found, None)
 
     def _frame(self, entry: DropEntry) -> Frame:
         frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)

@@ -58,6 +58,8 @@ def _place(said: Any) -> Place | None:
 
 def number(value: object) -> float | None:
     """A finite number; None when it is none."""
+    if type(value) is float:  # nearly always
+        return value if math.isfinite(value) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

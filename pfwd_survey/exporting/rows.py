@@ -7,6 +7,7 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
+from pfwd_device.recording.index import no_collections
 from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
@@ -24,6 +25,9 @@ OF_THE_SURVEY = (
     "peak_load_n",
 )
 """Columns that say what the survey says now, not what was known when the result was found."""
+
+_OF_A_RESULT = {c.name: c.kind for c in COLUMNS if c.name not in OF_THE_SURVEY}
+_EMPTY: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
 
 SAME = 1e-9
 """Relative difference up to which two declared values are one."""
@@ -70,7 +74,8 @@ class Order:
     @cached_property
     def rows(self) -> list[Row]:
         """All drops, point by point; read once."""
-        return list(rows_of(self.content, self.inverted))
+        with no_collections():
+            return list(rows_of(self.content, self.inverted))
 
 
 def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator[Row]:
@@ -109,7 +114,7 @@ def _row(
     peaks = None
     if record is not None:
         peaks = record.peaks if record.drop is None else peaks_of(record.drop)
-    values: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
+    values: dict[str, Any] = dict(_EMPTY)
     values |= _facts(content, point, drop, record)
     values |= {
         "latitude": place and place.latitude,
@@ -156,24 +161,18 @@ def _facts(
 def _result(result: DropResult, point: PointContent, record: DropFacts | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
     found: dict[str, Any] = {}
-    said = result.to_json()
-    for column in COLUMNS:
-        if column.name not in said:
-            continue
-        value = said[column.name]
-        match column.kind:
+    for name, value in result.values(_OF_A_RESULT).items():
+        match _OF_A_RESULT[name]:
             case "number":
-                found[column.name] = number(value)
+                found[name] = number(value)
             case "whole":
-                found[column.name] = value if type(value) is int else None
+                found[name] = value if type(value) is int else None
             case "flag":
-                found[column.name] = value if isinstance(value, bool) else None
+                found[name] = value if isinstance(value, bool) else None
             case "text":
-                found[column.name] = _text(value)
+                found[name] = _text(value)
             case "texts":
-                found[column.name] = _texts(value)
-    for name in OF_THE_SURVEY:
-        found.pop(name, None)
+                found[name] = _texts(value)
     for key, unit, ends in (
         ("modulus_interval", "pa", result.modulus_interval_pa),
         ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),

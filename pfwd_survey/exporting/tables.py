@@ -84,6 +84,8 @@ def cell(value: Any) -> str:
     >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"])
     ('-1.5', "'-1.5", '', 'true', 'a; =b')
     """
+    if type(value) is float:  # nearly always
+        return repr(value)
     match value:
         case None:
             return ""

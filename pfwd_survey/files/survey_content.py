@@ -148,15 +148,15 @@ def _drop(drop: SurveyDrop) -> DropContent:
         edits=drop.edits,
         read=drop.read,
         read_results=lambda: tuple(read_result(path) for path in drop.results),
-        read_last_result=lambda: _last_result(drop.results),
+        read_last_result=lambda: _last_result(drop.last_result),
         read_facts=drop.read_facts,
         read_key=lambda: drop.key,
         read_file=drop.read_file,
     )
 
 
-def _last_result(paths: tuple[Path, ...]) -> Result | None:
-    return read_result(paths[-1]) if paths else None
+def _last_result(path: Path | None) -> Result | None:
+    return None if path is None else read_result(path)
 
 
 def read_result(path: Path) -> Result:

@@ -7,7 +7,7 @@ is a key that nobody here knows, and both are written again as they came.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
 
 from pfwd_survey.errors import SurveyError
@@ -76,6 +76,20 @@ class StoredRecord:
                     more[key] = value
         return cls(**known, more=more)
 
+    def values(self, keys: Iterable[str]) -> dict[str, Any]:
+        """What :meth:`to_json` has for these keys; a further record is left out."""
+        readers, more = _readers(type(self)), self.more
+        said: dict[str, Any] = {}
+        for key in keys:
+            if key in more:
+                said[key] = more[key]
+            elif key in readers:
+                value = getattr(self, key)
+                if (value is None and key in self.LEFT_OUT) or isinstance(value, StoredRecord):
+                    continue
+                said[key] = _plain(value)
+        return said
+
     @property
     def unreadable(self) -> frozenset[str]:
         """Keys that were there with a value of another type."""
@@ -101,6 +115,8 @@ def is_number(value: object) -> bool:
 
 
 def _number(value: Any) -> float | None:
+    if type(value) is float:  # nearly always
+        return value if math.isfinite(value) else None
     return value if is_number(value) else None
 
 

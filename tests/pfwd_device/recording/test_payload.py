@@ -26,6 +26,7 @@ from pfwd_device.recording.drop_payload import (
 )
 from pfwd_device.recording.payload import (
     content_digest,
+    decode_json,
     decode_payload,
     encode_payload,
     payload_data,
@@ -250,3 +251,17 @@ def test_data_of_another_kind_are_no_drop(change: dict[str, Any]) -> None:
     for key in sound:
         with pytest.raises(RecordingError, match="expected the data of a drop, came others"):
             drop_from_parts({k: v for k, v in sound.items() if k != key}, arrays)
+
+
+@given(
+    JSON, *(st.sampled_from([b"", b" ", b"\n", b"\r\n\t ", b"\x0b", b"\x00", b"\xa0", b"1"]),) * 2
+)
+def test_json_between_blanks_is_read_as_python_does(data: Any, before: bytes, after: bytes) -> None:
+    text = before + json.dumps(data).encode() + after
+    try:
+        expected = json.loads(text)
+    except ValueError:
+        with pytest.raises(RecordingError, match="expected JSON"):
+            decode_json(text)
+        return
+    assert repr(decode_json(text)) == repr(expected)

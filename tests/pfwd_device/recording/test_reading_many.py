@@ -307,3 +307,16 @@ def test_a_survey_of_a_newer_version_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"".join(data))
     with pytest.raises(RecordingError, match="format version 1, came 2"):
         read_survey(folder)
+
+
+def test_the_last_of_many_results_is_the_one_written_last(
+    tmp_path: Path, new_survey: Callable[..., dict[int, str]]
+) -> None:
+    new_survey(tmp_path / "s", extras=False)
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        for seed in range(1, 12):
+            writer.save_result(1, {"seed": seed})
+    first, second, _ = read_survey(tmp_path / "s").drops
+    assert len(first.results) == 11
+    assert first.last_result == first.results[-1] == tmp_path / "s/results/drop-000001-11.json"
+    assert (second.results, second.last_result) == ((), None)

@@ -277,3 +277,17 @@ def test_the_method_that_ran_is_told() -> None:
         said = json.loads(json.dumps(drop_result("x", analysis).to_json()))
         assert said["method"] == name
         assert DropResult.from_json(said).method == name
+
+
+def test_values_are_those_of_the_json() -> None:
+    """Read for some keys alone, as a table does; a further record is left out."""
+    more = {"reason": None, "drop": "3", "layers": 7, "colour": ["red"], "seed": 1}
+    given = {"half_sine": {"duration_s": 0.02}, "warnings": ["a"], "modulus_interval_pa": [1, 2.5]}
+    for said in ({}, more, given, {**more, **given, "modulus_pa": math.nan}):
+        result = DropResult.from_json(said)
+        written = result.to_json()
+        keys = [*written, "point", "refit", "nobody knows it", "to_json", "more"]
+        expected = {key: written[key] for key in keys if key in written}
+        if result.half_sine is not None:
+            del expected["half_sine"]
+        assert repr(result.values(keys)) == repr(expected)
