@@ -55,7 +55,6 @@ from pfwd_survey.files.survey_content import (
     PointContent,
     Result,
     SurveyContent,
-    parse_result,
 )
 from pfwd_survey.spawning import worker_pool
 
@@ -565,7 +564,7 @@ def _read_results(
     group = find(file, folder, path)
     if written is not None and group is not None and read_attributes(group, folder):
         raise RecordingError(f"{path}, {folder}: expected no attributes, came some")
-    return tuple(parse_result(encode_json(result), f"{path}, drop {number}") for result in results)
+    return tuple(results)
 
 
 def _text_dataset(text: str) -> Dataset:
