@@ -9,11 +9,23 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
+from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.files.reading import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
+
+__all__ = [
+    "Edit",
+    "edit_survey",
+    "no_collections",
+    "overview_of",
+    "parse_declaration_option",
+    "parse_position",
+    "survey_overview",
+    "target_pa",
+]
 
 
 @dataclass(frozen=True, slots=True)

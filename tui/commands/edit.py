@@ -8,6 +8,7 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
+    no_collections,
     overview_of,
     parse_declaration_option,
     parse_position,
@@ -19,6 +20,11 @@ from tui.output import clean
 
 def run(args: argparse.Namespace) -> int:
     """Add the edits, then show the points."""
+    with no_collections():  # what is read is needed to the end
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     edits = _edits(args)
     if edits or args.point is not None or args.drop is not None:
         points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))

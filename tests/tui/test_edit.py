@@ -1,0 +1,33 @@
+"""The command ``pfwd edit``, called in this process."""
+
+import gc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd_device import Drop
+from pfwd_device.recording import DropRecord, SurveyWriter
+from tui.cli import main
+from tui.commands import edit
+
+
+def test_nobody_looks_for_cycles_while_a_survey_is_read_and_edited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are a tenth of what a note on one of 10,000 drops costs."""
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        drop = Drop(1, np.arange(4.0), np.zeros(4), ())
+        writer.save_drop(DropRecord("P", drop))
+    seen: list[bool] = []
+    overview = edit.overview_of
+
+    def noted(survey: Any) -> Any:
+        seen.append(gc.isenabled())
+        return overview(survey)
+
+    monkeypatch.setattr(edit, "overview_of", noted)
+    assert main(["edit", str(tmp_path / "s"), "--note", "wet"]) == 0
+    assert (seen, gc.isenabled()) == ([False], True)
+    assert "note: wet" in capsys.readouterr().out
