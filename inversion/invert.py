@@ -497,6 +497,7 @@ def _time_histories(
         observed=drop.displacement,
         predicted=predicted,
         offsets=drop.positions,
+        peaks=drop.peak_displacement,
         window_end=drop.window_end + drop.start,
         contact_end=drop.contact_end + drop.start,
     )

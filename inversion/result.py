@@ -91,6 +91,7 @@ class TimeHistories:
     load, model_load : (n,) ndarray of float, N: measured without offset, and as the model saw it
     observed, predicted : (n_sensors, n) ndarray of float, m
     offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
+    peaks : (n_sensors,) ndarray of float, m: observed, before a second contact
     window_end, contact_end : float, s: last sample of the fit; load at 3 % of its peak
     """
 
@@ -100,6 +101,7 @@ class TimeHistories:
     observed: FloatArray
     predicted: FloatArray
     offsets: FloatArray
+    peaks: FloatArray
     window_end: float
     contact_end: float
 

@@ -122,19 +122,7 @@ def _add_invert(commands: "Commands") -> None:
         metavar="M",
         help="depth of the rigid base in m, or unknown, or none",
     )
-    model.add_argument(
-        "--layers",
-        type=layers,
-        metavar="N",
-        help="media with a modulus, the lowest included, 1 to 4 (default 1), or auto: as many as "
-        "the record can tell",
-    )
-    model.add_argument(
-        "--thickness",
-        type=thickness,
-        metavar="M[,M...]",
-        help="of all layers but the lowest, from the top, m, or unknown (default: fitted)",
-    )
+    _add_layers(model, "default 1")
     model.add_argument("--elastic", action="store_true", help="no viscosity")
     model.add_argument("--load", choices=["measured", "half-sine"])
     model.add_argument("--plate", choices=["rigid-rough", "rigid-smooth", "published", "uniform"])
@@ -219,6 +207,7 @@ def _add_live(commands: "Commands") -> None:
     _add_procedure_and_gps(live)
     live.add_argument("--target", type=number, metavar="MPA", help="target modulus, MPa")
     live.add_argument("--no-invert", action="store_true", help="record only")
+    _add_layers(live, "default 1")
     _add_seed(live)
 
 
@@ -244,6 +233,7 @@ def _add_log(commands: "Commands") -> None:
         help="end with status 3 when the instrument is lost for so long (default: wait for ever)",
     )
     log.add_argument("--no-bell", action="store_true", help="no bell for a safe drop")
+    _add_layers(log, "default 1")
     _add_seed(log)
     log.add_argument("--json", action="store_true", help=_JSON)
 
@@ -269,6 +259,7 @@ def _add_replay(commands: "Commands") -> None:
     _add_spare(replay)
     replay.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
+    _add_layers(replay, "default 1")
     _add_seed(replay)
     replay.add_argument("--json", action="store_true", help=_JSON)
 
@@ -408,6 +399,7 @@ def _add_report(commands: "Commands") -> None:
         metavar="MM",
         help="the same for a procedure that judges deflections, mm",
     )
+    _add_layers(report, "given: all is inverted anew; default: what the survey holds")
     report.add_argument("--refit", action="store_true", help="invert anew, whatever is stored")
     report.add_argument(
         "--diagnose", action="store_true", help="ask what is behind the residuals (slow)"
@@ -490,6 +482,22 @@ def _add_known(parser: argparse.ArgumentParser) -> None:
     known.add_argument("--poisson-ratio", type=number, metavar="NU", help="0 <= NU < 0.5")
     known.add_argument("--density", type=number, metavar="RHO", help="kg/m3")
     known.add_argument("--plate-mass", type=number, metavar="KG", help="kg below the load cell")
+
+
+def _add_layers(parser: "Parser", otherwise: str) -> None:
+    parser.add_argument(
+        "--layers",
+        type=layers,
+        metavar="N",
+        help=f"media with a modulus, the lowest included, 1 to 4 ({otherwise}), or auto: as many "
+        "as the record can tell",
+    )
+    parser.add_argument(
+        "--thickness",
+        type=thickness,
+        metavar="M[,M...]",
+        help="of all layers but the lowest, from the top, m, or unknown (default: fitted)",
+    )
 
 
 def _add_seed(parser: "Parser") -> None:

@@ -55,7 +55,7 @@ def place(report: Report) -> dict[int, tuple[float, float]]:
 
 def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
     """Points from above, by their verdict."""
-    axes = figure.subplots(gridspec_kw=_margins(0.11, 0.97, 0.17, 0.96))
+    axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
     places = place(report)
     for index, (east, north) in places.items():
         point = report.points[index]
@@ -94,12 +94,12 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
         fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "0.2"},
     )
-    _finish(axes)
+    finish(axes)
 
 
 def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
     """What is judged, point by point, with intervals and targets."""
-    axes = figure.subplots(gridspec_kw=_margins(0.09, 0.98, 0.22, 0.96))
+    axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.22, 0.96))
     distances = _distances(report)
     deflection = report.procedure.quantity is Quantity.DEFLECTION
     scale = 1e3 if deflection else 1e-6
@@ -147,7 +147,7 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     axes.margins(x=0.06 if len(report.points) > 1 else 0.5)
     if told:
         axes.legend(fontsize=7, loc="lower right", ncols=4)
-    _finish(axes)
+    finish(axes)
 
 
 def _distances(report: Report) -> list[float]:
@@ -182,7 +182,7 @@ def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
         1,
         sharex=True,
         height_ratios=(1.0, 1.6, 1.0),
-        gridspec_kw={**_margins(0.09, 0.985, 0.115, 0.985), "hspace": 0.1},
+        gridspec_kw={**margins(0.09, 0.985, 0.115, 0.985), "hspace": 0.1},
     )
     ends = []
     for index, drop in enumerate(drops):
@@ -222,7 +222,7 @@ def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
     residual.set_xlabel(texts["time_axis"], fontsize=8)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
-        _finish(axes)
+        finish(axes)
     left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
     for offset in left_out:
         # Its name alone: what a loose sensor recorded would squeeze the others into a line.
@@ -245,7 +245,7 @@ def _end(curves: Curves) -> float:
 def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
     """Deflection by drop, and the modulus beside it."""
     left, right = figure.subplots(
-        1, 2, gridspec_kw={**_margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
+        1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
     )
     kinds = dict(point.progress.kinds)
     shapes = {"seating": ("s", "white"), "measured": ("o", COLOURS[0]), "discarded": ("x", "0.4")}
@@ -293,17 +293,17 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
         axes.margins(x=0.08)
         axes.set_ylim(0, 1.15 * (highest[id(axes)] or 1.0))
         axes.xaxis.get_major_locator().set_params(integer=True)
-        _finish(axes)
+        finish(axes)
     if told:
         left.legend(fontsize=7, loc="lower right")
 
 
-def _margins(left: float, right: float, bottom: float, top: float) -> dict[str, float]:
+def margins(left: float, right: float, bottom: float, top: float) -> dict[str, float]:
     """Given, not found: parts of a page are not laid out by matplotlib."""
     return {"left": left, "right": right, "bottom": bottom, "top": top}
 
 
-def _finish(axes: Any) -> None:
+def finish(axes: Any) -> None:
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):

@@ -217,6 +217,7 @@ def _curves(
         observed=_double(prepared.displacement),
         predicted=_double(predicted),
         offsets=_double(prepared.positions),
+        peaks=_double(prepared.peak_displacement),
         window_end=float(result.window_end_s or prepared.window_end + prepared.start),
         contact_end=float(result.contact_end_s or prepared.contact_end + prepared.start),
     )

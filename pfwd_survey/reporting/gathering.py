@@ -20,11 +20,17 @@ from pfwd_survey.files.survey_content import read_result
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.options import (
+    MOST_LAYERS,
+    AnalysisOptions,
+    Layers,
+    Thickness,
+)
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.procedures import (
+    Kind,
     Procedure,
     Quantity,
     find_procedure,
@@ -67,13 +73,33 @@ class ReportOptions:
     """Ask what is behind the residuals."""
     seed: int = 0
     """Of the search, for what is inverted here."""
+    layers: Layers | None = None
+    """Media to invert anew with, whatever is stored; None: what is stored counts."""
+    thickness: Thickness | None = None
+    """Of all media but the lowest, from the top, m; None: fitted."""
 
     def __post_init__(self) -> None:
+        self.analysis  # noqa: B018 - refuses layers that cannot be
         for name in ("target", "target_deflection"):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 option = "--" + name.replace("_", "-")
                 raise OptionError(refusal(option, "a number > 0", f"{value:g}"))
+
+    @property
+    def analysis(self) -> AnalysisOptions:
+        """With which drops are inverted for the report.
+
+        Raises
+        ------
+        OptionError
+        """
+        return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
+
+    @property
+    def anew(self) -> bool:
+        """Whether stored results do not count: they were found with other layers, or none."""
+        return self.refit or self.layers is not None
 
 
 def gather(
@@ -125,6 +151,7 @@ def gather(
             "plate": "rigid-rough",
             "load": "measured",
             "sensors": "all",
+            **_layer_settings(options),
             "seed": options.seed,
         },
         command=_command(str(folder), options),
@@ -176,6 +203,22 @@ def _version(package: str) -> str:
         return "not installed"
 
 
+def _layer_settings(options: ReportOptions) -> dict[str, Any]:
+    """What was asked of the layers, as words of the command line."""
+    if options.layers is None:
+        return {}
+    said: dict[str, Any] = {"layers": options.layers}
+    if options.thickness is not None:
+        said["thickness"] = _thickness_text(options.thickness)
+    return said
+
+
+def _thickness_text(thickness: Thickness) -> str:
+    if isinstance(thickness, str):
+        return thickness
+    return ",".join(f"{value:g}" for value in thickness)
+
+
 def _command(folder: str, options: ReportOptions) -> str:
     words = ["pfwd", "report", folder, "-o", "report.html"]
     for name in ("language", "title", "procedure"):
@@ -186,6 +229,8 @@ def _command(folder: str, options: ReportOptions) -> str:
         words += ["--target", f"{options.target / 1e6:g}"]
     if options.target_deflection is not None:
         words += ["--target-deflection", f"{options.target_deflection * 1e3:g}"]
+    for name, said in _layer_settings(options).items():
+        words += [f"--{name}", str(said)]
     words += ["--refit"] if options.refit else []
     words += ["--diagnose"] if options.diagnose else []
     return shlex.join([*words, "--seed", str(options.seed)])
@@ -200,7 +245,7 @@ class _Gatherer:
         self._survey = survey
         self._options = options
         self._procedure = procedure
-        self._analysis = AnalysisOptions(seed=options.seed)
+        self._analysis = options.analysis
         self._library = SurrogateLibrary()
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
@@ -257,6 +302,7 @@ class _Gatherer:
         warnings = list(setup_warnings(setup))
         if setup.poisson_ratio is None:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
+        warnings += _said_of_layers(found, self._procedure)
         return ReportPoint(
             name=point.title,
             setup=setup,
@@ -274,16 +320,16 @@ class _Gatherer:
     ) -> ReportDrop:
         result, stored, warnings = None, False, list(screening.warnings)
         if not kept.discarded and screening.status != "rejected":
-            result = None if self._options.refit else _stored(kept)
+            result = None if self._options.anew else _stored(kept)
+            options = self._analysis
             if result is not None and not rests_on(result, setup):
+                options = _with_layers_of(result, options)
                 result = None
                 warnings.append("declared values were changed since: inverted anew")
             stored = result is not None
             if result is None:
                 self.tell(f"  drop {kept.drop} is inverted")
-                analysis = analyse_drop(
-                    record.drop, setup, screening, self._analysis, self._library
-                )
+                analysis = analyse_drop(record.drop, setup, screening, options, self._library)
                 result = drop_result(str(kept.file or self._survey.folder), analysis)
             warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
@@ -306,6 +352,30 @@ class _Gatherer:
             checksum=_checksum(kept.file),
             left_out=screening.left_out,
         )
+
+
+def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[str]:
+    """What a modulus means where the ground has layers; it is no modulus of homogeneous ground."""
+    numbers = {
+        len(drop.result.layers or ()) or 1
+        for drop in drops
+        if drop.result is not None and drop.facts.kind in (Kind.MEASURED, Kind.SEATING)
+    }
+    if not numbers or max(numbers) == 1:
+        return []
+    what = "modulus E is that of the lowest medium, below the layers"
+    if procedure.quantity is Quantity.MODULUS:
+        what += "; the average and a target refer to it, and drops that leave it open take no part"
+    if len(numbers) > 1:
+        listed = " and ".join(map(str, sorted(numbers)))
+        what += f"; the drops of the point have {listed} media, and their moduli differ in meaning"
+    return [what]
+
+
+def _with_layers_of(result: DropResult, options: AnalysisOptions) -> AnalysisOptions:
+    """The options with as many media as a result has, so that its modulus keeps its meaning."""
+    media = len(result.layers or ())
+    return replace(options, layers=media) if 1 < media <= MOST_LAYERS else options
 
 
 def _later(point: SurveyPoint) -> dict[str, Any]:

@@ -19,10 +19,12 @@ from pfwd_survey.reporting.blocks import (
     Picture,
     Table,
 )
-from pfwd_survey.reporting.content import Report, ReportPoint
+from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.drawing import draw_compaction, draw_traces
+from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
 from pfwd_survey.reporting.point_facts import (
     all_warnings,
+    effective_result,
     first_result,
     mean_modulus,
     used_drops,
@@ -58,6 +60,7 @@ def point_blocks(point: ReportPoint, report: Report, texts: Texts) -> list[Block
             tuple(row for row in _rows(point, report, texts) if row[1] and row[1] != shown.NOTHING)
         ),
         *_pictures(point, texts),
+        *ground_blocks(_traced(point), point.name, texts),
         *_results(point, texts),
         *_remarks(point, texts),
         Heading(texts["diagnosis"], 3),
@@ -82,6 +85,7 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
             texts["modulus"],
             f"{mean_modulus(point, texts)}; {shown.basis_of(first_result(point))}",
         ),
+        (texts["effective"], effective_of(effective_result(point), texts)),
         (texts["target"], _target(point, report)),
         (texts["used"], ", ".join(map(str, progress.used)) or shown.NOTHING),
         (
@@ -102,11 +106,15 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
     return rows
 
 
+def _traced(point: ReportPoint) -> list[ReportDrop]:
+    """The drops whose curves are shown."""
+    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
+    return traced or [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
+
+
 def _pictures(point: ReportPoint, texts: Texts) -> list[Block]:
     blocks: list[Block] = []
-    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
-    if not traced:
-        traced = [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
+    traced = _traced(point)
     if traced:
         names = ", ".join(str(drop.number) for drop in traced)
         caption = f"{texts['traces']}, {texts['drops']} {names}. {texts['traces_note']}"

@@ -25,6 +25,14 @@ def first_result(point: ReportPoint) -> DropResult | None:
     return None
 
 
+def effective_result(point: ReportPoint) -> DropResult:
+    """The first result with an effective modulus, of an averaged drop where there is one."""
+    for drop in (*used_drops(point), *point.drops):
+        if drop.result is not None and drop.result.effective_modulus_pa is not None:
+            return drop.result
+    return DropResult()
+
+
 def mean_modulus(point: ReportPoint, texts: Texts) -> str:
     """Mean modulus of the inversion over the averaged drops, whatever the procedure judges."""
     facts = [drop.facts for drop in used_drops(point)]

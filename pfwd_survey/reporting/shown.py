@@ -85,6 +85,8 @@ def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
     if result is None or result.model is None:
         return NOTHING
     model = result.model
+    if result.layers and len(result.layers) > 1:
+        model = f"lowest of {len(result.layers)} media, {model}"
     if with_depth and result.bedrock_depth_m is not None:
         depth = with_deviation(result.bedrock_depth_m, result.bedrock_depth_sd_m, 1.0, "m")
         model += f" {depth}"

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import sys
 
-from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.position import PositionReceiver
@@ -12,6 +11,7 @@ from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
 from pfwd_survey.procedures import find_procedure
 from tui.log_file import close_log, open_log
+from tui.measuring_options import measuring_options
 from tui.output import say
 from tui.session_lines import SessionLines
 
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     setup = read_setup_file(args.setup) if args.setup else MeasuringSetup()
     if args.procedure is not None:
         setup = with_procedure(setup, find_procedure(args.procedure))
-    options = None if args.no_invert else AnalysisOptions(seed=args.seed)
+    options = measuring_options(args)
     receiver = PositionReceiver(args.gps) if args.gps is not None else None
     plan = SessionPlan(
         point=args.point,

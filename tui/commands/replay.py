@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.measure import replay, stopped_by_signals
 from pfwd_survey.measuring.setup_file import read_setup_file
 from tui.commands.log import STATUS_OF_ENDING
+from tui.measuring_options import measuring_options
 from tui.session_lines import SessionLines
 
 
@@ -14,7 +14,7 @@ def run(args: argparse.Namespace) -> int:
     """Detect, judge and invert what was recorded, again."""
     if args.live and not args.json:
         return _on_screen(args)
-    options = None if args.no_invert else AnalysisOptions(seed=args.seed)
+    options = measuring_options(args)
     lines = SessionLines(as_json=args.json, analysed=options is not None)
     ending = replay(
         args.survey,
@@ -37,7 +37,7 @@ def _on_screen(args: argparse.Namespace) -> int:
     source = ReplaySource(
         Path(args.survey),
         1.0 if args.speed is None else args.speed,
-        None if args.no_invert else AnalysisOptions(seed=args.seed),
+        measuring_options(args),
         setup=read_setup_file(args.setup) if args.setup else None,
         output=Path(args.output) if args.output else None,
         drops=args.drops,

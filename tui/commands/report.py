@@ -28,6 +28,8 @@ def run(args: argparse.Namespace) -> int:
         refit=args.refit,
         diagnose=args.diagnose,
         seed=args.seed,
+        layers=args.layers,
+        thickness=args.thickness,
     )
     begun = time.monotonic()
     report = write_report(args.survey, args.output, options, progress=say)

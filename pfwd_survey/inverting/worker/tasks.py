@@ -54,7 +54,9 @@ class Curves:
     predicted: NDArray[np.float64]
     """(sensors, n), m."""
     offsets: NDArray[np.float64]
-    """(sensors,), m."""
+    """(sensors,), m; negative: on the other side of the plate."""
+    peaks: NDArray[np.float64]
+    """Largest observed before a second contact, (sensors,), m; residuals are parts of it."""
     window_end: float
     """Last instant that the fit used, s."""
     contact_end: float

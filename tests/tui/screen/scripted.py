@@ -152,6 +152,7 @@ def curves() -> Curves:
         observed[None, :],
         0.99 * observed[None, :],
         np.zeros(1),
+        np.array([observed.max()]),
         0.04,
         0.0133,
     )
