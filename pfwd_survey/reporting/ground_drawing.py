@@ -22,6 +22,8 @@ ROCK_SHOWN = 0.08
 """Part of the shown depth that rock takes."""
 
 _STEADY, _OPEN = "-", ":"
+_BAND = 0.14
+"""Opacity: the bands of several drops lie on each other."""
 
 
 def has_layers(drop: ReportDrop) -> bool:
@@ -95,7 +97,7 @@ def _draw_layers(axes: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
     axes.plot([], [], color="0.3", linewidth=1.4, label=texts["layers"])
     if any(result.effective_modulus_pa is not None for _, result in layered):
         axes.plot([], [], "--", color="0.3", linewidth=1.0, label=texts["effective"])
-    axes.legend(fontsize=7, loc="lower left" if not rock else "upper right")
+    axes.legend(fontsize=7, loc="best")
     finish(axes)
 
 
@@ -114,7 +116,7 @@ def _draw_profile(axes: Any, result: DropResult, colour: str, bottom: float) -> 
         value = None if layer.modulus_pa is None else layer.modulus_pa / 1e6
         if layer.modulus_interval_pa is not None:
             low, high = (edge / 1e6 for edge in layer.modulus_interval_pa)
-            axes.fill_betweenx([top, end], low, high, color=colour, alpha=0.18, linewidth=0.0)
+            axes.fill_betweenx([top, end], low, high, color=colour, alpha=_BAND, linewidth=0.0)
         if value is not None:
             # A value that the record leaves open is one of many.
             style = _OPEN if is_open(layer.modulus_interval_pa) else _STEADY
