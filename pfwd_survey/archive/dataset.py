@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
+from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER, layer_cells
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.results import DropResult
@@ -94,6 +95,9 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("latitude", "float64"),
     ("longitude", "float64"),
     ("warnings", "strings"),
+    # Behind all others: parts of before end here.
+    (NUMBER.name, "int64"),
+    *((column.name, "float64") for column in LAYER_COLUMNS),
 )
 """Names with the SI unit at their end, and types."""
 
@@ -118,6 +122,9 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
 )
 """``same_as``: the file with the same content that has the rows."""
 
+FIRST_COLUMNS = 48
+"""Of a result in parts that were written before there were layers; the others are null in them."""
+
 _COLUMNS = dict(zip(TABLES, (RESULT_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True))
 _PAIRS = {
     "modulus_interval_pa": ("modulus_interval_low_pa", "modulus_interval_high_pa"),
@@ -137,6 +144,7 @@ def result_row(result: DropResult, digest: str) -> dict[str, Any]:
         flat |= dict(zip(names, flat.get(key) or (None, None), strict=True))
     fit = flat.get("half_sine") or {}
     flat |= {f"half_sine_{key}": value for key, value in fit.items()}
+    flat |= layer_cells(result)
     return {name: _fitting(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
 
 
@@ -310,7 +318,10 @@ def _unpacked(file: Any, schema: Any) -> Any:
     announced = sum(group.total_byte_size for group in groups)
     if about.num_rows > MOST_ROWS or about.num_row_groups > MOST_ROWS or announced > LARGEST_PART:
         raise ValueError(f"{about.num_rows} rows of {announced} bytes")
-    if not file.schema_arrow.equals(schema):
+    there = len(file.schema_arrow)
+    old = there == FIRST_COLUMNS < len(schema)
+    written = pyarrow.schema(list(schema)[:there]) if old else schema
+    if not file.schema_arrow.equals(written):
         raise ValueError("other columns")
     batches, size = [], 0
     for batch in file.iter_batches(batch_size=_ROWS_AT_ONCE):
@@ -318,7 +329,10 @@ def _unpacked(file: Any, schema: Any) -> Any:
         if size > LARGEST_PART:
             raise ValueError(f"more than {LARGEST_PART} bytes when it is unpacked")
         batches.append(batch)
-    return pyarrow.Table.from_batches(batches, schema).combine_chunks()
+    table = pyarrow.Table.from_batches(batches, written).combine_chunks()
+    for field in list(schema)[len(written) :]:
+        table = table.append_column(field, pyarrow.nulls(table.num_rows, field.type))
+    return table
 
 
 def _table(name: str, rows: Sequence[Row]) -> Any:

@@ -2,6 +2,8 @@
 
 from typing import Literal, NamedTuple
 
+from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER
+
 Kind = Literal["text", "whole", "number", "flag", "texts"]
 
 
@@ -35,7 +37,7 @@ COLUMNS = (
     ResultColumn("reason", "text", "why it was rejected, or why there is no result"),
     ResultColumn("method", "text", "how the parameters were searched"),
     ResultColumn("model", "text", "layer or half-space"),
-    ResultColumn("modulus_pa", "number", "Young's modulus, Pa"),
+    ResultColumn("modulus_pa", "number", "Young's modulus, Pa; of layers the lowest one's"),
     ResultColumn("modulus_sd_pa", "number", "its standard deviation, random part, Pa"),
     ResultColumn(
         "modulus_interval_low_pa", "number", "its 95 % interval, model error included, Pa"
@@ -52,11 +54,6 @@ COLUMNS = (
     ResultColumn("bedrock_depth_interval_low_m", "number", "95 %, m"),
     ResultColumn("bedrock_depth_interval_high_m", "number", "95 %, m"),
     ResultColumn("modulus_depth_correlation", "number", ""),
-    ResultColumn("layers", "whole", "media with a modulus; modulus_pa is the lowest one's"),
-    ResultColumn("effective_modulus_pa", "number", "of one medium that deflects alike at rest, Pa"),
-    ResultColumn("effective_modulus_interval_low_pa", "number", "its 95 % interval, Pa"),
-    ResultColumn("effective_modulus_interval_high_pa", "number", "its 95 % interval, Pa"),
-    ResultColumn("effective_depth_m", "number", "above which 90 % of that deflection arises, m"),
     ResultColumn("poisson_ratio", "number", "of the ground"),
     ResultColumn("plate_radius_m", "number", "m"),
     ResultColumn("plate", "text", "contact of plate and ground"),
@@ -76,4 +73,7 @@ COLUMNS = (
     ResultColumn("seed", "whole", ""),
     ResultColumn("warnings", "texts", ""),
     ResultColumn("notes", "texts", "of the drop and of its point"),
+    # Behind all others, so that whoever reads columns by their place is not disturbed.
+    ResultColumn(NUMBER.name, "whole", NUMBER.meaning),
+    *(ResultColumn(column.name, "number", column.meaning) for column in LAYER_COLUMNS),
 )

@@ -13,6 +13,7 @@ from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
 from pfwd_survey.files.survey_content import DropContent, PointContent, SurveyContent
+from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
 
 NO_RESULT = "no result"
@@ -176,24 +177,25 @@ def _result(result: DropResult, point: PointContent, record: DropFacts | None) -
     for key, unit, ends in (
         ("modulus_interval", "pa", result.modulus_interval_pa),
         ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),
-        ("effective_modulus_interval", "pa", result.effective_modulus_interval_pa),
     ):
         low, high = (None, None) if ends is None else map(number, ends)
         found[f"{key}_low_{unit}"], found[f"{key}_high_{unit}"] = low, high
-    found["layers"] = None if result.layers is None else len(result.layers)
     pulse = result.half_sine
     if pulse is not None:
         found["half_sine_peak_pressure_pa"] = number(pulse.peak_pressure_pa)
         found["half_sine_duration_s"] = number(pulse.duration_s)
         found["half_sine_rms_over_peak"] = number(pulse.rms_over_peak)
+    cells = layer_cells(result)
+    layers = {name: number(value) for name, value in cells.items()}
+    layers[NUMBER.name] = cells[NUMBER.name]
     warnings = found.get("warnings") or []
     warnings += _stale(result, point, record)
     missing = missing_parts(result)
     if found.get("modulus_pa") is not None and missing:
-        found["modulus_pa"] = found["peak_modulus_pa"] = found["effective_modulus_pa"] = None
+        found["modulus_pa"] = found["peak_modulus_pa"] = None
         warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
     found["warnings"] = warnings
-    return found
+    return found | (dict.fromkeys(layers) if missing else layers)
 
 
 def missing_parts(result: DropResult) -> list[str]:

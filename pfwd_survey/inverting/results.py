@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from inversion.result import LayerValue
 
 
+OPEN_FACTOR = 10.0
+"""An interval wider than this factor is no value; as in the inversion, which is not loaded here."""
+
+
 @dataclass(frozen=True, eq=False)
 class DropAnalysis:
     """A drop with what the screening and the inversion found.
@@ -62,6 +66,20 @@ class LayerResult(StoredRecord):
     viscosity_pa_s: float | None = None
     density_kg_m3: float | None = None
     poisson_ratio: float | None = None
+
+    @property
+    def modulus_known(self) -> bool:
+        """Whether there is a modulus that the record does not leave open.
+
+        Examples
+        --------
+        >>> LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.1e8)).modulus_known
+        False
+        """
+        if self.modulus_pa is None:
+            return False
+        low, high = self.modulus_interval_pa or (1.0, 1.0)
+        return high <= OPEN_FACTOR * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ from pfwd_survey.inverting.sensor_fits import over_drops, sensor_fits
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Paragraph, Picture, Table
 from pfwd_survey.reporting.content import ReportDrop
-from pfwd_survey.reporting.ground_drawing import draw_ground, has_layers, is_open
+from pfwd_survey.reporting.ground_drawing import draw_ground, has_layers
 from pfwd_survey.reporting.texts import Texts
 
 _HEIGHT = 72.0
@@ -103,7 +103,7 @@ def _modulus(layer: LayerResult, texts: Texts) -> str:
     if layer.modulus_pa is None:
         return shown.NOTHING
     ends = None if interval is None else [end / 1e6 for end in interval]
-    if ends is not None and is_open(interval):
+    if ends is not None and not layer.modulus_known:
         low, high = (shown.digits(end, 2) for end in ends)
         return texts.say("layer_open", low=low, high=high)
     return shown.with_interval(layer.modulus_pa / 1e6, ends, "", texts)

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from inversion.layered_inversion import OPEN_FACTOR
 from pfwd_survey.inverting.results import DropResult, LayerResult
 from pfwd_survey.inverting.sensor_fits import SensorFit, sensor_fits
-from pfwd_survey.inverting.stored import Interval
 from pfwd_survey.reporting.content import ReportDrop
 from pfwd_survey.reporting.drawing import COLOURS, finish, margins
 from pfwd_survey.reporting.texts import Texts
@@ -29,17 +27,6 @@ _BAND = 0.14
 def has_layers(drop: ReportDrop) -> bool:
     """Whether the drop's result has a profile of moduli."""
     return drop.result is not None and len(drop.result.layers or ()) > 1
-
-
-def is_open(interval: Interval | None) -> bool:
-    """Whether an interval is too wide for its value to be one.
-
-    Examples
-    --------
-    >>> is_open((40e6, 410e6)), is_open((40e6, 60e6)), is_open(None)
-    (True, False, False)
-    """
-    return interval is not None and interval[1] > OPEN_FACTOR * interval[0]
 
 
 def draw_ground(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
@@ -119,7 +106,7 @@ def _draw_profile(axes: Any, result: DropResult, colour: str, bottom: float) -> 
             axes.fill_betweenx([top, end], low, high, color=colour, alpha=_BAND, linewidth=0.0)
         if value is not None:
             # A value that the record leaves open is one of many.
-            style = _OPEN if is_open(layer.modulus_interval_pa) else _STEADY
+            style = _STEADY if layer.modulus_known else _OPEN
             axes.plot([value, value], [top, end], style, color=colour, linewidth=1.6)
             if before is not None:
                 axes.plot([before, value], [top, top], color=colour, linewidth=1.6)

@@ -12,6 +12,7 @@ import pytest
 
 from pfwd_survey.archive import dataset
 from pfwd_survey.archive import run as running
+from pfwd_survey.archive.dataset import FIRST_COLUMNS, RESULT_COLUMNS, result_row
 from pfwd_survey.archive.ledger import Ledger
 from pfwd_survey.archive.run import invert_archive, invert_stream
 from pfwd_survey.archive.sources import find_sources, pieces_of
@@ -22,6 +23,7 @@ from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.inverting.analysis import analyse_files
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult, LayerResult
 
 pytest.importorskip("pyarrow")
 from tests.pfwd_survey.archive.stand_ins import HereWorkers, QuickWorkers, rows
@@ -55,8 +57,46 @@ def test_what_plain_inverting_says_has_a_column(
     # Intervals and the half-sine stand in several columns; these, which tell of the fit and not of
     # the ground, in none.
     parted = {"modulus_interval_pa", "bedrock_depth_interval_m", "half_sine"}
+    parted |= {"effective_modulus_interval_pa"}
     without = {"half_sine_equal_area", "contact_end_s", "window_end_s"}
     assert set(plain.results[0].to_json()) - columns == parted | without
+
+
+def test_layers_stand_behind_the_columns_of_before() -> None:
+    names = [name for name, _ in RESULT_COLUMNS]
+    assert names[FIRST_COLUMNS - 1 : FIRST_COLUMNS + 1] == ["warnings", "layers"]
+    layers = (
+        LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3),
+        LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7)),
+    )
+    row = result_row(DropResult(layers=layers, effective_depth_m=0.9), "d")
+    assert (row["layers"], row["layer_1_modulus_pa"], row["layer_1_thickness_m"]) == (2, 9e7, 0.3)
+    assert (row["layer_2_modulus_interval_high_pa"], row["effective_depth_m"]) == (5e7, 0.9)
+    assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
+
+
+def test_a_part_of_before_there_were_layers_is_read(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    from pyarrow import parquet
+
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "results" / f"run={run}" / "part-000001.parquet"
+    table = parquet.read_table(part, partitioning=None)
+    known = table.column("modulus_pa").to_pylist()
+    parquet.write_table(table.select(range(FIRST_COLUMNS)), part)
+    with parquet.ParquetFile(part) as file:
+        found = dataset._unpacked(file, dataset._schema("results"))
+    assert found.schema.equals(dataset._schema("results"))
+    assert found.column("modulus_pa").to_pylist() == known
+    assert set(found.column("layers").to_pylist()) == {None}
+    parquet.write_table(table.select(range(FIRST_COLUMNS - 1)), part)
+    with (
+        parquet.ParquetFile(part) as file,
+        pytest.raises(ValueError, match="other columns"),
+    ):
+        dataset._unpacked(file, dataset._schema("results"))
 
 
 def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:

@@ -62,6 +62,68 @@ def test_no_modulus_without_what_belongs_to_it(
     assert f"modulus withheld: the result lacks {named}" in str(values["warnings"])
 
 
+LAYERED = {
+    "layers": [
+        {
+            "modulus_pa": 90e6,
+            "modulus_interval_pa": [80e6, 101e6],
+            "thickness_m": 0.3,
+            "thickness_sd_m": 0.01,
+            "thickness_interval_m": [0.28, 0.32],
+        },
+        {"modulus_pa": 60e6, "modulus_interval_pa": [20e6, 201e6], "thickness_m": 0.5},
+        {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6], "thickness_m": None},
+    ],
+    "effective_modulus_pa": 52e6,
+    "effective_modulus_interval_pa": [51e6, 53e6],
+    "effective_depth_m": 0.93,
+}
+
+
+def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **LAYERED))
+    export_survey(survey, "table", tmp_path / "t.csv")
+    first, second, *_ = rows_of(tmp_path / "t.csv")
+    names = list(first)
+    assert names.index("layers") == names.index("notes") + 1
+    assert names[-1] == "effective_depth_m"
+    found = {name: first[name] for name in names[names.index("layers") :] if first[name]}
+    assert found == {
+        "layers": "3",
+        "layer_1_modulus_pa": "90000000.0",
+        "layer_1_modulus_interval_low_pa": "80000000.0",
+        "layer_1_modulus_interval_high_pa": "101000000.0",
+        "layer_1_thickness_m": "0.3",
+        "layer_1_thickness_interval_low_m": "0.28",
+        "layer_1_thickness_interval_high_m": "0.32",
+        # Open by more than a factor of ten: no value, the interval alone.
+        "layer_2_modulus_interval_low_pa": "20000000.0",
+        "layer_2_modulus_interval_high_pa": "201000000.0",
+        "layer_2_thickness_m": "0.5",
+        "layer_3_modulus_pa": "45000000.0",
+        "layer_3_modulus_interval_low_pa": "43000000.0",
+        "layer_3_modulus_interval_high_pa": "47000000.0",
+        "effective_modulus_pa": "52000000.0",
+        "effective_modulus_interval_low_pa": "51000000.0",
+        "effective_modulus_interval_high_pa": "53000000.0",
+        "effective_depth_m": "0.93",
+    }
+    assert not any(second[name] for name in names[names.index("layers") :])
+
+
+def test_layers_without_what_belongs_to_a_modulus_are_withheld(
+    survey: Path, tmp_path: Path
+) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **LAYERED, plate_radius_m=None))
+    export_survey(survey, "table", tmp_path / "t.csv")
+    first = rows_of(tmp_path / "t.csv")[0]
+    assert not any(text for name, text in first.items() if "layer_" in name or "effective" in name)
+
+
 def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("declared", {"plate_radius_m": 0.1}, point="A/1")

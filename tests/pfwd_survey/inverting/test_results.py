@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inversion import SurrogateLibrary
+from inversion import SurrogateLibrary, layered_inversion
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import Setup
+from pfwd_survey.inverting import results
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
@@ -291,3 +292,11 @@ def test_values_are_those_of_the_json() -> None:
         if result.half_sine is not None:
             del expected["half_sine"]
         assert repr(result.values(keys)) == repr(expected)
+
+
+def test_a_modulus_is_open_from_the_same_factor_on_as_in_the_inversion() -> None:
+    assert results.OPEN_FACTOR == layered_inversion.OPEN_FACTOR
+    assert LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4e8)).modulus_known
+    assert not LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.01e8)).modulus_known
+    assert LayerResult(modulus_pa=9e7).modulus_known
+    assert not LayerResult().modulus_known

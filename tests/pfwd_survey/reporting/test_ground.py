@@ -18,7 +18,7 @@ from pfwd_survey.inverting.stored import Interval
 from pfwd_survey.reporting import gathering
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
-from pfwd_survey.reporting.ground_drawing import draw_ground, is_open
+from pfwd_survey.reporting.ground_drawing import draw_ground
 from pfwd_survey.reporting.report import write_report
 from pfwd_survey.reporting.texts import languages, load_texts
 from tests.pfwd_survey.reporting.surveys import result_of
@@ -283,7 +283,5 @@ def test_a_pdf_with_layers_has_pages(layered: Path, language: str) -> None:
     assert target.read_bytes().startswith(b"%PDF")
 
 
-def test_an_interval_as_wide_as_a_factor_of_ten_is_a_value_still() -> None:
-    assert not is_open((40e6, 400e6))
-    assert is_open((40e6, 401e6))
+def test_a_result_without_effective_modulus_says_nothing_of_it() -> None:
     assert effective_of(DropResult(), load_texts("en")) == "–"
