@@ -11,6 +11,7 @@ from pfwd_survey.inverting.screening.signals import (
     displacement_of,
     remove_offset,
 )
+from pfwd_survey.inverting.sensor_fits import sensor_fits
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
@@ -21,7 +22,11 @@ from tui.screen.session.screen_events import Refitted
 from tui.screen.units import Units, figures, percent
 
 Array = NDArray[np.float64]
-NAMES = ("load", "deflection", "residual", "spectrum")
+BOWL_POINTS = 400
+"""Of the modelled bowl; a terminal has no more dots."""
+BOWL_DASH = 0.02
+"""Half the length of a sensor's dash over the width of the bowl."""
+NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
 
 
 def half_sine(time: Array, peak: float, duration: float, start: float = 0.0) -> Array:
@@ -226,6 +231,37 @@ def spectrum_figure(
         time_unit="Hz",
         bottom=float(np.floor(values.min() / 20) * 20),
         top=float(np.ceil(values.max() / 20) * 20),
+    )
+
+
+def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) -> Figure | None:
+    """Peaks of the sensors by their place, measured and modelled; None for a single sensor."""
+    curves, _ = curves_of(drop, refit)
+    if curves is None or len(curves.offsets) < 2:
+        return None
+    fits = sorted(sensor_fits(curves), key=lambda fit: fit.offset)
+    length, deflection = units.of("length").scale, units.of("deflection").scale
+    places = np.array([fit.offset for fit in fits]) / length
+    reach = float(places[-1] - places[0])
+    across = np.linspace(places[0], places[-1], BOWL_POINTS)
+    modelled = np.interp(across, places, [fit.modelled_peak / deflection for fit in fits])
+    # A dash for each sensor: a single dot would be lost among those of the line.
+    dash = np.abs(across[:, None] - places[None, :]) <= BOWL_DASH * reach
+    measured = np.array([fit.measured_peak for fit in fits]) / deflection
+    nearest = np.abs(across[:, None] - places[None, :]).argmin(axis=1)
+    dashes = np.where(dash.any(axis=1), measured[nearest], np.nan)
+    return Figure(
+        "bowl",
+        units.unit("deflection"),
+        (
+            Curve(across, dashes, "measured", "measured"),
+            Curve(across, modelled, "fitted", "modelled", True),
+        ),
+        float(places[0] - BOWL_DASH * reach),
+        float(places[-1] + BOWL_DASH * reach),
+        time_unit=units.unit("length"),
+        bottom=min(0.0, 1.05 * float(measured.min())),
+        note="peaks by distance from the centre",
     )
 
 

@@ -8,20 +8,27 @@ from pathlib import Path
 import numpy as np
 
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.screening.signals import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.axes import plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly
-from tui.screen.drawing.drop_figures import curves_of, drop_figures, spectrum_figure
+from tui.screen.drawing.drop_figures import (
+    bowl_figure,
+    curves_of,
+    drop_figures,
+    spectrum_figure,
+)
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, line, pad, piece, shorten, wrap
 from tui.screen.pages.drop_texts import beside_modulus, remark, uncertainty_of, verdict_of
+from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.session.state import SessionState
 from tui.screen.units import NOTHING, Units, figures, percent
 
-PANELS = ("load", "deflection", "residual", "spectrum")
+PANELS = ("load", "deflection", "residual", "spectrum", "bowl")
 WIDE = 100
 LEAST_PLOT = 6
 """Rows of a plot that is worth looking at."""
@@ -117,7 +124,8 @@ def replace_result(drop: DropState, result: DropResult) -> DropState:
 def _plots(view: DropView, drop: DropState, width: int, rows: int) -> list[Line]:
     found = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
     spectrum = spectrum_figure(drop, view.units, view.sensor, view.refit)
-    everything = [*found, *([spectrum] if spectrum is not None else [])]
+    bowl = bowl_figure(drop, view.units, view.refit)
+    everything = [*found, *(figure for figure in (spectrum, bowl) if figure is not None)]
     if not everything:
         text = "no traces in memory; they are read from the survey"
         return exactly([(), line(cell(f"  {text}", "dim"))], rows)
@@ -168,7 +176,12 @@ def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
         lines += _paragraph(f"rejected: {drop.reason or 'no result'}", width, "bad")
     if result.modulus_pa is not None:
         lines += _parameters(view, result, width)
+    lines += layer_lines(result, view.units, width)
+    if result.modulus_pa is not None:
         lines += _fit_lines(view, result, width)
+    if drop.handed is not None:
+        recorded = [channel.offset for channel in channels_outward(drop.handed.drop)]
+        lines += sensor_lines(curves_of(drop, view.refit)[0], recorded, view.units, width)
     lines += _warnings(result, width)
     lines += _heading("record")
     lines += _paragraph(remark(drop, view.units), width)
@@ -202,7 +215,8 @@ def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
     value, error = units.measured("modulus", result.modulus_pa, uncertainty_of(result))
     noise = units.text("modulus", result.modulus_sd_pa, 2)
     lines = _heading("parameters")
-    lines += _paragraph(f"modulus    {value} ± {error or NOTHING} {unit} (95 %)", width, "strong")
+    name = "subgrade" if has_layers(result) else "modulus"
+    lines += _paragraph(f"{name:10} {value} ± {error or NOTHING} {unit} (95 %)", width, "strong")
     ends = result.modulus_interval_pa or ()
     if len(ends) == 2:
         low, high = (units.text("modulus", end, 4) for end in ends)
@@ -275,7 +289,8 @@ def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
 def _short_result(result: DropResult, units: Units) -> str:
     modulus = result.modulus_pa
     if modulus is None:
-        return result.reason or "no result"
+        open_below = effective_text(result, units) if has_layers(result) else ""
+        return open_below or result.reason or "no result"
     value, error = units.measured("modulus", modulus, uncertainty_of(result))
     part = percent(result.residual_rms_over_peak)
     return f"{value} ± {error or NOTHING} {units.unit('modulus')}, residual {part}"

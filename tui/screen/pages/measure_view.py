@@ -35,6 +35,7 @@ from tui.screen.pages.drop_texts import (
     point_summary,
     verdict_of,
 )
+from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.procedure import PLAIN
 from tui.screen.session.state import SessionState
@@ -303,7 +304,8 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
         judged = _verdict_lines(view, side)[: rows - 1]
         text = [*text[: rows - len(judged)], *judged]
         return beside([line(" ", *row) for row in digits], exactly(text, rows), taken, rows, "  ")
-    title = "modulus" if drop is None else f"modulus, drop {drop.number}"
+    name = "modulus of the subgrade" if drop and has_layers(drop.result) else "modulus"
+    title = name if drop is None else f"{name}, drop {drop.number}"
     verdict = _verdict_lines(view, width)
     used = len(details) + len(verdict) + 2
     space = max(ROWS, rows - used)
@@ -341,10 +343,12 @@ def _refining(drop: DropState | None) -> Line:
 
 def _details(view: MeasureView, drop: DropState | None) -> list[str]:
     result = drop.result if drop is not None else None
-    if drop is None or result is None or drop.modulus is None:
-        return []
     units = view.units
-    lines = []
+    lines = [] if result is None else top_and_subgrade(result, units)
+    if result is not None and lines:
+        lines.append(effective_text(result, units))
+    if drop is None or result is None or drop.modulus is None:
+        return [text for text in lines if text]
     noise = result.modulus_sd_pa
     value, error = units.measured("modulus", drop.modulus, noise)
     lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NOTHING}")
@@ -367,10 +371,11 @@ def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
     result = drop.result if drop is not None else None
     if result is None or result.modulus_pa is None:
         return ()
+    media = f"lowest of {len(result.layers or ())} media, " if has_layers(result) else ""
     units = view.units
     radius = units.with_unit("length", result.plate_radius_m)
     pieces = [
-        piece(0, cell(f" {result.model}", "dim")),
+        piece(0, cell(f" {media}{result.model}", "dim")),
         piece(0, cell(f"{result.plate} plate, radius {radius}", "dim")),
         piece(0, cell(f"Poisson's ratio {plain(result.poisson_ratio)}", "dim")),
         piece(1, cell(f"{result.method}", "dim")),

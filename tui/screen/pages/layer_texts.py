@@ -1,0 +1,174 @@
+"""Layers and sensors of a drop in words and bars, for the drop page and the measure page."""
+
+import math
+from collections.abc import Collection
+
+from pfwd_survey.inverting.results import DropResult, LayerResult
+from pfwd_survey.inverting.sensor_fits import sensor_fits
+from pfwd_survey.inverting.worker.tasks import Curves
+from tui.screen.drawing.lines import Line, cell, line, wrap
+from tui.screen.units import NOTHING, Units, percent
+
+LEAST_BAR = 8
+"""Columns of a bar that tells anything; where there are fewer it stands on a line of its own."""
+
+_ROOM = 1.25
+"""Factor that the scale of the bars reaches beyond the intervals."""
+
+
+def has_layers(result: DropResult | None) -> bool:
+    """Whether the ground of a result has more than one medium."""
+    return result is not None and len(result.layers or ()) > 1
+
+
+def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
+    """The profile: a row a medium with its modulus as a bar on a log scale, then what stands for
+    all; nothing for ground without layers.
+
+    Parameters
+    ----------
+    result : DropResult
+    units : Units
+    width : int
+        Columns.
+    """
+    layers = result.layers or ()
+    if len(layers) < 2:
+        return []
+    unit = units.unit("modulus")
+    scale = _scale(layers)
+    head = f"layers, E {unit} (95 %)"
+    if scale is not None:
+        low, high = (units.text("modulus", end, 2) for end in scale)
+        head += f"; bars {low} to {high} {unit}, log"
+    lines: list[Line] = [line(cell(row, "strong")) for row in wrap(head, width)]
+    texts = [_layer_text(number, layers, units) for number in range(len(layers))]
+    widest = max(map(len, texts))
+    for text, layer in zip(texts, layers, strict=True):
+        room = width - widest - 2
+        if room >= LEAST_BAR:
+            lines.append(line(f"{text:{widest}}  ", cell(_bar(layer, scale, room), "measured")))
+        else:
+            lines.append(line(text))
+            lines.append(line("   ", cell(_bar(layer, scale, width - 3), "measured")))
+    if result.bedrock_depth_m is not None:
+        lines.append(line(f"rock at {units.with_unit('depth', result.bedrock_depth_m)}"))
+    text = effective_text(result, units)
+    lines += [line(row) for row in wrap(text, width)] if text else []
+    return lines
+
+
+def effective_text(result: DropResult, units: Units) -> str:
+    """The one modulus that deflects alike and the depth it stands for; empty when not known."""
+    modulus, depth = result.effective_modulus_pa, result.effective_depth_m
+    if modulus is None or depth is None:
+        return ""
+    ends = _ends(result.effective_modulus_interval_pa, units)
+    value = f"{units.text('modulus', modulus)} {units.unit('modulus')}"
+    return f"effective {value}{ends}, down to {units.with_unit('depth', depth, 2)}"
+
+
+def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
+    """Lines beside the large figures, which are those of the subgrade; none without layers."""
+    if not has_layers(result):
+        return []
+    layers = result.layers or ()
+    unit = units.unit("modulus")
+    top, below = layers[0], layers[-1]
+    thickness = units.with_unit("depth", top.thickness_m, 2)
+    return [
+        f"subgrade  {_modulus(below, units)} {unit}",
+        f"top       {_modulus(top, units)} {unit}, {thickness}",
+    ]
+
+
+def sensor_lines(
+    curves: Curves | None, recorded: Collection[float], units: Units, width: int
+) -> list[Line]:
+    """Residual of each sensor over its own peak; nothing for a single sensor.
+
+    Parameters
+    ----------
+    curves : Curves or None
+    recorded : collection of float
+        Offsets of all sensors of the record, m; those without a curve were left out of the fit.
+    units : Units
+    width : int
+        Columns.
+    """
+    if curves is None or len(recorded) < 2:
+        return []
+    lines: list[Line] = [line(cell("residual by sensor, of its own peak", "strong"))]
+    for fit in sensor_fits(curves):
+        place = _place(fit.offset, units)
+        text = f"{place:>9}  {percent(fit.whole):>6}, {percent(fit.contact):>6} in contact"
+        lines += [line(row) for row in wrap(text, width)]
+    fitted = [float(offset) for offset in curves.offsets]
+    for offset in recorded:
+        if offset not in fitted:
+            lines.append(line(cell(f"{_place(offset, units):>9}  left out of the fit", "warn")))
+    return lines
+
+
+def _place(offset: float, units: Units) -> str:
+    return "centre" if offset == 0 else units.with_unit("length", offset, 4)
+
+
+def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> str:
+    layer = layers[number]
+    thickness = "no end"
+    if layer.thickness_m is not None:
+        value, error = units.measured("depth", layer.thickness_m, _half(layer.thickness_interval_m))
+        thickness = f"{value}{f' ±{error}' if error else ''} {units.unit('depth')}"
+    return f"{number + 1} {thickness:12} {_modulus(layer, units)}"
+
+
+def _modulus(layer: LayerResult, units: Units) -> str:
+    """Value with its interval; the interval alone where the record leaves the value open."""
+    if layer.modulus_pa is None:
+        return NOTHING
+    ends = _ends(layer.modulus_interval_pa, units)
+    if not layer.modulus_known:
+        return f"not known{ends}"
+    return f"{units.text('modulus', layer.modulus_pa)}{ends}"
+
+
+def _ends(interval: tuple[float, float] | None, units: Units) -> str:
+    if interval is None:
+        return ""
+    low, high = (units.text("modulus", end) for end in interval)
+    return f" ({low} to {high})"
+
+
+def _half(interval: tuple[float, float] | None) -> float | None:
+    return None if interval is None else (interval[1] - interval[0]) / 2
+
+
+def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:
+    """Ends of the bars, Pa."""
+    values = [layer.modulus_pa for layer in layers if layer.modulus_pa is not None]
+    for layer in layers:
+        values += layer.modulus_interval_pa or ()
+    sound = [value for value in values if value > 0 and math.isfinite(value)]
+    return (min(sound) / _ROOM, max(sound) * _ROOM) if sound else None
+
+
+def _bar(layer: LayerResult, scale: tuple[float, float] | None, width: int) -> str:
+    """The interval as a line, the value as a block on it; no block where it is open."""
+    letters = ["·"] * width
+    if scale is None or layer.modulus_pa is None:
+        return "".join(letters)
+
+    def column(value: float) -> int:
+        low, high = scale
+        if not value > 0 or not math.isfinite(value):
+            return 0
+        part = math.log(value / low) / math.log(high / low)
+        return min(width - 1, max(0, round(part * (width - 1))))
+
+    if layer.modulus_interval_pa is not None:
+        start, end = map(column, layer.modulus_interval_pa)
+        letters[start : end + 1] = "─" * (end + 1 - start)
+    if layer.modulus_known:
+        letters[column(layer.modulus_pa)] = "■"
+    return "".join(letters)
