@@ -1,12 +1,17 @@
 """What a user asks of an analysis: the choices, checked against their ranges and each other."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pfwd_survey.errors import OptionError, TraceError, refusal
 from pfwd_survey.files.header import check_value
+
+if TYPE_CHECKING:
+    from pfwd_survey.inverting.results import DropResult
 
 Model = Literal["layer", "half-space"]
 Load = Literal["measured", "half-sine"]
@@ -162,6 +167,28 @@ class AnalysisOptions:
         """The header keys that are given as options, with their values."""
         said = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
         return {key: value for key, value in said.items() if value is not None}
+
+
+def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:
+    """The options with the media that a result has, so that its modulus keeps its meaning.
+
+    Parameters
+    ----------
+    options : AnalysisOptions
+    result : DropResult or None
+
+    Returns
+    -------
+    AnalysisOptions
+        As many media, and their thickness where it was given; unchanged for homogeneous ground.
+    """
+    layers = () if result is None else result.layers or ()
+    if not 1 < len(layers) <= MOST_LAYERS or options.published:
+        return options
+    given = [layer.thickness_m for layer in layers[:-1] if layer.thickness_sd_m is None]
+    known = tuple(value for value in given if value is not None)
+    thickness = known if len(known) == len(layers) - 1 else None
+    return dataclasses.replace(options, layers=len(layers), thickness=thickness)
 
 
 def _contradiction(option: str, other: str) -> OptionError:

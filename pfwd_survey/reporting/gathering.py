@@ -21,10 +21,10 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.options import (
-    MOST_LAYERS,
     AnalysisOptions,
     Layers,
     Thickness,
+    with_layers_of,
 )
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
@@ -323,7 +323,7 @@ class _Gatherer:
             result = None if self._options.anew else _stored(kept)
             options = self._analysis
             if result is not None and not rests_on(result, setup):
-                options = _with_layers_of(result, options)
+                options = with_layers_of(options, result)
                 result = None
                 warnings.append("declared values were changed since: inverted anew")
             stored = result is not None
@@ -370,12 +370,6 @@ def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[s
         listed = " and ".join(map(str, sorted(numbers)))
         what += f"; the drops of the point have {listed} media, and their moduli differ in meaning"
     return [what]
-
-
-def _with_layers_of(result: DropResult, options: AnalysisOptions) -> AnalysisOptions:
-    """The options with as many media as a result has, so that its modulus keeps its meaning."""
-    media = len(result.layers or ())
-    return replace(options, layers=media) if 1 < media <= MOST_LAYERS else options
 
 
 def _later(point: SurveyPoint) -> dict[str, Any]:

@@ -238,6 +238,23 @@ def test_the_refit_dialog_refuses_what_contradicts_itself() -> None:
     play(App(), script)
 
 
+@pytest.mark.parametrize(("chosen", "layers"), [("3", 3), ("auto", "auto")])
+def test_a_drop_is_fitted_anew_with_layers(chosen: str, layers: int | str) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked: list[Any] = []
+        app.fits.refit = lambda _, options, label: asked.append((options.layers, label))  # type: ignore[method-assign]
+        await told(app, pilot, *whole_point())
+        await pilot.press("r")
+        await until(pilot, lambda: bool(app.screen.query("#layers")))
+        app.screen.query_one("#layers", Select).value = chosen
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await pilot.pause()
+        assert asked == [(layers, f"{chosen} layers")]
+
+    play(App(), script)
+
+
 RECORD = {
     "file": "survey",
     "device": "T-1042",

@@ -52,6 +52,8 @@ def test_labels_name_what_differs() -> None:
     assert label_of(AnalysisOptions(published=True)) == "published method"
     options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
     assert label_of(options) == "bedrock 1.2 m, elastic, rigid-smooth plate"
+    assert label_of(AnalysisOptions(layers="auto")) == "auto layers"
+    assert label_of(AnalysisOptions(layers=2, elastic=True)) == "2 layers, elastic"
 
 
 def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:

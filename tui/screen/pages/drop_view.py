@@ -181,7 +181,7 @@ def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
         lines += _fit_lines(view, result, width)
     if drop.handed is not None:
         recorded = [channel.offset for channel in channels_outward(drop.handed.drop)]
-        lines += sensor_lines(curves_of(drop, view.refit)[0], recorded, view.units, width)
+        lines += sensor_lines(curves_of(drop, view.refit)[0], recorded, view.units)
     lines += _warnings(result, width)
     lines += _heading("record")
     lines += _paragraph(remark(drop, view.units), width)

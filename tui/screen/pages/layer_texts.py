@@ -82,9 +82,7 @@ def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
     ]
 
 
-def sensor_lines(
-    curves: Curves | None, recorded: Collection[float], units: Units, width: int
-) -> list[Line]:
+def sensor_lines(curves: Curves | None, recorded: Collection[float], units: Units) -> list[Line]:
     """Residual of each sensor over its own peak; nothing for a single sensor.
 
     Parameters
@@ -93,16 +91,14 @@ def sensor_lines(
     recorded : collection of float
         Offsets of all sensors of the record, m; those without a curve were left out of the fit.
     units : Units
-    width : int
-        Columns.
     """
     if curves is None or len(recorded) < 2:
         return []
     lines: list[Line] = [line(cell("residual by sensor, of its own peak", "strong"))]
     for fit in sensor_fits(curves):
         place = _place(fit.offset, units)
-        text = f"{place:>9}  {percent(fit.whole):>6}, {percent(fit.contact):>6} in contact"
-        lines += [line(row) for row in wrap(text, width)]
+        whole, contact = percent(fit.whole), percent(fit.contact)
+        lines.append(line(f"{place:>9}  {whole:>6}, {contact:>6} in contact"))
     fitted = [float(offset) for offset in curves.offsets]
     for offset in recorded:
         if offset not in fitted:
@@ -111,7 +107,7 @@ def sensor_lines(
 
 
 def _place(offset: float, units: Units) -> str:
-    return "centre" if offset == 0 else units.with_unit("length", offset, 4)
+    return "centre" if offset == 0 else units.with_unit("length", offset)
 
 
 def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> str:
@@ -120,7 +116,7 @@ def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> s
     if layer.thickness_m is not None:
         value, error = units.measured("depth", layer.thickness_m, _half(layer.thickness_interval_m))
         thickness = f"{value}{f' ±{error}' if error else ''} {units.unit('depth')}"
-    return f"{number + 1} {thickness:12} {_modulus(layer, units)}"
+    return f"{number + 1} {thickness:14} {_modulus(layer, units)}"
 
 
 def _modulus(layer: LayerResult, units: Units) -> str:

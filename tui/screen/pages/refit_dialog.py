@@ -1,5 +1,6 @@
 """Asks with which settings a drop is fitted anew; checked as they are chosen."""
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -13,6 +14,7 @@ from pfwd_survey.errors import OptionError
 from pfwd_survey.inverting.options import AnalysisOptions
 
 _CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "layers": ("layers", ("1", "2", "3", "4", "auto")),
     "model": ("model", ("layer", "half-space")),
     "load": ("load", ("measured", "half-sine")),
     "plate": ("plate", ("rigid-rough", "rigid-smooth", "published")),
@@ -21,6 +23,11 @@ _CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
     "elastic": ("viscosity", ("fitted", "none (elastic)")),
 }
 _OPEN = "as declared"
+_CHOSEN: dict[str, Callable[[str], Any]] = {
+    "elastic": lambda value: value.startswith("none"),
+    "layers": lambda value: value if value == "auto" else int(value),
+}
+"""What a word stands for, where it is not said as it is shown."""
 
 
 class RefitDialog(ModalScreen[AnalysisOptions | None]):
@@ -69,7 +76,7 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
             value = self.query_one(f"#{name}", Select).value
             if value == _OPEN:
                 continue
-            chosen[name] = str(value).startswith("none") if name == "elastic" else value
+            chosen[name] = _CHOSEN[name](str(value)) if name in _CHOSEN else value
         depth = self.query_one("#depth", Input).value.strip()
         if depth:
             chosen["bedrock_depth"] = depth if depth in ("unknown", "none") else _number(depth)

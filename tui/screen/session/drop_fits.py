@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.options import AnalysisOptions, with_layers_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
@@ -98,6 +98,7 @@ def label_of(options: AnalysisOptions) -> str:
     if options.bedrock_depth is not None:
         depth = options.bedrock_depth
         parts.append(f"bedrock {depth}" if isinstance(depth, str) else f"bedrock {depth:g} m")
+    parts += [f"{options.layers} layers"] if options.layers else []
     parts += ["elastic"] if options.elastic else []
     parts += [f"{options.load} load"] if options.load else []
     parts += [f"{options.plate} plate"] if options.plate else []
@@ -150,6 +151,8 @@ class DropFits:
             options = self._source.plan.options or AnalysisOptions()
             if not options.published:
                 options = dataclasses.replace(options, method="least-squares")
+            # The curves belong to the result that is shown, not to what is asked of new drops.
+            options = with_layers_of(options, drop.result)
             self._refits.ask(drop.handed, options, "")
             return
         folder, record = self._source.survey, drop.record
@@ -181,10 +184,13 @@ class DropFits:
         """Say what a further fit has found, and keep it."""
         if not label or result is None:
             return
-        if result.modulus_pa is None:
+        if result.modulus_pa is None and not result.layers:
             self._say(f"drop {number} could not be fitted so: {result.reason}")
             return
-        shown = units.with_unit("modulus", result.modulus_pa)
+        # Layers may leave the lowest one's modulus open.
+        known = result.effective_modulus_pa if result.modulus_pa is None else result.modulus_pa
+        what = "effective " if result.modulus_pa is None else ""
+        shown = what + units.with_unit("modulus", known)
         self._say(f"drop {number}, {label}: {shown}; m goes through the results")
         drop = next(
             (

@@ -1,0 +1,230 @@
+"""Layers, bowl and residual by sensor on the screen."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd_device import Drop
+from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.plan import SessionPlan
+from tests.tui.screen.scripted import (
+    Session,
+    analysed,
+    curves,
+    handed_on,
+    ready,
+    result,
+    saved,
+)
+from tests.tui.screen.test_measure_view import text, view
+from tui.screen.drawing.drop_figures import bowl_figure
+from tui.screen.drawing.glyphs import ASCII, BRAILLE
+from tui.screen.drawing.lines import text_of, width_of
+from tui.screen.pages.drop import DropPage
+from tui.screen.pages.drop_view import DropView, drop_lines, text_lines
+from tui.screen.pages.layer_texts import layer_lines, sensor_lines
+from tui.screen.session.drop_fits import DropFits, Refits
+from tui.screen.session.drop_state import DropState
+from tui.screen.session.screen_events import SessionBegan
+from tui.screen.session.state import SessionState
+from tui.screen.units import SI, US
+
+OFFSETS = (0.0, 0.3, -0.3, 0.6)
+TOP = {
+    "modulus_pa": 120e6,
+    "modulus_interval_pa": [110e6, 131e6],
+    "thickness_m": 0.25,
+    "thickness_sd_m": 0.004,
+    "thickness_interval_m": [0.24, 0.262],
+}
+BELOW = {"modulus_pa": 47.3e6, "modulus_interval_pa": [46.7e6, 47.9e6]}
+OPEN = {"modulus_pa": 90e6, "modulus_interval_pa": [40e6, 410e6]}
+LAYERS: dict[str, Any] = {
+    "layers": [TOP, BELOW],
+    "effective_modulus_pa": 71e6,
+    "effective_modulus_interval_pa": [70e6, 72e6],
+    "effective_depth_m": 0.93,
+    "bedrock_depth_m": None,
+    "bedrock_depth_sd_m": None,
+    "model": "half-space",
+}
+NOT_KNOWN = LAYERS | {
+    "layers": [TOP, OPEN],
+    "modulus_pa": None,
+    "modulus_sd_pa": None,
+    "modulus_interval_pa": [40e6, 410e6],
+}
+
+
+def rows(found: DropResult, width: int = 60, units: Any = SI) -> list[str]:
+    return [text_of(one) for one in layer_lines(found, units, width)]
+
+
+def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -> DropState:
+    """A drop whose curves are half off at all sensors but the centre."""
+    handed = replace(handed_on(), drop=make_drop(offsets=OFFSETS))
+    one = curves()
+    observed = np.array([one.observed[0] / (1 + 5 * abs(place)) for place in places])
+    factor = np.array([1.0 if place == 0 else 1.5 for place in places])[:, None]
+    drawn = replace(
+        one,
+        observed=observed,
+        predicted=factor * observed,
+        offsets=np.array(places),
+        peaks=observed.max(axis=1),
+    )
+    return DropState("7", 1, handed=handed, curves=drawn, results=[found])
+
+
+def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
+    state = SessionState(clock=lambda: 1.0)
+    state.take(SessionBegan(Session(), "7"))
+    shown = DropView(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
+    lines = drop_lines(shown, width, height)
+    assert len(lines) == height
+    assert all(width_of(one) == width for one in lines)
+    return [text_of(one) for one in lines]
+
+
+def test_a_profile_is_a_row_a_medium_with_a_bar_on_a_log_scale() -> None:
+    found = rows(result(**LAYERS), 70)
+    assert found[0] == "layers, E MPa (95 %); bars 37 to 164 MPa, log"
+    assert found[1].startswith("1 0.250 ±0.011 m 120 (110 to 131)")
+    assert found[2].startswith("2 no end         47.3 (46.7 to 47.9)")
+    assert found[3] == "effective 71.0 MPa (70.0 to 72.0), down to 0.93 m"
+    assert len(found) == 4
+    top, below = (row.split(")")[1].strip() for row in found[1:3])
+    assert len(top) == len(below)
+    # The bars run over a factor of 4.4; 120 is at 79 % of it, 47.3 at 16 %.
+    assert top.index("■") == round(0.79 * (len(top) - 1))
+    assert below.index("■") == round(0.16 * (len(below) - 1))
+    assert "─" in top
+    assert ASCII.shown(top).isascii()
+
+
+def test_an_open_modulus_has_a_bar_and_no_value() -> None:
+    found = rows(result(**NOT_KNOWN), 70)
+    assert "2 no end         not known (40.0 to 410)" in found[2]
+    assert "■" not in found[2]
+    assert found[2].count("─") > found[1].count("─")
+
+
+def test_rock_units_and_narrow_columns_are_seen_to() -> None:
+    on_rock = BELOW | {"thickness_m": 0.75}
+    layers = LAYERS | {"layers": [TOP, on_rock], "bedrock_depth_m": 1.0}
+    assert "rock at 1.00 m" in rows(result(**layers))
+    assert any("ksi" in row and "MPa" not in row for row in rows(result(**LAYERS), 70, US))
+    narrow = rows(result(**LAYERS), 40)
+    assert all(len(row) <= 40 for row in narrow)
+    assert any(row.startswith("   ") and "■" in row for row in narrow)
+    assert rows(result()) == []
+
+
+def test_residuals_stand_by_sensor_and_the_left_out_by_name(
+    make_drop: Callable[..., Drop],
+) -> None:
+    drop = drop_of(make_drop, result(**LAYERS), 0.0, 0.3, -0.3)
+    found = [text_of(one) for one in sensor_lines(drop.curves, OFFSETS, SI)]
+    assert found[0] == "residual by sensor, of its own peak"
+    assert found[1].split() == ["centre", "0", "%,", "0", "%", "in", "contact"]
+    assert found[2].split()[:2] == ["300", "mm"]
+    assert found[3].split()[:2] == ["-300", "mm"]
+    assert found[4].strip() == "600 mm  left out of the fit"
+    assert sensor_lines(drop.curves, (0.0,), SI) == []
+    assert sensor_lines(None, OFFSETS, SI) == []
+
+
+class Asking(Refits):
+    """Keeps the options of what is asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda _: None)
+        self.options: list[AnalysisOptions] = []
+
+    def ask(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
+        self.options.append(options)
+
+
+def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..., Drop]) -> None:
+    """Curves of homogeneous ground beside a profile of layers would be those of another fit."""
+    asking = Asking()
+    source: Any = SimpleNamespace(plan=SessionPlan(options=AnalysisOptions(seed=4)))
+    nothing: Any = SimpleNamespace(put=lambda _: None)
+    fits = DropFits(source, nothing, nothing, nothing, nothing)
+    fits._refits = asking
+    fits.fetch(DropState("7", 1, handed=handed_on(), results=[result(**LAYERS)]))
+    given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
+    known = result(**LAYERS | {"layers": [given, BELOW]})
+    fits.fetch(DropState("7", 1, handed=handed_on(), results=[known]))
+    fits.fetch(DropState("7", 1, handed=handed_on(), results=[result()]))
+    quick = AnalysisOptions(seed=4, method="least-squares")
+    assert asking.options == [
+        replace(quick, layers=2),
+        replace(quick, layers=2, thickness=(0.25,)),
+        quick,
+    ]
+
+
+def test_a_fit_that_leaves_the_subgrade_open_is_no_failure() -> None:
+    said: list[str] = []
+    state = SessionState(clock=lambda: 1.0)
+    nothing: Any = SimpleNamespace(put=lambda _: None)
+    fits = DropFits(nothing, nothing, state, said.append, nothing)
+    fits.on_refitted(1, "2 layers", result(**NOT_KNOWN), SI)
+    fits.on_refitted(1, "2 layers", result(**LAYERS), SI)
+    fits.on_refitted(1, "2 layers", result(None, reason="no pulse", layers=None), SI)
+    assert said == [
+        "drop 1, 2 layers: effective 71.0 MPa; m goes through the results",
+        "drop 1, 2 layers: 47.3 MPa; m goes through the results",
+        "drop 1 could not be fitted so: no pulse",
+    ]
+
+
+def test_the_bowl_has_a_dash_a_sensor_and_a_line(make_drop: Callable[..., Drop]) -> None:
+    figure = bowl_figure(drop_of(make_drop, result(**LAYERS), *OFFSETS), SI)
+    assert figure is not None
+    measured, modelled = figure.curves
+    assert figure.time_unit == "mm"
+    assert (figure.start, figure.end) == pytest.approx((-318.0, 618.0))
+    for place, peak in ((-300.0, 256.0), (0.0, 640.0), (300.0, 256.0), (600.0, 160.0)):
+        at = int(np.argmin(np.abs(measured.time - place)))
+        assert measured.values[at] == pytest.approx(peak, rel=1e-2)
+        factor = 1.0 if place == 0 else 1.5
+        assert modelled.values[at] == pytest.approx(factor * peak, rel=1e-2)
+    assert np.isnan(measured.values[int(np.argmin(np.abs(measured.time - 150.0)))])
+    single = DropState("7", 1, handed=handed_on(), curves=curves(), results=[result()])
+    assert bowl_figure(single, SI) is None
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 60)])
+@pytest.mark.parametrize("known", [LAYERS, NOT_KNOWN])
+def test_the_drop_page_has_layers_bowl_and_sensors(
+    make_drop: Callable[..., Drop], size: tuple[int, int], known: dict[str, Any]
+) -> None:
+    drop = drop_of(make_drop, result(**known), *OFFSETS)
+    shown = page(drop, *size, panel="bowl")
+    assert any("bowl" in row and "µm" in row for row in shown)
+    state = SessionState(clock=lambda: 1.0)
+    lines = text_lines(DropView(drop, state, SI, BRAILLE, "", DropPage.KEYS), drop, 60)
+    written = "\n".join(text_of(one) for one in lines)
+    assert "effective 71.0 MPa" in written
+    assert "residual by sensor" in written
+    assert ("subgrade 47.30 ± 0.60" in written) == (known is LAYERS)
+    assert ("not known (40.0 to 410)" in written) == (known is NOT_KNOWN)
+
+
+@pytest.mark.parametrize("size", [(120, 40), (200, 60)])
+def test_the_measure_page_says_whose_modulus_it_is(size: tuple[int, int]) -> None:
+    shown = text(view(ready(), saved(1), analysed(1, **LAYERS)), size)
+    assert "subgrade  47.3 (46.7 to 47.9) MPa" in shown
+    assert "top       120 (110 to 131) MPa, 0.25 m" in shown
+    assert "lowest of 2 media, half-space" in shown
+    shown = text(view(ready(), saved(1), analysed(1, **NOT_KNOWN)), size)
+    assert "subgrade  not known (40.0 to 410) MPa" in shown
+    assert "subgrade" not in text(view(ready(), saved(1), analysed(1)), size)
