@@ -14,7 +14,9 @@ from pfwd_survey.inverting.options import (
     PUBLISHED,
     AnalysisOptions,
     Choices,
+    with_layers_of,
 )
+from pfwd_survey.inverting.results import DropResult, LayerResult
 
 
 @pytest.mark.parametrize(
@@ -124,3 +126,25 @@ def test_layers_reach_the_inversion(options: dict[str, Any], layers: Any, thickn
 
 def test_as_many_layers_as_the_inversion_knows() -> None:
     assert MOST_LAYERS == number.MOST_LAYERS == 4
+
+
+@pytest.mark.parametrize(
+    ("given", "thickness"), [((True, True), (0.1, 0.3)), ((True, False), None)]
+)
+def test_the_media_of_a_result_are_asked_for_again(
+    given: tuple[bool, bool], thickness: tuple[float, ...] | None
+) -> None:
+    upper = [
+        LayerResult(thickness_m=value, thickness_sd_m=None if known else 0.01)
+        for value, known in zip((0.1, 0.3), given, strict=True)
+    ]
+    result = DropResult(layers=(*upper, LayerResult()))
+    options = AnalysisOptions(seed=3)
+    found = with_layers_of(options, result)
+    assert found == AnalysisOptions(seed=3, layers=3, thickness=thickness)
+    for plain in (None, DropResult(), DropResult(layers=(LayerResult(),))):
+        assert with_layers_of(options, plain) is options
+    too_many = DropResult(layers=(LayerResult(thickness_m=0.1),) * 5)
+    assert with_layers_of(options, too_many) is options
+    published = AnalysisOptions(published=True)
+    assert with_layers_of(published, result) is published
