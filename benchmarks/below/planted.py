@@ -11,8 +11,14 @@ from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Storage
 
 
+def _look_at_no_times() -> None:
+    """What a disk forgot would be seen by the times of the files, and be written again."""
+    JournalWriter.stamps_changed = lambda self: {}  # type: ignore[method-assign]
+
+
 def _ignore_sync_errors() -> None:
     """The error of a sync is taken for a success."""
+    _look_at_no_times()
     real = Storage.sync
 
     def sync(self: Storage, descriptor: int) -> None:
@@ -30,6 +36,7 @@ class _Lenient(Storage):
 
 def _ignore_journal_sync() -> None:
     """A record is acknowledged although the sync of the journal failed; the ledger is in order."""
+    _look_at_no_times()
     real = JournalWriter.append
 
     def append(self: JournalWriter, record: Record) -> Entry:
