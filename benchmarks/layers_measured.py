@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,12 +49,11 @@ def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs:
         if entry.records is not None and len(entry.records.records[0].sensors) > 1
     ]
     report.title("measured drops of several sensors (residual in % of the peak, E of the subgrade)")
-    work = partial(_ladder)
     if jobs > 1:
         with worker_pool(jobs) as pool:
-            found = list(pool.map(work, points))
+            found = list(pool.map(_ladder, points))
     else:
-        found = [work(records) for records in points]
+        found = [_ladder(records) for records in points]
     for records, (steps, left_out, seconds) in zip(points, found, strict=True):
         sensors = len(records.records[0].sensors)
         for step, whole, contact, modulus, names in steps:

@@ -268,10 +268,8 @@ def _invert_layered(records: list[Record], settings: Settings) -> tuple[Inversio
     drops = []
     for record in records:
         drop = prepare(record)
-        floor = model_floor(drop, record.model_floor)
-        scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
         load = _model_load(drop, settings)
-        drops.append(LayeredDrop(drop, record.instrument, load, scale, floor))
+        drops.append(LayeredDrop.of(drop, record.instrument, load, record.model_floor))
     peaks = [_peak(item.drop, first) for item in drops]
     request = LayerRequest(
         layers=settings.layers,

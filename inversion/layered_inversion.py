@@ -26,21 +26,19 @@ from inversion.fitting.layered.number import (
     most_layers,
 )
 from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.result import Effective, LayerValue, Value
 
 # An interval wider than this factor is no value.
 OPEN_FACTOR = 10.0
-# A distance counts once within this, m: sensors on both sides of the plate.
-_SAME_DISTANCE = 0.005
 # Mean square residual over which, times that of one medium, a layer does not fit as well.
 _FITS_AS_WELL = 1.2
 # Media with which it is decided which part of the record is explained.
 _WINDOW_LAYERS = 3
 # Step of the unit values in the derivatives of the effective modulus.
 _STEP = 1e-4
-_NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ def invert_layers(
         fit = work.best_of(int(request.layers))
         return _described(fit, request, (Considered(fit, information(fit)),), work.solves)
     sensors = drops[0].drop.offsets.size
-    most = most_layers(_distances(drops[0]))
+    most = most_layers(drops[0].distances)
     # What can be told decides for all numbers alike which part of the record counts.
     work.window = work.first_fit(min(_WINDOW_LAYERS, most)).window
     tried: list[Considered] = []
@@ -154,12 +152,6 @@ def invert_layers(
         if two.cost <= _FITS_AS_WELL * max(1.0, best.fit.cost):
             return _with_layers_that_fit_as_well(chosen, layered)
     return chosen
-
-
-def _distances(item: LayeredDrop) -> int:
-    """How many distances from the plate's centre the sensors have."""
-    offsets = np.sort(np.abs(item.drop.offsets))
-    return 1 + int(np.count_nonzero(np.diff(offsets) > _SAME_DISTANCE))
 
 
 def _with_layers_that_fit_as_well(
@@ -391,7 +383,7 @@ def _effective(
         slopes[column] = math.log(there / value) / step
     spread = uncertainty.whole_deviation
     covariance = uncertainty.correlation * np.outer(spread, spread)
-    reach = _NORMAL_95 * math.sqrt(max(0.0, float(slopes @ covariance @ slopes)))
+    reach = NORMAL_95 * math.sqrt(max(0.0, float(slopes @ covariance @ slopes)))
     interval = (value * math.exp(-reach), value * math.exp(reach))
     return Effective(value, interval, effective_depth(plate, radius, ground))
 

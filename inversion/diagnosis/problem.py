@@ -20,7 +20,6 @@ from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.layered.misfit import LayeredDrop
-from inversion.fitting.misfit import model_floor
 from inversion.fitting.parameters import Parameter, soil_parameters
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.half_sine import fit_half_sine
@@ -177,12 +176,10 @@ def _first_look(records: PointRecords) -> FirstLook:
     for record in records.records:
         # As the drops' models have their sensors.
         drop = prepare(record.nearest_first())
-        floor = model_floor(drop, record.model_floor)
-        scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
         load = drop.load
         if records.half_sine:
             load = fit_half_sine(drop.time, drop.load).load(drop.time)
-        drops.append(LayeredDrop(drop, record.instrument, load, scale, floor))
+        drops.append(LayeredDrop.of(drop, record.instrument, load, record.model_floor))
     return FirstLook(
         drops,
         first.poisson_ratio,

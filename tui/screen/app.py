@@ -185,6 +185,8 @@ class PfwdApp(App[int]):
         self.push_screen(MeasurePage())
         self.set_interval(1 / UPDATES, self._tick)
         self.call_after_refresh(self._begin)
+        # The loop of Windows takes no signals, and none does outside the main thread: there the
+        # program ends by its keys.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop = asyncio.get_running_loop()
             loop.add_signal_handler(signal.SIGTERM, self._end_by_signal)

@@ -19,8 +19,6 @@ from inversion.fitting.layered.parameters import layered_space
 
 # Sensors at so many distances tell a layer between the top and the ground below.
 _MIDDLE_DISTANCES = 4
-# A distance counts once within this, m: sensors on both sides of the plate.
-_SAME_DISTANCE = 0.005
 
 
 class FirstLook:
@@ -58,8 +56,7 @@ class FirstLook:
     @property
     def distances(self) -> int:
         """Number of distances of the sensors from the plate's centre."""
-        offsets = np.sort(np.abs(self.drops[0].drop.offsets))
-        return 1 + int(np.count_nonzero(np.diff(offsets) > _SAME_DISTANCE))
+        return self.drops[0].distances
 
     @property
     def has_middle(self) -> bool:

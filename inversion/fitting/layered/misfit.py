@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.layered.parameters import LayeredSpace
+from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import (
     FAST,
@@ -21,6 +22,9 @@ from inversion.forward.layered import (
 )
 from inversion.forward.model import Instrument
 from inversion.measured.record import PreparedDrop
+
+# A distance counts once within this, m: sensors on both sides of the plate.
+_SAME_DISTANCE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,21 @@ class LayeredDrop:
     model_load: FloatArray
     scale: FloatArray
     model_floor: FloatArray
+
+    @classmethod
+    def of(
+        cls, drop: PreparedDrop, instrument: Instrument, load: FloatArray, granted: float | None
+    ) -> LayeredDrop:
+        """The drop under a load, with the model's error as granted (m) or by default."""
+        floor = model_floor(drop, granted)
+        scale: FloatArray = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
+        return cls(drop, instrument, load, scale, floor)
+
+    @property
+    def distances(self) -> int:
+        """How many distances from the plate's centre its sensors have."""
+        offsets = np.sort(np.abs(self.drop.offsets))
+        return 1 + int(np.count_nonzero(np.diff(offsets) > _SAME_DISTANCE))
 
 
 class LayeredMisfit:
