@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.peaks import Peaks
@@ -102,6 +102,44 @@ class SurveyDrop:
         """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
         return self._survey.file_bytes_of(self.number)
 
+    @property
+    def place(self) -> "DropPlace | None":
+        """Where another process finds its facts; None: not in the journal."""
+        return self._survey.place_of(self.number)
+
+
+class DropPlace(NamedTuple):
+    """Where the journal has a drop: what another process needs to read it, and no more."""
+
+    layout: Layout
+    entry: Entry
+    number: int
+    """Survey-wide."""
+    point: str
+    drop: int
+    """Within the point."""
+
+    def read_facts(self) -> DropFacts:
+        """As :meth:`SurveyDrop.read_facts`, from the journal alone.
+
+        Raises
+        ------
+        RecordingError
+            If the journal does not have it whole at this place.
+        """
+        frame = _frame_of(self.layout, self.entry, self.number)
+        data, found = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
+        expected = (self.number, self.point, self.drop)
+        if not isinstance(found, Peaks):
+            record = drop_from_parts({**data, "rebounds": []}, found)
+            _compare(expected, data.get("number"), record.point, record.drop.number)
+            return facts_of(record)
+        _compare(expected, data.get("number"), data.get("point"), data.get("drop"))
+        declared, metadata = data.get("declared"), data.get("metadata")
+        if not isinstance(declared, dict) or not isinstance(metadata, dict):
+            raise RecordingError(f"expected what is known of drop {self.number}, came others")
+        return DropFacts(declared, metadata, found, None)
+
 
 @dataclass(slots=True)
 class SurveyPoint:
@@ -190,13 +228,20 @@ class Survey:
 
     def read_facts(self, number: int) -> DropFacts:
         """Peaks of a drop where they were recorded, else its traces, with what is known of it."""
-        entry = self._index.drops.get(number)
-        if entry is not None:
+        place = self.place_of(number)
+        if place is not None:
             try:
-                return self._facts_from_journal(entry)
+                return place.read_facts()
             except RecordingError:
                 pass  # damaged since the survey was opened
         return facts_of(self.read_traces(number))
+
+    def place_of(self, number: int) -> DropPlace | None:
+        """Where the journal has the drop with this survey-wide number; None: it has not."""
+        found = self._index.drops.get(number)
+        if found is None:
+            return None
+        return DropPlace(self._layout, found.entry, number, found.point, found.drop)
 
     def read_drop(self, number: int) -> DropRecord:
         """The drop with this survey-wide number, with all its rebounds.
@@ -353,27 +398,12 @@ class Survey:
         else:
             data, arrays = decode_payload(payload)
         record = drop_from_parts(data, arrays)
-        _compare(entry, data.get("number"), record.point, record.drop.number)
+        expected = (entry.number, entry.point, entry.drop)
+        _compare(expected, data.get("number"), record.point, record.drop.number)
         return record
 
-    def _facts_from_journal(self, entry: DropEntry) -> DropFacts:
-        payload = self._frame(entry).payload
-        data, found = decode_payload_unless(payload, recorded_peaks, is_trace)
-        if not isinstance(found, Peaks):
-            record = drop_from_parts({**data, "rebounds": []}, found)
-            _compare(entry, data.get("number"), record.point, record.drop.number)
-            return facts_of(record)
-        _compare(entry, data.get("number"), data.get("point"), data.get("drop"))
-        declared, metadata = data.get("declared"), data.get("metadata")
-        if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected what is known of drop {entry.number}, came others")
-        return DropFacts(declared, metadata, found, None)
-
     def _frame(self, entry: DropEntry) -> Frame:
-        frame = read_record(self._layout, entry.entry.segment, entry.entry.offset)
-        if (frame.kind, frame.sequence) != (Kind.DROP, entry.entry.sequence):
-            raise RecordingError(f"expected drop {entry.number}, came another record")
-        return frame
+        return _frame_of(self._layout, entry.entry, entry.number)
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         found = []
@@ -426,10 +456,18 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         return Survey(layout, read_index(layout), states)
 
 
-def _compare(entry: DropEntry, *found: object) -> None:
+def _frame_of(layout: Layout, entry: Entry, number: int) -> Frame:
+    """The record of the drop with this survey-wide number."""
+    frame = read_record(layout, entry.segment, entry.offset)
+    if (frame.kind, frame.sequence) != (Kind.DROP, entry.sequence):
+        raise RecordingError(f"expected drop {number}, came another record")
+    return frame
+
+
+def _compare(expected: tuple[int, str, int], *found: object) -> None:
     """Refuse the record of another drop: `found` are its number, point and number within it."""
-    if found != (entry.number, entry.point, entry.drop):
-        raise RecordingError(f"expected drop {entry.number}, came another one")
+    if found != expected:
+        raise RecordingError(f"expected drop {expected[0]}, came another one")
 
 
 def _in_order(paths: list[Path]) -> tuple[Path, ...]:

@@ -1,14 +1,16 @@
 """Exports a survey: the one road for the command line and scripts."""
 
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
 import pfwd_plugins
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording.index import no_collections
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.exporting.registry import OWN, ExportFormat, find_format, format_names
-from pfwd_survey.exporting.rows import NO_RESULT, Order, Results
+from pfwd_survey.exporting.rows import Order, Results
 from pfwd_survey.files.reading import survey_content
 
 
@@ -82,23 +84,17 @@ def export_survey(
         If the survey cannot be read, or what it holds does not fit into the format.
     """
     chosen = _format(form, invert=invert)
-    content = survey_content(survey)
-    order = Order(content, _inverted(os.fspath(survey), seed) if invert else None, force, jobs)
-    try:
-        notes = list(chosen.writer()(order, path))
-        results = None
-        if chosen.with_results:
-            results = sum(row.values["status"] != NO_RESULT for row in order.rows)
-    except RecordingError as err:
-        raise SurveyError(str(err)) from err
-    except (SurveyError, OSError):
-        raise
-    except Exception as err:
-        if form in OWN:
-            raise
-        package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form)
-        came = f"{type(err).__name__}: {err}"
-        raise SurveyError(refusal(f"--format {form}", f"a file from {package}", came)) from err
+    with ExitStack() as stack:
+        second = None
+        if chosen.by_parts and not invert:
+            from pfwd_survey.exporting.parts import second_process
+
+            stack.enter_context(no_collections())  # what is read is needed to the end
+            second = stack.enter_context(second_process(os.fspath(survey), jobs))
+        content = survey_content(survey)
+        inverted = _inverted(os.fspath(survey), seed) if invert else None
+        order = Order(content, inverted, force, jobs, second)
+        notes, results = _written(chosen, order, path)
     drops = len(content.drops)
     if results is not None and results < drops:
         notes.append(f"{drops - results} of {drops} drops have no result")
@@ -112,6 +108,25 @@ def export_survey(
         results,
         (*notes, *lost),
     )
+
+
+def _written(
+    form: ExportFormat, order: Order, path: str | os.PathLike[str]
+) -> tuple[list[str], int | None]:
+    """What was left out, and how many drops have a result; None: the format holds none."""
+    try:
+        notes = list(form.writer()(order, path))
+        return notes, order.results if form.with_results else None
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+    except (SurveyError, OSError):
+        raise
+    except Exception as err:
+        if form.name in OWN:
+            raise
+        package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form.name)
+        came = f"{type(err).__name__}: {err}"
+        raise SurveyError(refusal(f"--format {form.name}", f"a file from {package}", came)) from err
 
 
 def _format(name: str, *, invert: bool) -> ExportFormat:

@@ -34,6 +34,8 @@ class ExportFormat:
     function is, as ``"module:function"``: imported when it is used."""
     with_results: bool = False
     """Whether it holds results, so that drops may be inverted for it."""
+    by_parts: bool = False
+    """Whether it makes a text of its rows with `row_texts`, so that a second process may help."""
 
     def writer(self) -> Write:
         """The function ``write(order, path)``."""
@@ -52,8 +54,8 @@ OWN: Mapping[str, ExportFormat] = MappingProxyType(
         for form in (
             ExportFormat("h5", "the whole survey", f"{_HERE}.surveys:write_h5"),
             ExportFormat("csv", "a folder of trace files", f"{_HERE}.surveys:write_csv"),
-            ExportFormat("table", "results as CSV", f"{_HERE}.tables:write_table", True),
-            ExportFormat("jsonl", "results as JSON", f"{_HERE}.tables:write_jsonl", True),
+            ExportFormat("table", "results as CSV", f"{_HERE}.tables:write_table", True, True),
+            ExportFormat("jsonl", "results as JSON", f"{_HERE}.tables:write_jsonl", True, True),
             ExportFormat("parquet", "results", f"{_HERE}.tables:write_parquet", True),
             ExportFormat("geojson", "results on the map", f"{_HERE}.maps:write_geojson", True),
             ExportFormat("gpx", "results as way points", f"{_HERE}.maps:write_gpx", True),

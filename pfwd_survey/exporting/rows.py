@@ -1,20 +1,25 @@
 """One row per drop: where, when, what was measured, and the result with all that belongs to it."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.index import no_collections
 from pfwd_device.text import clean
-from pfwd_survey.exporting.columns import COLUMNS
+from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
 from pfwd_survey.files.survey_content import DropContent, PointContent, SurveyContent
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
+
+if TYPE_CHECKING:
+    from pfwd_survey.exporting.parts import SecondProcess
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
@@ -28,6 +33,7 @@ OF_THE_SURVEY = (
 """Columns that say what the survey says now, not what was known when the result was found."""
 
 _OF_A_RESULT = {c.name: c.kind for c in COLUMNS if c.name not in OF_THE_SURVEY}
+_KEYS = frozenset(_OF_A_RESULT)
 _EMPTY: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
 
 SAME = 1e-9
@@ -54,6 +60,11 @@ class Row:
     """By the names of ``COLUMNS``; None: not known."""
 
     @property
+    def has_result(self) -> bool:
+        """Whether there is a result."""
+        return bool(self.values["status"] != NO_RESULT)
+
+    @property
     def used(self) -> bool:
         """Whether neither the drop nor its point is discarded, and it can be read."""
         gone = self.point.discarded or self.drop.discarded
@@ -71,12 +82,19 @@ class Order:
     """Whether a file that is there may be replaced."""
     jobs: int = 1
     """Processes that may work on it."""
+    second: "SecondProcess | None" = None
+    """Makes rows too, for who wants them as text."""
 
     @cached_property
     def rows(self) -> list[Row]:
         """All drops, point by point; read once."""
         with no_collections():
             return list(rows_of(self.content, self.inverted))
+
+    @cached_property
+    def results(self) -> int:
+        """How many drops have a result; who has not kept the rows may have counted them."""
+        return sum(row.has_result for row in self.rows)
 
 
 def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator[Row]:
@@ -90,12 +108,11 @@ def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator
     """
     for point in content.points:
         for drop in point.drops:
-            yield _row(content, point, drop, inverted)
+            yield row_of(content.survey_id, point, drop, inverted)
 
 
-def _row(
-    content: SurveyContent, point: PointContent, drop: DropContent, inverted: Results | None
-) -> Row:
+def row_of(survey_id: str, point: PointContent, drop: DropContent, inverted: Results | None) -> Row:
+    """The row of a drop; as :func:`rows_of`."""
     record, fault = None, None
     result: DropResult | None = None
     try:
@@ -116,7 +133,7 @@ def _row(
     if record is not None:
         peaks = record.peaks if record.drop is None else peaks_of(record.drop)
     values: dict[str, Any] = dict(_EMPTY)
-    values |= _facts(content, point, drop, record)
+    values |= _facts(survey_id, point, drop, record)
     values |= {
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
@@ -135,7 +152,7 @@ def _row(
 
 
 def _facts(
-    content: SurveyContent, point: PointContent, drop: DropContent, record: DropFacts | None
+    survey_id: str, point: PointContent, drop: DropContent, record: DropFacts | None
 ) -> dict[str, Any]:
     declared = {**(record.declared if record else {}), **point.declared}
     # Said of the point later, wins over what was recorded with the drop.
@@ -145,7 +162,7 @@ def _facts(
     serial = identity.get("serial_number") if isinstance(identity, Mapping) else None
     target = drop.target if drop.target is not None else point.target
     return {
-        "survey_id": content.survey_id or None,
+        "survey_id": survey_id or None,
         "point": point.title,
         "drop": drop.drop,
         "record": drop.number,
@@ -161,19 +178,7 @@ def _facts(
 
 def _result(result: DropResult, point: PointContent, record: DropFacts | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
-    found: dict[str, Any] = {}
-    for name, value in result.values(_OF_A_RESULT).items():
-        match _OF_A_RESULT[name]:
-            case "number":
-                found[name] = number(value)
-            case "whole":
-                found[name] = value if type(value) is int else None
-            case "flag":
-                found[name] = value if isinstance(value, bool) else None
-            case "text":
-                found[name] = _text(value)
-            case "texts":
-                found[name] = _texts(value)
+    found = _cells(result)
     for key, unit, ends in (
         ("modulus_interval", "pa", result.modulus_interval_pa),
         ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),
@@ -186,7 +191,10 @@ def _result(result: DropResult, point: PointContent, record: DropFacts | None) -
         found["half_sine_duration_s"] = number(pulse.duration_s)
         found["half_sine_rms_over_peak"] = number(pulse.rms_over_peak)
     cells = layer_cells(result)
-    layers = {name: number(value) for name, value in cells.items()}
+    layers = {
+        name: None if value is None else number(value)  # most results have one layer
+        for name, value in cells.items()
+    }
     layers[NUMBER.name] = cells[NUMBER.name]
     warnings = found.get("warnings") or []
     warnings += _stale(result, point, record)
@@ -196,6 +204,30 @@ def _result(result: DropResult, point: PointContent, record: DropFacts | None) -
         warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
     found["warnings"] = warnings
     return found | (dict.fromkeys(layers) if missing else layers)
+
+
+def _cells(result: DropResult) -> dict[str, Any]:
+    """What a result has under the names of columns, each as its column's kind."""
+    if result.more.keys().isdisjoint(_KEYS):
+        return _known_cells(result)
+    # Another version may have such a key, or a value of another type for one.
+    values = result.values(_OF_A_RESULT)
+    return {name: _OF_KIND[_OF_A_RESULT[name]](value) for name, value in values.items()}
+
+
+def _known_cells(result: DropResult) -> dict[str, Any]:
+    """As :func:`_cells`, of a result whose keys are all known here.
+
+    A survey has many drops and a result many values: what they are is looked up once, above.
+    """
+    found: dict[str, Any] = {}
+    for name, value in zip(_NUMBER_NAMES, _NUMBER_VALUES(result), strict=True):
+        # Nearly always a float; this is `number` without the call.
+        sound = type(value) is float and math.isfinite(value)
+        found[name] = value if sound or value is None else number(value)
+    for name, as_kind, value in zip(_OTHER_NAMES, _OTHER_KINDS, _OTHER_VALUES(result), strict=True):
+        found[name] = as_kind(value)
+    return found
 
 
 def missing_parts(result: DropResult) -> list[str]:
@@ -247,3 +279,29 @@ def _texts(value: object) -> list[str]:
     if not isinstance(value, list | tuple):
         return []
     return [clean(str(item), limit=LONGEST_CELL) for item in value]
+
+
+def _whole(value: object) -> int | None:
+    return value if type(value) is int else None
+
+
+def _flag(value: object) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+_OF_KIND: Mapping[Kind, Callable[[Any], Any]] = {
+    "number": number,
+    "whole": _whole,
+    "flag": _flag,
+    "text": _text,
+    "texts": _texts,
+}
+"""How the value of a result becomes that of a column."""
+
+# Layers are records of their own; their columns are filled from `layer_cells`.
+_FIELDS = [f.name for f in fields(DropResult) if f.name in _KEYS and f.name != NUMBER.name]
+_NUMBER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] == "number")
+_NUMBER_VALUES = attrgetter(*_NUMBER_NAMES)
+_OTHER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] != "number")
+_OTHER_KINDS = tuple(_OF_KIND[_OF_A_RESULT[name]] for name in _OTHER_NAMES)
+_OTHER_VALUES = attrgetter(*_OTHER_NAMES)

@@ -2,31 +2,55 @@
 
 import csv
 import os
+from collections.abc import Iterable, Iterator
+from operator import itemgetter
 from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.rows import Order
+from pfwd_survey.exporting.parts import row_texts
+from pfwd_survey.exporting.rows import Order, Row
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """A spreadsheet takes text that begins so for a formula, and runs it."""
 
+_NAMES = [column.name for column in COLUMNS]
+_OF_ROW = itemgetter(*_NAMES)
+
 
 def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the rows of all drops, discarded ones marked."""
-    names = [column.name for column in COLUMNS]
     with (
         new_file(path, force=order.force) as draft,
         # newline: the writer ends lines itself, on every system alike
         open(draft, "w", encoding="utf-8", newline="") as stream,
     ):
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        for row in order.rows:
-            writer.writerow([cell(row.values[name]) for name in names])
+        stream.write(csv.writer(_Line()).writerow(_NAMES))
+        stream.writelines(row_texts(order, table_texts))
     return []
+
+
+def table_texts(rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of rows in a table."""
+    writer = csv.writer(_Line())
+    for row in rows:
+        # The writer makes of a float and of None what `cell` does, and most values are those.
+        yield writer.writerow(
+            [
+                value if value is None or type(value) is float else cell(value)
+                for value in _OF_ROW(row.values)
+            ]
+        )
+
+
+class _Line:
+    """What a `csv.writer` writes into, so that it returns its text."""
+
+    def write(self, text: str) -> str:
+        """The text."""
+        return text
 
 
 def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
@@ -35,11 +59,16 @@ def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
         new_file(path, force=order.force) as draft,
         open(draft, "w", encoding="utf-8", newline="\n") as stream,
     ):
-        for row in order.rows:
-            result = None if row.result is None else row.result.to_json()
-            more = {"declared": row.declared or {}, "result": result}
-            stream.write(json_text({**row.values, **more}) + "\n")
+        stream.writelines(row_texts(order, jsonl_texts))
     return []
+
+
+def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of rows as JSON."""
+    for row in rows:
+        result = None if row.result is None else row.result.to_json()
+        more = {"declared": row.declared or {}, "result": result}
+        yield json_text({**row.values, **more}) + "\n"
 
 
 def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:

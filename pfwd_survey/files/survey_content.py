@@ -10,6 +10,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.payload import decode_json
+from pfwd_device.recording.survey_reader import DropPlace
 
 LARGEST_RESULT = 10_000_000
 """Bytes of a result; one takes some 3 kB."""
@@ -46,6 +47,10 @@ class DropContent:
     """What identifies the drop on the instrument."""
     read_file: Callable[[], bytes | None] = field(repr=False, default=lambda: None)
     """Its HDF5 file as it was published, without rebounds that followed; None: there is none."""
+    place: Callable[[], DropPlace | None] = field(repr=False, default=lambda: None)
+    """Where another process finds its facts; None: it has to be read in this one."""
+    last_result: Callable[[], Path | None] = field(repr=False, default=lambda: None)
+    """The file that `read_last_result` reads, for another process too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,14 +153,17 @@ def _drop(drop: SurveyDrop) -> DropContent:
         edits=drop.edits,
         read=drop.read,
         read_results=lambda: tuple(read_result(path) for path in drop.results),
-        read_last_result=lambda: _last_result(drop.last_result),
+        read_last_result=lambda: read_last_result(drop.last_result),
         read_facts=drop.read_facts,
         read_key=lambda: drop.key,
         read_file=drop.read_file,
+        place=lambda: drop.place,
+        last_result=lambda: drop.last_result,
     )
 
 
-def _last_result(path: Path | None) -> Result | None:
+def read_last_result(path: Path | None) -> Result | None:
+    """A stored result in its file, if there is one; raises as `parse_result`."""
     return None if path is None else read_result(path)
 
 

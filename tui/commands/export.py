@@ -7,7 +7,8 @@ from pfwd_survey.exporting.json_text import json_text
 from tui.output import clean, say
 
 MOST_PROCESSES = 2
-"""Read an exported file back; the disk and one that waits keep more from gaining anything."""
+"""Make rows, or read an exported file back; the disk and one that waits keep more from gaining
+anything."""
 
 
 def run(args: argparse.Namespace) -> int:

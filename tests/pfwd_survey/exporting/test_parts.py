@@ -1,0 +1,198 @@
+"""Two processes make the same rows as one, whatever becomes of the second."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_survey.exporting import parts
+from pfwd_survey.exporting.export import Exported, export_survey
+from pfwd_survey.exporting.parts import (
+    Part,
+    SecondProcess,
+    is_large,
+    row_texts,
+    second_process,
+)
+from pfwd_survey.exporting.rows import Order
+from pfwd_survey.exporting.tables import jsonl_texts, table_texts
+from pfwd_survey.files.survey_content import SurveyContent, folder_content
+
+TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
+
+
+@pytest.fixture(scope="module")
+def second() -> Iterator[SecondProcess]:
+    process = SecondProcess()
+    yield process
+    process.close()
+
+
+@pytest.fixture(autouse=True)
+def _a_drop_is_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, "DROPS_AT_ONCE", 1)
+
+
+class Told:
+    """A second process that has done what it was asked for, or else failed."""
+
+    def __init__(self, *made: Part | Exception) -> None:
+        self.made = made
+        self.sizes: list[int] = []
+
+    def make(self, _content: object, _texts: object, drops: Sequence[Any]) -> list[Future[Part]]:
+        self.sizes = list(map(len, drops))
+        futures: list[Future[Part]] = []
+        for said in self.made:
+            futures.append(future := Future())
+            if isinstance(said, Exception):
+                future.set_exception(said)
+            else:
+                future.set_result(said)
+        return futures
+
+
+def asked(second: SecondProcess, content: SurveyContent, texts: Any) -> list[Future[Part]]:
+    drops = [[(point, drop)] for point in content.points for drop in point.drops]
+    futures = [future for future in second.make(content, texts, drops) if future is not None]
+    assert len(futures) == len(drops)
+    return futures
+
+
+@pytest.mark.parametrize("texts", [table_texts, jsonl_texts])
+def test_the_second_process_makes_what_the_first_would(
+    survey: Path, second: SecondProcess, texts: Any
+) -> None:
+    (survey / "results" / "drop-000002-2.json").write_text("{", encoding="utf-8")  # damaged
+    content = folder_content(survey)
+    made = [future.result(TIMEOUT) for future in asked(second, content, texts)]
+    order = Order(content)
+    assert [part.text for part in made] == list(row_texts(order, texts))
+    assert "damaged: " in made[1].text
+    assert sum(part.results for part in made) == order.results == 1
+
+
+def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(
+    survey: Path, second: SecondProcess
+) -> None:
+    content = folder_content(survey)
+    expected = list(row_texts(Order(content), table_texts))
+    place = content.points[0].drops[0].place()
+    assert place is not None
+    with (survey / "journal" / "0001.pfwdj").open("r+b") as stream:
+        stream.seek(place.entry.offset + 60)
+        stream.write(b"\0\0\0\0")
+    futures = asked(second, content, table_texts)
+    assert "journal" in str(futures[0].exception(TIMEOUT))
+    order = Order(content, second=second)
+    assert list(row_texts(order, table_texts)) == expected  # from the drop's own file
+    assert order.results == 2
+
+
+def test_a_drop_that_the_journal_has_lost_is_left_to_the_first_process(
+    survey: Path, second: SecondProcess
+) -> None:
+    place = folder_content(survey).points[0].drops[0].place()
+    assert place is not None
+    with (survey / "journal" / "0001.pfwdj").open("r+b") as stream:
+        stream.seek(place.entry.offset + 60)
+        stream.write(b"\0\0\0\0")
+    content = folder_content(survey)
+    assert content.points[0].drops[0].place() is None
+    assert "not in the journal" in str(asked(second, content, table_texts)[0].exception(TIMEOUT))
+    order, alone = Order(content, second=second), Order(content)
+    assert list(row_texts(order, table_texts)) == list(row_texts(alone, table_texts))
+
+
+def test_what_the_second_process_has_made_is_taken_in_its_place(survey: Path) -> None:
+    content = folder_content(survey)
+    lines = list(row_texts(Order(content), table_texts))
+    told = Told(Part("a\n", 1), BrokenProcessPool("killed"), Part("c\n", 7), ValueError("?"))
+    order = Order(content, second=told)  # type: ignore[arg-type]
+    assert list(row_texts(order, table_texts)) == ["a\n", lines[1], "c\n", lines[3]]
+    assert order.results == 1 + 1 + 7 + 0
+
+
+def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
+    content = folder_content(survey)
+    second = SecondProcess()
+    try:
+        second._pool._broken = "killed"  # type: ignore[attr-defined]
+        order = Order(content, second=second)
+        assert list(row_texts(order, table_texts)) == list(row_texts(Order(content), table_texts))
+    finally:
+        second.close()
+
+
+def test_a_part_has_250_drops(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    content = folder_content(survey)
+    (point, *_), told = content.points, Told(Part("", 0), Part("", 0), Part("", 0))
+    many = type(point)(**{name: getattr(point, name) for name in point.__slots__})
+    object.__setattr__(many, "drops", point.drops[:1] * 501)
+    object.__setattr__(content, "points", (many,))
+    list(row_texts(Order(content, second=told), table_texts))  # type: ignore[arg-type]
+    assert told.sizes == [250, 250, 1]
+
+
+@pytest.mark.parametrize(("size", "large"), [(599_999, False), (600_000, True)])
+def test_a_survey_of_2000_drops_is_large(tmp_path: Path, size: int, large: bool) -> None:
+    (tmp_path / "acknowledged.txt").write_bytes(b"\0" * size)
+    assert is_large(str(tmp_path)) is large
+
+
+@pytest.mark.parametrize(
+    ("jobs", "cores", "large"), [(1, 2, True), (2, 1, True), (2, 2, False), (2, 2, None)]
+)
+def test_one_process_does_alone_what_two_would_not_do_sooner(
+    survey: Path, monkeypatch: pytest.MonkeyPatch, jobs: int, cores: int, large: bool | None
+) -> None:
+    monkeypatch.setattr(parts, "processors", lambda: cores)
+    if large:
+        monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+    monkeypatch.setattr(parts, "worker_pool", None)  # would be called
+    name = str(survey) if large is not None else str(survey / "missing")
+    with second_process(name, jobs) as second:
+        assert second is None
+
+
+def test_a_system_that_starts_no_process_is_no_obstacle(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(count: int) -> None:
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(parts, "processors", lambda: 2)
+    monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+    monkeypatch.setattr(parts, "worker_pool", refused)
+    with second_process(str(survey), 2) as second:
+        assert second is None
+
+
+@pytest.mark.parametrize("form", ["table", "jsonl"])
+def test_an_export_by_two_processes_is_that_by_one(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    def export(name: str, jobs: int) -> tuple[bytes, Exported]:
+        told = export_survey(survey, form, tmp_path / name, jobs=jobs)
+        return (tmp_path / name).read_bytes(), told
+
+    monkeypatch.setattr(parts, "processors", lambda: 2)
+    monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+    made: list[Part] = []
+
+    def waited_for(asked: Future[Part]) -> Part:  # these few drops would all be made here before
+        made.append(asked.result(TIMEOUT))
+        return made[-1]
+
+    monkeypatch.setattr(parts, "_made", waited_for)
+    alone, told_alone = export("alone", 1)
+    assert made == []
+    both, told_both = export("both", 2)
+    assert len(made) == told_both.drops
+    assert both == alone
+    assert (told_both.results, told_both.notes) == (told_alone.results, told_alone.notes)
+    assert told_alone.results == 2
