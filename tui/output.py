@@ -17,9 +17,12 @@ def clean(text: object) -> str:
     >>> clean("km 12 \\x1b[31mred")
     'km 12 \N{REPLACEMENT CHARACTER}[31mred'
     """
+    text = str(text)
+    if text.isascii() and text.isprintable():  # nearly always
+        return text
     return "".join(
         "\N{REPLACEMENT CHARACTER}" if _moves(unicodedata.category(letter)) else letter
-        for letter in str(text)
+        for letter in text
     )
 
 

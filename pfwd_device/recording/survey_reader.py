@@ -71,6 +71,11 @@ class SurveyDrop:
         return self._survey.results_of(self.number)
 
     @property
+    def result_count(self) -> int:
+        """How many they are."""
+        return self._survey.result_count_of(self.number)
+
+    @property
     def last_result(self) -> Path | None:
         """The last of them."""
         return self._survey.last_result_of(self.number)
@@ -199,6 +204,14 @@ class Survey:
         except OSError:
             return None
 
+    def close(self) -> None:
+        """Let go of the drops and points.
+
+        They know their survey and it knows them, so that the memory of many is given back at once
+        only by this, and otherwise by a long search for such circles.
+        """
+        self.drops = self.points = ()
+
     @property
     def events(self) -> tuple[dict[str, Any], ...]:
         """Gaps, reconnections and the like, in order."""
@@ -283,6 +296,10 @@ class Survey:
     def results_of(self, number: int) -> tuple[Path, ...]:
         """Files with results of the drop with this survey-wide number, in order."""
         return _in_order([self.folder / path for path in self._results.get(number, ())])
+
+    def result_count_of(self, number: int) -> int:
+        """How many files with results the drop with this survey-wide number has."""
+        return len(self._results.get(number, ()))
 
     def last_result_of(self, number: int) -> Path | None:
         """The last of the files with results of the drop with this survey-wide number."""

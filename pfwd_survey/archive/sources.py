@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.foreign.registry import foreign_suffixes
-from pfwd_survey.files.reading import is_survey, survey_content
+from pfwd_survey.files.reading import survey_content
 from pfwd_survey.files.survey_file import is_survey_file
 
 OWN_SUFFIXES = (".csv", ".h5", ".hdf5")

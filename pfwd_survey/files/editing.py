@@ -12,8 +12,7 @@ from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter,
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
-from pfwd_survey.files.header import KEYS, check_value
-from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
 
 __all__ = [
@@ -157,6 +156,8 @@ def parse_declaration_option(text: str) -> dict[str, Any]:
     ------
     OptionError
     """
+    from pfwd_survey.files.header import KEYS, check_value  # a list of points needs none of it
+
     key, sign, value = text.partition("=")
     key = key.strip()
     if not sign or key not in KEYS:
@@ -193,7 +194,10 @@ def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
         If it is no survey.
     """
     refuse_no_survey(folder)
-    return overview_of(read_survey(folder))
+    survey = read_survey(folder)
+    found = overview_of(survey)
+    survey.close()
+    return found
 
 
 def overview_of(survey: Survey) -> list[dict[str, Any]]:
@@ -218,7 +222,7 @@ def _overview(point: SurveyPoint) -> dict[str, Any]:
                 "discarded": drop.discarded,
                 "notes": list(drop.notes),
                 "position": drop.position,
-                "results": len(drop.results),
+                "results": drop.result_count,
             }
             for drop in point.drops
         ],

@@ -5,13 +5,12 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, read_drop_file
-from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.foreign.common import Channels, Request
 from pfwd_survey.files.foreign.registry import TEXT, find_format, read_foreign
 from pfwd_survey.files.header import (
@@ -171,21 +170,3 @@ def _point(file: str, title: str, records: list[DropRecord], said: Declarations)
     setup = setup_from(known | said, where)
     drops = tuple(record.drop for record in records)
     return TracePoint(file, setup, drops, setup_warnings(setup))
-
-
-def is_survey(path: str | os.PathLike[str]) -> bool:
-    """Whether there is a folder of a survey."""
-    return os.path.isdir(path) and Layout(Path(path)).exists()
-
-
-def refuse_no_survey(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no survey.
-
-    Raises
-    ------
-    SurveyError
-    """
-    if not is_survey(path):
-        came = "another folder" if os.path.isdir(path) else "no such folder"
-        hint = "pfwd log and pfwd import make surveys"
-        raise SurveyError(refusal(os.fspath(path), "the folder of a survey", came, hint))

@@ -8,7 +8,8 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
 from pfwd_device.recording.drop_file import stored_drop
 from pfwd_device.recording.layout import Layout, refuse_links
-from pfwd_survey.files.reading import is_hdf5, refuse_no_survey
+from pfwd_survey.files.folders import refuse_no_survey
+from pfwd_survey.files.reading import is_hdf5
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import check_survey_file, is_survey_file
 

@@ -13,7 +13,7 @@ from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.reading import refuse_no_survey
+from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next

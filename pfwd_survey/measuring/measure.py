@@ -18,7 +18,7 @@ from typing import Any
 
 from pfwd_device.recording import CaptureWriter, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError, refusal
-from pfwd_survey.files.reading import is_survey
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.events import Notice

@@ -8,8 +8,11 @@ import time
 import unicodedata
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pfwd_device import Drop
+from pfwd_device.recording import DropRecord, SurveyWriter
 from simulators.instrument import serve
 from tests.tui.console import (
     CHANNELS,
@@ -216,6 +219,18 @@ def test_logging_alone_loads_neither_inversion_nor_hdf5(tmp_path: Path) -> None:
         loaded = modules_after(code)
     assert "numpy" in loaded
     assert not loaded & {"scipy", "h5py", "textual", "matplotlib", "inversion", "rich"}
+
+
+def test_a_list_of_points_loads_nothing_that_only_others_need(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        writer.save_drop(DropRecord("P", Drop(1, np.arange(4.0), np.zeros(4), ())))
+    code = f"""
+        from tui.cli import main
+        main(["edit", {str(tmp_path / "s")!r}])
+    """
+    loaded = modules_after(code)
+    assert "numpy" in loaded
+    assert not loaded & {"h5py", "tomllib", "csv", "multiprocessing", "concurrent"}
 
 
 @pytest.mark.posix

@@ -40,7 +40,7 @@ def _any_folder(files: list[str]) -> bool:
     """Whether one stands for what is below it: a folder that is no survey."""
     if not any(map(os.path.isdir, files)):
         return False
-    from pfwd_survey.files.reading import is_survey
+    from pfwd_survey.files.folders import is_survey
 
     return any(os.path.isdir(file) and not is_survey(file) for file in files)
 

@@ -1,6 +1,7 @@
 """Trace files into surveys, surveys into analyses, and what is said of points and drops later."""
 
 import math
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
-from pfwd_device.recording import SurveyWriter, index, read_survey
+from pfwd_device.recording import Survey, SurveyWriter, index, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
+from pfwd_survey.files import editing
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
@@ -20,9 +22,10 @@ from pfwd_survey.files.editing import (
     survey_overview,
     target_pa,
 )
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.header import Setup
 from pfwd_survey.files.importing import Imported, import_files
-from pfwd_survey.files.reading import is_survey, read_points
+from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.files.upkeep import check_survey, recover_survey
 
@@ -183,6 +186,32 @@ def test_an_edited_survey_is_shown_without_being_read_again(
     assert readings == ["agreed_records"]  # to see what the edit is about, and to write it
     assert shown == survey_overview(survey)
     assert shown[0]["drops"][1]["notes"] == ["wet"]
+
+
+def test_a_list_gives_the_memory_of_its_survey_back_at_once(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search for circles costs as much as a tenth of a list of 10,000 drops."""
+    read: list[weakref.ref[Survey]] = []
+
+    def noted(folder: Path) -> Survey:
+        found = read_survey(folder)
+        read.append(weakref.ref(found))
+        return found
+
+    monkeypatch.setattr(editing, "read_survey", noted)
+    with index.no_collections():
+        (point,) = survey_overview(survey)
+        assert [found() for found in read] == [None]
+    assert len(point["drops"]) == 3
+
+
+def test_results_are_counted(survey: Path) -> None:
+    with SurveyWriter.open(survey) as writer:
+        writer.save_result(2, {"modulus_pa": 1.0})
+        writer.save_result(2, {"modulus_pa": 2.0})
+    (point,) = survey_overview(survey)
+    assert [drop["results"] for drop in point["drops"]] == [0, 2, 0]
 
 
 def test_points_measured_alike_stay_together_and_others_apart(
