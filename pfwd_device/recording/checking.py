@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording.drop_payload import peaks_problem
 from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.index import Index, build_index, damage_key
+from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, names_in, refuse_special_files
 from pfwd_device.recording.lock import is_locked
 from pfwd_device.recording.recovery import describe, lost_texts
@@ -66,6 +68,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     _check_journal(layout, index, damaged, unfinished)
     _check_ledger(index, damaged, unfinished)
     published = _check_listed(layout, index, damaged)
+    _check_peaks(layout, index, damaged)
     damaged += lost_texts(index)
     damaged += [f"{text}: {_HINT}" for text in waiting_texts(spare, index)]
     _check_unlisted(layout, index, unfinished)
@@ -159,6 +162,18 @@ def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
         elif listed.path.startswith("drops/") and listed.number in index.drops:
             published += 1
     return published
+
+
+def _check_peaks(layout: Layout, index: Index, damaged: list[str]) -> None:
+    """Tables take the peaks that a drop was recorded with for those of its traces."""
+    for drop in index.drops.values():
+        try:
+            frame = read_record(layout, drop.entry.segment, drop.entry.offset)
+            problem = peaks_problem(frame.payload)
+        except RecordingError as err:
+            problem = str(err)
+        if problem is not None:
+            damaged.append(f"drop {drop.point}/{drop.drop} in the journal: {problem}")
 
 
 def _check_unlisted(layout: Layout, index: Index, unfinished: list[str]) -> None:

@@ -19,6 +19,10 @@ PEAKS_VERSION = 1
 """Of what a record says of the peaks. To be raised when :func:`pfwd_device.peaks.trace_peaks` finds
 others: those of an older record are then computed from its traces."""
 
+SAME_PEAKS = 1e-9
+"""Of the largest value of a trace: another processor adds up in another order. A peak that somebody
+changed so little nobody can tell from one that was not."""
+
 Parts = tuple[dict[str, Any], dict[str, Array]]
 
 
@@ -73,8 +77,7 @@ def peaks_data(drop: Drop) -> dict[str, Any] | None:
     They decide what is to be done about missing samples. A drop with any value that is no finite
     number is one of those.
     """
-    values = (drop.time, drop.load, *(channel.values for channel in drop.channels))
-    if not all(np.isfinite(trace).all() for trace in values):
+    if not all(np.isfinite(trace).all() for trace in (drop.time, drop.load, *_values(drop))):
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest
         peaks = trace_peaks(drop)
@@ -98,6 +101,43 @@ def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
         return Peaks(_number(load), tuple(zip(offsets, map(_number, found), strict=True)))
     except (TypeError, ValueError):
         return None
+
+
+def peaks_problem(payload: bytes) -> str | None:
+    """Why what the record of a drop says of its peaks is not so; None: it is, or it says nothing.
+
+    Raises
+    ------
+    RecordingError
+        If the payload has no traces.
+    """
+    data, arrays = decode_payload(payload, is_trace)
+    said = recorded_peaks(data)
+    if said is None:
+        return None
+    drop = drop_from_parts({**data, "rebounds": []}, arrays).drop
+    found = trace_peaks(drop)
+    if said == found:  # nearly always
+        return None
+    if peaks_data(drop) is None:
+        return "expected no peaks beside traces with missing samples, came some"
+    largest = [float(np.abs(values).max()) for values in (drop.load, *_values(drop))]
+    lasts = float(drop.time[-1] - drop.time[0])
+    scales = [
+        size * (lasts if channel.quantity == "velocity" else 1.0)
+        for size, channel in zip(largest[1:], drop.channels, strict=True)
+    ]
+    pairs = [("load", "N", said.load, found.load, largest[0])]
+    for index, scale in enumerate(scales):
+        peaks = said.displacements[index][1], found.displacements[index][1]
+        pairs.append((f"displacement of sensor {index + 1}", "m", *peaks, scale))
+    for name, unit, there, expected, scale in pairs:
+        if not abs(there - expected) <= SAME_PEAKS * scale:
+            return (
+                f"expected the peak {name} of its traces, {expected:g} {unit}, "
+                f"came {there:g} {unit}"
+            )
+    return None
 
 
 def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
@@ -171,6 +211,10 @@ def _rebound_from(data: Mapping[str, Any], counts: Array) -> Rebound:
         first_sample=_whole(data["first_sample"]),
         counts=counts,
     )
+
+
+def _values(drop: Drop) -> list[Array]:
+    return [channel.values for channel in drop.channels]
 
 
 def _number(value: object) -> float:

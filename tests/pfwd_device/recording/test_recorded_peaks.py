@@ -1,5 +1,7 @@
 """What a drop's record says of its peaks, and when it is taken."""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,15 @@ import pytest
 
 from pfwd_device import Channel, Drop
 from pfwd_device.peaks import Peaks, trace_peaks
-from pfwd_device.recording.drop_payload import PEAKS_VERSION, peaks_data, recorded_peaks
+from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, survey_writer
+from pfwd_device.recording.drop_payload import (
+    PEAKS_VERSION,
+    drop_parts,
+    peaks_data,
+    peaks_problem,
+    recorded_peaks,
+)
+from pfwd_device.recording.payload import encode_payload
 
 TIME = np.arange(-8, 24) / 1024
 
@@ -82,3 +92,63 @@ def test_missing_samples_are_left_to_readers(strange: float) -> None:
     assert peaks_data(a_drop(channels=(Channel(0.0, "velocity", values),))) is None
     assert peaks_data(a_drop(channels=())) == {"version": 1, "load": 1472.0, "displacements": []}
     assert Peaks(1.0, ()).centre is None
+
+
+def payload(drop: Drop, said: dict[str, Any] | None) -> bytes:
+    data, arrays = drop_parts(DropRecord("P", drop))
+    return encode_payload({**data, "number": 1, "peaks": said}, arrays)
+
+
+def test_peaks_are_compared_with_the_traces() -> None:
+    said = peaks_data(a_drop())
+    assert said is not None
+    assert peaks_problem(payload(a_drop(), said)) is None
+    assert peaks_problem(payload(a_drop(), None)) is None
+    assert peaks_problem(payload(a_drop(), {**said, "version": 2, "load": 1.0})) is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"load": 1472.0 * (1 + 2e-9)}, "the peak load of its traces, 1472 N, came 1472 N"),
+        ({"load": -1472.0}, "the peak load of its traces, 1472 N, came -1472 N"),
+        ({"load": np.nan}, "came nan N"),
+        ({"displacements": [0.0109864, 0.00140380859375]}, "sensor 1 of its traces, 0.0109863 m"),
+        ({"displacements": [0.010986328125, 0.0014039]}, "of sensor 2 of .*, came 0.0014039 m"),
+    ],
+)
+def test_other_peaks_than_those_of_the_traces_are_told(
+    changed: dict[str, Any], problem: str
+) -> None:
+    said = peaks_data(a_drop())
+    assert said is not None
+    assert re.search(problem, str(peaks_problem(payload(a_drop(), {**said, **changed}))))
+
+
+def test_another_processor_may_add_up_in_another_order() -> None:
+    said = peaks_data(a_drop())
+    assert said is not None
+    for factor in (1 - 5e-10, 1 + 5e-10):
+        near = {**said, "load": said["load"] * factor}
+        assert peaks_problem(payload(a_drop(), near)) is None
+
+
+def test_peaks_beside_missing_samples_are_told() -> None:
+    values = a_drop().load.copy()
+    values[-1] = np.nan
+    said = peaks_data(a_drop())
+    assert "missing samples" in str(peaks_problem(payload(a_drop(load=values), said)))
+
+
+def test_a_check_compares_the_peaks_of_a_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = {"version": 1, "load": 9000.0, "displacements": [0.010986328125, 0.00140380859375]}
+    monkeypatch.setattr(survey_writer, "peaks_data", lambda drop: wrong)
+    with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0) as writer:
+        writer.save_drop(DropRecord("P", a_drop()))
+    monkeypatch.undo()
+    assert read_survey(tmp_path).drops[0].read_facts().peaks is not None
+    assert check(tmp_path).damaged == (
+        "drop P/1 in the journal: expected the peak load of its traces, 1472 N, came 9000 N",
+    )
