@@ -1,8 +1,9 @@
 """Worker processes of `multiprocessing` that take no code from the current folder."""
 
 import os
+import threading
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import resource_tracker
+from multiprocessing import parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 
 from pfwd_device.child_python import children_shielded, ignore_interrupts
@@ -34,9 +35,23 @@ def spawn_context() -> SpawnContext:
 def worker_pool(count: int) -> ProcessPoolExecutor:
     """A pool of so many processes; Ctrl+C is for the process that started them.
 
-    Its processes are spawned on every platform alike, see `spawn_context`.
+    Its processes are spawned on every platform alike, see `spawn_context`, and end with this one
+    though it is killed: each holds both ends of the pipe that its work comes through, so that it
+    would wait for more for ever.
     """
-    return ProcessPoolExecutor(count, spawn_context(), initializer=ignore_interrupts)
+    return ProcessPoolExecutor(count, spawn_context(), initializer=_begin_worker)
+
+
+def _begin_worker() -> None:
+    ignore_interrupts()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def ensure_tracker() -> None:
