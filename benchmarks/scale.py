@@ -259,13 +259,13 @@ class Template:
 
 def recorded_drops(folder: Path) -> list[Template]:
     """Three drops of a simulated instrument, as ``pfwd demo`` records and inverts them."""
-    from pfwd_survey.files.survey_content import folder_content
+    from pfwd_device.recording import read_survey
 
     command = [*PFWD, "demo", "--drops", "3", "--lines", "-o", str(folder)]
     subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT)
     return [
         Template(dataclasses.replace(record, rebounds=()), record.rebounds, drop.read_results())
-        for drop in folder_content(folder).drops
+        for drop in read_survey(folder).drops
         for record in [drop.read()]
     ]
 

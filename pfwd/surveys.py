@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from pfwd_survey.files.survey_content import SurveyContent
+    from pfwd_device.recording.survey_content import SurveyContent
 
 
 _NEEDED = (

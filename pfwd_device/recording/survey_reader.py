@@ -3,23 +3,22 @@
 import hashlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.peaks import Peaks
 from pfwd_device.recording.drop_payload import (
     DropFacts,
     drop_from_parts,
     facts_of,
     is_trace,
     rebound_from_payload,
-    recorded_peaks,
     with_rebounds,
 )
+from pfwd_device.recording.drop_place import DropPlace, drop_frame, refuse_another
 from pfwd_device.recording.files import file_facts
-from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.framing import Frame
 from pfwd_device.recording.index import (
     DropEntry,
     FileStates,
@@ -31,143 +30,17 @@ from pfwd_device.recording.index import (
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, refuse_special_files
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.payload import decode_payload, decode_payload_unless, payload_data
+from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.recovery import lost_texts
+from pfwd_device.recording.survey_content import Result, SurveyDrop, SurveyPoint, read_result
 from pfwd_device.text import clean
 
 _LONGEST_NOTE = 4096
 
 
-@dataclass(slots=True)
-class SurveyDrop:
-    """A drop with what was said of it later; its arrays are read when asked for."""
-
-    number: int
-    """Survey-wide number, from 1."""
-    point: str
-    """Name of the test point."""
-    drop: int
-    """Number within the point, from 1."""
-    discarded: bool
-    notes: tuple[str, ...]
-    position: Any
-    """As it was edited last; None: as recorded."""
-    target: Any
-    edits: tuple[dict[str, Any], ...]
-    """All edits, in order."""
-    source: str
-    """Where the record comes from: "journal", or "file" when the journal is damaged there."""
-    _survey: "Survey" = field(repr=False)
-
-    @property
-    def key(self) -> str | None:
-        """What identifies the drop on the instrument; read when asked for."""
-        return self._survey.key_of(self.number)
-
-    @property
-    def results(self) -> tuple[Path, ...]:
-        """Files with results, in order."""
-        return self._survey.results_of(self.number)
-
-    @property
-    def result_count(self) -> int:
-        """How many they are."""
-        return self._survey.result_count_of(self.number)
-
-    @property
-    def last_result(self) -> Path | None:
-        """The last of them."""
-        return self._survey.last_result_of(self.number)
-
-    @property
-    def file(self) -> Path | None:
-        """Its HDF5 file, when it is published."""
-        return self._survey.file_of(self.number)
-
-    def read(self) -> DropRecord:
-        """The drop with all its rebounds.
-
-        Raises
-        ------
-        RecordingError
-            If neither journal nor file holds it whole.
-        """
-        return self._survey.read_drop(self.number)
-
-    def read_traces(self) -> DropRecord:
-        """As :meth:`read`, without rebounds and without what the converter gave."""
-        return self._survey.read_traces(self.number)
-
-    def read_facts(self) -> DropFacts:
-        """Its peaks where they were recorded, else its traces, with what is known of it."""
-        return self._survey.read_facts(self.number)
-
-    def read_file(self) -> bytes | None:
-        """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
-        return self._survey.file_bytes_of(self.number)
-
-    @property
-    def place(self) -> "DropPlace | None":
-        """Where another process finds its facts; None: not in the journal."""
-        return self._survey.place_of(self.number)
-
-
-class DropPlace(NamedTuple):
-    """Where the journal has a drop: what another process needs to read it, and no more."""
-
-    layout: Layout
-    entry: Entry
-    number: int
-    """Survey-wide."""
-    point: str
-    drop: int
-    """Within the point."""
-
-    def read_facts(self) -> DropFacts:
-        """As :meth:`SurveyDrop.read_facts`, from the journal alone.
-
-        Raises
-        ------
-        RecordingError
-            If the journal does not have it whole at this place.
-        """
-        frame = _frame_of(self.layout, self.entry, self.number)
-        data, found = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
-        expected = (self.number, self.point, self.drop)
-        if not isinstance(found, Peaks):
-            record = drop_from_parts({**data, "rebounds": []}, found)
-            _compare(expected, data.get("number"), record.point, record.drop.number)
-            return facts_of(record)
-        _compare(expected, data.get("number"), data.get("point"), data.get("drop"))
-        declared, metadata = data.get("declared"), data.get("metadata")
-        if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected what is known of drop {self.number}, came others")
-        return DropFacts(declared, metadata, found, None)
-
-
-@dataclass(slots=True)
-class SurveyPoint:
-    """A test point."""
-
-    name: str
-    """As its drops name it."""
-    title: str
-    """As it was renamed last."""
-    order: int
-    declared: dict[str, Any]
-    """What was declared, edits included."""
-    discarded: bool
-    notes: tuple[str, ...]
-    position: Any
-    target: Any
-    edits: tuple[dict[str, Any], ...]
-    drops: tuple[SurveyDrop, ...]
-    """In the order of recording, discarded ones with them."""
-
-
 class Survey:
-    """What a survey holds; made by :func:`read_survey`."""
+    """What the folder of a survey holds; made by :func:`read_survey`."""
 
     def __init__(self, layout: Layout, index: Index, states: FileStates | None = None) -> None:
         self.folder = layout.folder
@@ -192,6 +65,11 @@ class Survey:
         """All drops by survey-wide number."""
         self.points: tuple[SurveyPoint, ...] = self._points(found)
         """In order."""
+
+    @property
+    def path(self) -> str:
+        """Its folder."""
+        return os.fspath(self.folder)
 
     def index_if_unchanged(self) -> Index | None:
         """What was read, for who writes next; None: ledger or journal have changed since.
@@ -298,7 +176,7 @@ class Survey:
         return _in_order([self.folder / path for path in self._results.get(number, ())])
 
     def result_count_of(self, number: int) -> int:
-        """How many files with results the drop with this survey-wide number has."""
+        """How many results of the drop with this survey-wide number are stored."""
         return len(self._results.get(number, ()))
 
     def last_result_of(self, number: int) -> Path | None:
@@ -306,6 +184,15 @@ class Survey:
         # All of them are in one folder, so that paths have the order of names.
         paths = self._results.get(number)
         return self.folder / max(paths, key=lambda path: (len(path), path)) if paths else None
+
+    def read_results(self, number: int) -> tuple[Result, ...]:
+        """The stored results of the drop with this survey-wide number, in order."""
+        return tuple(read_result(path) for path in self.results_of(number))
+
+    def read_last_result(self, number: int) -> Result | None:
+        """The last of them; None: there is none. The others are not looked at."""
+        path = self.last_result_of(number)
+        return None if path is None else read_result(path)
 
     def file_of(self, number: int) -> Path | None:
         """The HDF5 file of the drop with this survey-wide number, when it is published."""
@@ -393,7 +280,7 @@ class Survey:
             target=state.get("target"),
             edits=edits,
             source=source,
-            _survey=self,
+            _origin=self,
         )
 
     def _edits_of(self, key: str, value: object) -> tuple[dict[str, Any], ...]:
@@ -416,11 +303,11 @@ class Survey:
             data, arrays = decode_payload(payload)
         record = drop_from_parts(data, arrays)
         expected = (entry.number, entry.point, entry.drop)
-        _compare(expected, data.get("number"), record.point, record.drop.number)
+        refuse_another(expected, data.get("number"), record.point, record.drop.number)
         return record
 
     def _frame(self, entry: DropEntry) -> Frame:
-        return _frame_of(self._layout, entry.entry, entry.number)
+        return drop_frame(self._layout, entry.entry, entry.number)
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
         found = []
@@ -471,20 +358,6 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         states = None
     with no_collections():
         return Survey(layout, read_index(layout), states)
-
-
-def _frame_of(layout: Layout, entry: Entry, number: int) -> Frame:
-    """The record of the drop with this survey-wide number."""
-    frame = read_record(layout, entry.segment, entry.offset)
-    if (frame.kind, frame.sequence) != (Kind.DROP, entry.sequence):
-        raise RecordingError(f"expected drop {number}, came another record")
-    return frame
-
-
-def _compare(expected: tuple[int, str, int], *found: object) -> None:
-    """Refuse the record of another drop: `found` are its number, point and number within it."""
-    if found != expected:
-        raise RecordingError(f"expected drop {expected[0]}, came another one")
 
 
 def _in_order(paths: list[Path]) -> tuple[Path, ...]:

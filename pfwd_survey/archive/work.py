@@ -15,7 +15,7 @@ from pfwd_survey.errors import SurveyError, refusal
 if TYPE_CHECKING:
     # Only for annotations: a worker limits its threads before it loads these.
     from inversion import SurrogateLibrary
-    from pfwd_survey.files.survey_content import SurveyContent
+    from pfwd_device.recording.survey_content import SurveyContent
     from pfwd_survey.files.traces import TracePoint
     from pfwd_survey.inverting.options import AnalysisOptions
     from pfwd_survey.inverting.results import DropResult

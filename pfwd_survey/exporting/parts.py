@@ -10,25 +10,26 @@ for it elsewhere.
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
+from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.survey_reader import DropPlace
-from pfwd_survey.exporting.rows import Order, Row, row_of
-from pfwd_survey.files.survey_content import (
-    DropContent,
-    PointContent,
+from pfwd_device.recording.survey_content import (
+    Result,
     SurveyContent,
-    read_last_result,
+    SurveyDrop,
+    SurveyPoint,
+    read_result,
 )
+from pfwd_survey.exporting.rows import Order, Row, row_of
 from pfwd_survey.spawning import worker_pool
 
 LARGE_LEDGER = 600_000
@@ -41,7 +42,7 @@ DROPS_AT_ONCE = 250
 Texts = Callable[[Iterable[Row]], Iterator[str]]
 """Makes the text of each row, one after the other; a function that a module has by its name."""
 
-Drops = Sequence[tuple[PointContent, DropContent]]
+Drops = Sequence[tuple[SurveyPoint, SurveyDrop]]
 
 
 class Part(NamedTuple):
@@ -160,10 +161,10 @@ class _DropsElsewhere:
         self._drops = drops
 
     def __reduce__(self) -> tuple[Any, ...]:
-        points: dict[str, PointContent] = {}  # sent once, not with every drop
+        points: dict[str, SurveyPoint] = {}  # sent once, not with every drop
         sent = []
         for point, drop in self._drops:
-            place, result = drop.place(), drop.last_result()
+            place, result = drop.place, drop.last_result
             if place is None:
                 raise RecordingError(f"drop {drop.number} is not in the journal")
             if point.name not in points:
@@ -196,18 +197,9 @@ def _drop(
     notes: tuple[str, ...],
     position: Any,
     target: Any,
-    edits: tuple[Mapping[str, Any], ...],
-) -> DropContent:
-    def read_facts() -> DropFacts:
-        try:
-            return place.read_facts()
-        except RecordingError as err:
-            raise _NotThere(str(err)) from err
-
-    def not_read() -> Any:
-        raise _NotThere("of a row nothing else is read")
-
-    return DropContent(
+    edits: tuple[dict[str, Any], ...],
+) -> SurveyDrop:
+    return SurveyDrop(
         number=place.number,
         point=place.point,
         drop=place.drop,
@@ -216,12 +208,60 @@ def _drop(
         position=position,
         target=target,
         edits=edits,
-        read=not_read,
-        read_results=not_read,
-        read_last_result=lambda: read_last_result(None if result is None else Path(result)),
-        read_facts=read_facts,
-        read_key=not_read,
+        source="journal",
+        _origin=_Elsewhere(place, None if result is None else Path(result)),
     )
+
+
+class _Elsewhere:
+    """The survey of one drop, of which a row needs the facts and the last result alone."""
+
+    def __init__(self, place: DropPlace, result: Path | None) -> None:
+        self._place = place
+        self._result = result
+
+    def place_of(self, _number: int) -> DropPlace:
+        return self._place
+
+    def last_result_of(self, _number: int) -> Path | None:
+        return self._result
+
+    def read_facts(self, _number: int) -> DropFacts:
+        try:
+            return self._place.read_facts()
+        except RecordingError as err:
+            raise _NotThere(str(err)) from err
+
+    def read_last_result(self, _number: int) -> Result | None:
+        return None if self._result is None else read_result(self._result)
+
+    def key_of(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def results_of(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def result_count_of(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def file_of(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def file_bytes_of(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def read_drop(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def read_traces(self, number: int) -> NoReturn:
+        _refuse(number)
+
+    def read_results(self, number: int) -> NoReturn:
+        _refuse(number)
+
+
+def _refuse(number: int) -> NoReturn:
+    raise _NotThere(f"of drop {number} a row needs nothing else")
 
 
 def _part(texts: Texts, survey_id: str, drops: Any) -> Part:

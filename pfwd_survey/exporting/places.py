@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd_device.recording.drop_payload import DropFacts
-from pfwd_survey.files.survey_content import DropContent, PointContent
+from pfwd_device.recording.survey_content import SurveyDrop, SurveyPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Place:
     """m; None: not said."""
 
 
-def place_of(point: PointContent, drop: DropContent, record: DropFacts | None) -> Place | None:
+def place_of(point: SurveyPoint, drop: SurveyDrop, record: DropFacts | None) -> Place | None:
     """The position of a drop: what was said later wins over what was recorded.
 
     Returns

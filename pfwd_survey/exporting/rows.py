@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.index import no_collections
+from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
-from pfwd_survey.files.survey_content import DropContent, PointContent, SurveyContent
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
 
@@ -47,8 +47,8 @@ Results = Mapping[tuple[str, int], DropResult]
 class Row:
     """A drop, ready for an export."""
 
-    point: PointContent
-    drop: DropContent
+    point: SurveyPoint
+    drop: SurveyDrop
     declared: Mapping[str, Any] | None
     """What was declared with the drop; None: the drop is damaged. The traces are not kept here: a
     survey of many drops would fill the memory."""
@@ -111,7 +111,7 @@ def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator
             yield row_of(content.survey_id, point, drop, inverted)
 
 
-def row_of(survey_id: str, point: PointContent, drop: DropContent, inverted: Results | None) -> Row:
+def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Results | None) -> Row:
     """The row of a drop; as :func:`rows_of`."""
     record, fault = None, None
     result: DropResult | None = None
@@ -152,7 +152,7 @@ def row_of(survey_id: str, point: PointContent, drop: DropContent, inverted: Res
 
 
 def _facts(
-    survey_id: str, point: PointContent, drop: DropContent, record: DropFacts | None
+    survey_id: str, point: SurveyPoint, drop: SurveyDrop, record: DropFacts | None
 ) -> dict[str, Any]:
     declared = {**(record.declared if record else {}), **point.declared}
     # Said of the point later, wins over what was recorded with the drop.
@@ -176,7 +176,7 @@ def _facts(
     }
 
 
-def _result(result: DropResult, point: PointContent, record: DropFacts | None) -> dict[str, Any]:
+def _result(result: DropResult, point: SurveyPoint, record: DropFacts | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
     found = _cells(result)
     for key, unit, ends in (
@@ -246,7 +246,7 @@ def missing_parts(result: DropResult) -> list[str]:
     return [name for name, there in parts.items() if not there]
 
 
-def _stale(result: DropResult, point: PointContent, record: DropFacts | None) -> list[str]:
+def _stale(result: DropResult, point: SurveyPoint, record: DropFacts | None) -> list[str]:
     """What has been declared otherwise since the result was made."""
     now = {**(record.declared if record else {})}
     for edit in point.edits:

@@ -7,18 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import SurveyWriter
+from pfwd_device.recording import SurveyDrop, SurveyPoint, SurveyWriter, read_survey
 from pfwd_device.recording.index import EDITS
 from pfwd_device.recording.payload import encode_json
+from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.errors import SurveyError, quote
 from pfwd_survey.files.imported import Imported
-from pfwd_survey.files.survey_content import (
-    DropContent,
-    PointContent,
-    SurveyContent,
-    folder_content,
-)
-from pfwd_survey.files.survey_file import survey_file_content
+from pfwd_survey.files.survey_file import read_survey_file
 
 LONGEST_EDIT = 65_536
 """Characters of JSON that a survey takes as one edit."""
@@ -57,10 +52,11 @@ def import_survey(
         If the survey cannot be written.
     """
     try:
-        content = survey_file_content(file)
+        content = read_survey_file(file)
     except RecordingError as err:
         raise SurveyError(str(err)) from err
-    there = folder_content(writer.folder)
+    there = read_survey(writer.folder)
+    checks, events = there.checks, there.events
     skipped: Counter[str] = Counter()
     points = {point.name: point for point in there.points}
     drops = {drop.number: drop for drop in there.drops}
@@ -73,9 +69,9 @@ def import_survey(
         known = points.get(point.name)
         for edit in _known(_new(point.edits, known.edits if known else ()), skipped):
             writer.edit(edit["what"], edit.get("value"), point=point.name)
-    for check in _sound(_new(content.checks, there.checks), "check", skipped):
+    for check in _sound(_new(content.checks, checks), "check", skipped):
         writer.save_check(dict(check.get("details") or {}))
-    for event in _sound(_new(content.events, there.events), "event", skipped):
+    for event in _sound(_new(content.events, events), "event", skipped):
         if event.get("event") != "recovery":  # that was about files of the other folder
             writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
     if skipped:
@@ -86,13 +82,13 @@ def _import_drop(
     writer: SurveyWriter,
     file: str,
     content: SurveyContent,
-    drop: DropContent,
+    drop: SurveyDrop,
     before: MutableMapping[int, int],
-    there: Mapping[int, DropContent],
+    there: Mapping[int, SurveyDrop],
     skipped: Counter[str],
 ) -> Imported:
     # A drop without a key of its own gets one, so that it is not imported twice.
-    key = drop.read_key() or f"export/{content.survey_id}/{drop.number}"
+    key = drop.key or f"export/{content.survey_id}/{drop.number}"
     known = writer.find_key(key)
     if known is not None:
         edits = there[known].edits if known in there else ()
@@ -121,7 +117,7 @@ def _import_drop(
     return Imported(file, record.point, number, saved)
 
 
-def _declared_first(point: PointContent) -> dict[str, Any]:
+def _declared_first(point: SurveyPoint) -> dict[str, Any]:
     """What was declared before the edits, as far as it is still known."""
     edited = {
         key

@@ -8,7 +8,8 @@ from itertools import groupby
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, read_drop_file
+from pfwd_device.recording import DropRecord, SurveyPoint, read_drop_file, read_survey
+from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.foreign.common import Channels, Request
@@ -20,8 +21,7 @@ from pfwd_survey.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd_survey.files.survey_content import PointContent, SurveyContent, folder_content
-from pfwd_survey.files.survey_file import is_survey_file, survey_file_content
+from pfwd_survey.files.survey_file import is_survey_file, read_survey_file
 from pfwd_survey.files.traces import TracePoint, is_trace_file, read_traces
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -65,9 +65,9 @@ def read_points(
     file = os.fspath(path)
     try:
         if os.path.isdir(file):
-            return _survey_points(folder_content(file), _said(header, overrides))
+            return _survey_points(read_survey(file), _said(header, overrides))
         if is_hdf5(file) and is_survey_file(file):
-            return _survey_points(survey_file_content(file), _said(header, overrides))
+            return _survey_points(read_survey_file(file), _said(header, overrides))
         if is_hdf5(file):
             record = read_drop_file(file)
             return [_point(file, record.point, [record], _said(header, overrides))]
@@ -95,9 +95,9 @@ def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
     file = os.fspath(path)
     try:
         if is_survey(file):
-            return folder_content(file)
+            return read_survey(file)
         if is_hdf5(file) and is_survey_file(file):
-            return survey_file_content(file)
+            return read_survey_file(file)
     except RecordingError as err:
         raise SurveyError(str(err)) from err
     came = "another folder" if os.path.isdir(file) else "another file"
@@ -138,7 +138,7 @@ def _said(
 
 
 def points_of(
-    file: str, point: PointContent, said: Declarations | None = None
+    file: str, point: SurveyPoint, said: Declarations | None = None
 ) -> Iterator[TracePoint]:
     """The drops of a point that are not discarded; declared differently, as points of their own."""
     if point.discarded:
@@ -150,7 +150,7 @@ def points_of(
         yield _point(file, point.title, same, said or {})
 
 
-def _edited(point: PointContent) -> dict[str, Any]:
+def _edited(point: SurveyPoint) -> dict[str, Any]:
     """What was said of a point later, as keys of a header; the last counts."""
     edits: dict[str, Any] = {}
     for edit in point.edits:

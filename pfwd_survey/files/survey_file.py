@@ -13,15 +13,16 @@ import contextlib
 import hashlib
 import os
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord
+from pfwd_device.recording import DropRecord, SurveyDrop, SurveyPoint
 from pfwd_device.recording.drop_file import (
     DIGEST,
     FILE_VERSION,
@@ -30,7 +31,7 @@ from pfwd_device.recording.drop_file import (
     software_version,
     write_drop,
 )
-from pfwd_device.recording.drop_payload import facts_of
+from pfwd_device.recording.drop_payload import DropFacts, facts_of
 from pfwd_device.recording.hdf5_tree import (
     Attribute,
     Dataset,
@@ -49,13 +50,8 @@ from pfwd_device.recording.hdf5_tree import (
     write_dataset,
 )
 from pfwd_device.recording.payload import decode_json, encode_json, json_excess
+from pfwd_device.recording.survey_content import Result, SurveyContent
 from pfwd_device.text import clean
-from pfwd_survey.files.survey_content import (
-    DropContent,
-    PointContent,
-    Result,
-    SurveyContent,
-)
 from pfwd_survey.spawning import worker_pool
 
 FORMAT = "pfwd-survey"
@@ -125,8 +121,114 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs
     raise RecordingError(f"{path}: expected what was written, came {'; '.join(damaged)}")
 
 
-def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
-    """What an exported survey holds.
+class ExportedSurvey:
+    """What an exported survey holds; made by :func:`read_survey_file`."""
+
+    def __init__(
+        self, path: str, survey_id: str, said: Mapping[str, Any], there: Container[str]
+    ) -> None:
+        self.path = path
+        self.survey_id = survey_id
+        self.info: dict[str, Any] = dict(said["info"])
+        self.events: tuple[Mapping[str, Any], ...] = tuple(said["events"])
+        self.checks: tuple[Mapping[str, Any], ...] = tuple(said["checks"])
+        self.captures: tuple[Path, ...] = ()
+        self.damage: tuple[str, ...] = tuple(map(str, said["damage"]))
+        facts = {int(drop["number"]): drop for drop in said["drops"]}
+        # Without a look into the file for each of them: there may be any number.
+        self._missing = {number for number in facts if f"{number:06d}" not in there}
+        self._facts = facts
+        self._keys: dict[int, str | None] = {}
+        self.points: tuple[SurveyPoint, ...] = tuple(map(self._point, said["points"]))
+        found = [drop for point in self.points for drop in point.drops]
+        self.drops: tuple[SurveyDrop, ...] = tuple(sorted(found, key=lambda drop: drop.number))
+
+    def key_of(self, number: int) -> str | None:
+        """What identifies a drop on the instrument."""
+        return self._keys[number]
+
+    def results_of(self, _number: int) -> tuple[Path, ...]:
+        """None: the results are in the file of the survey."""
+        return ()
+
+    def result_count_of(self, number: int) -> int:
+        """How many results of a drop are stored."""
+        written = self._facts[number].get("results_sha256")
+        if written is not None:
+            return len(written)
+        with _opened(self.path) as file:
+            return len(_names(file, f"results/{number:06d}", self.path))
+
+    def last_result_of(self, _number: int) -> None:
+        """None, as `results_of`."""
+
+    def place_of(self, _number: int) -> None:
+        """None: there is no journal."""
+
+    def file_of(self, _number: int) -> None:
+        """None: the drops are in the file of the survey."""
+
+    def file_bytes_of(self, _number: int) -> None:
+        """None, as `file_of`."""
+
+    def read_drop(self, number: int) -> DropRecord:
+        """A drop with all its rebounds; raises RecordingError when it is not whole."""
+        if number in self._missing:
+            _no_drop(self.path, number)
+        with _opened(self.path) as file:
+            return _read_drop(file, number, self.path, self._facts[number].get("sha256"))
+
+    def read_traces(self, number: int) -> DropRecord:
+        """A drop without rebounds and without what the converter gave."""
+        return replace(self.read_drop(number), counts=None, rebounds=())
+
+    def read_facts(self, number: int) -> DropFacts:
+        """Traces of a drop, with what is known of it."""
+        return facts_of(self.read_drop(number))
+
+    def read_results(self, number: int) -> tuple[Result, ...]:
+        """The results of a drop, in order; raises RecordingError when one is not whole."""
+        written = self._facts[number].get("results_sha256")
+        with _opened(self.path) as file:
+            return _read_results(file, number, self.path, written)
+
+    def read_last_result(self, number: int) -> Result | None:
+        """The last of them; None: there is none."""
+        return next(iter(self.read_results(number)[::-1]), None)
+
+    def _point(self, said: Mapping[str, Any]) -> SurveyPoint:
+        return SurveyPoint(
+            name=str(said["name"]),
+            title=str(said["title"]),
+            order=int(said["order"]),
+            declared=dict(said["declared"]),
+            discarded=bool(said["discarded"]),
+            notes=tuple(map(str, said["notes"])),
+            position=said["position"],
+            target=said["target"],
+            edits=tuple(map(_edit, said["edits"])),
+            drops=tuple(self._drop(self._facts[int(number)]) for number in said["drops"]),
+        )
+
+    def _drop(self, said: Mapping[str, Any]) -> SurveyDrop:
+        number, key = int(said["number"]), said["key"]
+        self._keys[number] = key if isinstance(key, str) else None
+        return SurveyDrop(
+            number=number,
+            point=str(said["point"]),
+            drop=int(said["drop"]),
+            discarded=bool(said["discarded"]),
+            notes=tuple(map(str, said["notes"])),
+            position=said["position"],
+            target=said["target"],
+            edits=tuple(map(_edit, said["edits"])),
+            source="export",
+            _origin=self,
+        )
+
+
+def read_survey_file(path: str | os.PathLike[str]) -> ExportedSurvey:
+    """What an exported survey holds; arrays and results are read when asked for.
 
     Raises
     ------
@@ -139,18 +241,7 @@ def survey_file_content(path: str | os.PathLike[str]) -> SurveyContent:
         survey_id = str(read_attribute(file, "survey_id", name) or "")
         there = set(_names(file, "drops", name, MOST_DROPS))
     try:
-        facts = {int(drop["number"]): drop for drop in said["drops"]}
-        points = tuple(_point(name, point, facts, there) for point in said["points"])
-        return SurveyContent(
-            path=name,
-            survey_id=survey_id,
-            info=dict(said["info"]),
-            points=points,
-            events=tuple(said["events"]),
-            checks=tuple(said["checks"]),
-            captures=(),
-            damage=tuple(map(str, said["damage"])),
-        )
+        return ExportedSurvey(name, survey_id, said, there)
     except (KeyError, TypeError, ValueError, AttributeError) as err:
         raise RecordingError(f"{name}: expected points and drops, came others: {err!r}") from err
 
@@ -431,7 +522,7 @@ def _copy_drop(groups: Any, name: str, image: bytes | None, record: DropRecord) 
     return written
 
 
-def _point_facts(point: PointContent) -> dict[str, Any]:
+def _point_facts(point: SurveyPoint) -> dict[str, Any]:
     return {
         "name": point.name,
         "title": point.title,
@@ -446,13 +537,13 @@ def _point_facts(point: PointContent) -> dict[str, Any]:
     }
 
 
-def _drop_facts(drop: DropContent, record: DropRecord) -> dict[str, Any]:
+def _drop_facts(drop: SurveyDrop, record: DropRecord) -> dict[str, Any]:
     key = record.metadata.get("key")
     return {
         "number": drop.number,
         "point": drop.point,
         "drop": drop.drop,
-        "key": key if isinstance(key, str) else drop.read_key(),
+        "key": key if isinstance(key, str) else drop.key,
         "discarded": drop.discarded,
         "notes": list(drop.notes),
         "position": drop.position,
@@ -461,61 +552,13 @@ def _drop_facts(drop: DropContent, record: DropRecord) -> dict[str, Any]:
     }
 
 
-def _point(
-    path: str, said: Mapping[str, Any], facts: Mapping[int, Any], there: Container[str]
-) -> PointContent:
-    return PointContent(
-        name=str(said["name"]),
-        title=str(said["title"]),
-        order=int(said["order"]),
-        declared=dict(said["declared"]),
-        discarded=bool(said["discarded"]),
-        notes=tuple(map(str, said["notes"])),
-        position=said["position"],
-        target=said["target"],
-        edits=tuple(map(_edit, said["edits"])),
-        drops=tuple(_drop(path, facts[int(number)], there) for number in said["drops"]),
-    )
-
-
-def _drop(path: str, said: Mapping[str, Any], there: Container[str]) -> DropContent:
-    number = int(said["number"])
-    written, results = said.get("sha256"), said.get("results_sha256")
-    # Without a look into the file for each of them: there may be any number.
-    read = _drop_of if f"{number:06d}" in there else _no_drop
-    return DropContent(
-        number=number,
-        point=str(said["point"]),
-        drop=int(said["drop"]),
-        discarded=bool(said["discarded"]),
-        notes=tuple(map(str, said["notes"])),
-        position=said["position"],
-        target=said["target"],
-        edits=tuple(map(_edit, said["edits"])),
-        read=partial(read, path, number, written),
-        read_results=partial(_results_of, path, number, results),
-        read_last_result=partial(_last_result_of, path, number, results),
-        read_facts=lambda: facts_of(read(path, number, written)),
-        read_key=partial(_text_or_none, said["key"]),
-    )
-
-
-def _text_or_none(value: object) -> str | None:
-    return value if isinstance(value, str) else None
-
-
 def _edit(said: Mapping[str, Any]) -> dict[str, Any]:
     edit = dict(said)
     edit["what"] = str(edit["what"])
     return edit
 
 
-def _drop_of(path: str, number: int, written: str | None) -> DropRecord:
-    with _opened(path) as file:
-        return _read_drop(file, number, path, written)
-
-
-def _no_drop(path: str, number: int, _written: str | None) -> DropRecord:
+def _no_drop(path: str, number: int) -> NoReturn:
     raise RecordingError(f"{path}, drop {number}: expected its group, came none")
 
 
@@ -529,22 +572,13 @@ def _read_drop(file: Place, number: int, path: str, written: str | None) -> Drop
     except Exception as err:  # as above
         raise RecordingError(f"{where}: expected its group, came damage: {err}") from err
     if group is None:
-        return _no_drop(path, number, written)
+        _no_drop(path, number)
     found = read_drop(group, where)
     if found.number != number:
         raise RecordingError(f"{where}: expected its number, came {found.number}")
     if (found.digest if found.version > 1 else None) != written:
         raise RecordingError(f"{where}: expected the content that was written, came another")
     return found.record
-
-
-def _results_of(path: str, number: int, written: Sequence[str] | None) -> tuple[Result, ...]:
-    with _opened(path) as file:
-        return _read_results(file, number, path, written)
-
-
-def _last_result_of(path: str, number: int, written: Sequence[str] | None) -> Result | None:
-    return next(iter(_results_of(path, number, written)[::-1]), None)
 
 
 def _read_results(

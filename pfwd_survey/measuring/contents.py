@@ -1,6 +1,5 @@
 """What a survey holds, for a display: its points and drops with their last results."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
+from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
@@ -24,9 +24,6 @@ from pfwd_survey.inverting.screening.signals import (
 )
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.setup_file import setup_of
-
-LARGEST_RESULT = 1_000_000
-"""Bytes; a result takes two thousand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +118,8 @@ def _result_that_counts(drop: SurveyDrop) -> DropResult | None:
 def _read_result(path: Path) -> DropResult | None:
     """A result as it was saved; None where it is damaged: the drop can be inverted again."""
     try:
-        with open(path, encoding="utf-8") as stream:
-            said = json.loads(stream.read(LARGEST_RESULT))
-        return DropResult.from_json(said, str(path))
-    except (OSError, ValueError, RecursionError, SurveyError):
+        return DropResult.from_json(read_result(path), str(path))
+    except (RecordingError, SurveyError):
         return None
 
 

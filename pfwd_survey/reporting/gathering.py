@@ -13,10 +13,10 @@ from typing import Any, TypeGuard
 from inversion import SurrogateLibrary
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
+from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, Setup, setup_from, setup_warnings
-from pfwd_survey.files.survey_content import read_result
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pfwd_device.recording import read_survey
+from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import OptionError
-from pfwd_survey.files.survey_content import read_result
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from simulators.instrument import serve

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from pfwd_device.recording import Rebound, SurveyWriter, read_survey, survey_reader
+from pfwd_device.recording import Rebound, SurveyWriter, drop_place, read_survey, survey_reader
 from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.layout import Layout
 from pfwd_survey.errors import OptionError, SurveyError
@@ -20,7 +20,6 @@ from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.tables import cell
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points
-from pfwd_survey.files.survey_content import folder_content
 from pfwd_survey.files.upkeep import check_survey
 from tests.pfwd_survey.exporting.conftest import BELONGS, FORMULA, rows_of
 
@@ -351,7 +350,7 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
 ) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.save_rebound(2, Rebound(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
-    assert len(folder_content(survey).drops[1].read().rebounds) == 2
+    assert len(read_survey(survey).drops[1].read().rebounds) == 2
     drop = read_survey(survey).drops[1]
     whole, traces = drop.read(), drop.read_traces()
     assert whole.counts is not None
@@ -368,7 +367,8 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
         read.append(frame.kind)
         return frame
 
-    monkeypatch.setattr(survey_reader, "read_record", noted)
+    for module in (survey_reader, drop_place):
+        monkeypatch.setattr(module, "read_record", noted)
     export_survey(survey, "table", tmp_path / "t.csv")
     assert read.count(Kind.DROP) == 4
     assert Kind.REBOUND not in read

@@ -3,11 +3,14 @@
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pfwd_device.recording import read_survey
+from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.exporting import parts
 from pfwd_survey.exporting.export import Exported, export_survey
 from pfwd_survey.exporting.parts import (
@@ -19,7 +22,6 @@ from pfwd_survey.exporting.parts import (
 )
 from pfwd_survey.exporting.rows import Order
 from pfwd_survey.exporting.tables import jsonl_texts, table_texts
-from pfwd_survey.files.survey_content import SurveyContent, folder_content
 
 TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
 
@@ -67,7 +69,7 @@ def test_the_second_process_makes_what_the_first_would(
     survey: Path, second: SecondProcess, texts: Any
 ) -> None:
     (survey / "results" / "drop-000002-2.json").write_text("{", encoding="utf-8")  # damaged
-    content = folder_content(survey)
+    content = read_survey(survey)
     made = [future.result(TIMEOUT) for future in asked(second, content, texts)]
     order = Order(content)
     assert [part.text for part in made] == list(row_texts(order, texts))
@@ -78,9 +80,9 @@ def test_the_second_process_makes_what_the_first_would(
 def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(
     survey: Path, second: SecondProcess
 ) -> None:
-    content = folder_content(survey)
+    content = read_survey(survey)
     expected = list(row_texts(Order(content), table_texts))
-    place = content.points[0].drops[0].place()
+    place = content.points[0].drops[0].place
     assert place is not None
     with (survey / "journal" / "0001.pfwdj").open("r+b") as stream:
         stream.seek(place.entry.offset + 60)
@@ -95,20 +97,20 @@ def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(
 def test_a_drop_that_the_journal_has_lost_is_left_to_the_first_process(
     survey: Path, second: SecondProcess
 ) -> None:
-    place = folder_content(survey).points[0].drops[0].place()
+    place = read_survey(survey).points[0].drops[0].place
     assert place is not None
     with (survey / "journal" / "0001.pfwdj").open("r+b") as stream:
         stream.seek(place.entry.offset + 60)
         stream.write(b"\0\0\0\0")
-    content = folder_content(survey)
-    assert content.points[0].drops[0].place() is None
+    content = read_survey(survey)
+    assert content.points[0].drops[0].place is None
     assert "not in the journal" in str(asked(second, content, table_texts)[0].exception(TIMEOUT))
     order, alone = Order(content, second=second), Order(content)
     assert list(row_texts(order, table_texts)) == list(row_texts(alone, table_texts))
 
 
 def test_what_the_second_process_has_made_is_taken_in_its_place(survey: Path) -> None:
-    content = folder_content(survey)
+    content = read_survey(survey)
     lines = list(row_texts(Order(content), table_texts))
     told = Told(Part("a\n", 1), BrokenProcessPool("killed"), Part("c\n", 7), ValueError("?"))
     order = Order(content, second=told)  # type: ignore[arg-type]
@@ -117,7 +119,7 @@ def test_what_the_second_process_has_made_is_taken_in_its_place(survey: Path) ->
 
 
 def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
-    content = folder_content(survey)
+    content = read_survey(survey)
     second = SecondProcess()
     try:
         second._pool._broken = "killed"  # type: ignore[attr-defined]
@@ -129,11 +131,9 @@ def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
 
 def test_a_part_has_250_drops(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
-    content = folder_content(survey)
+    content = read_survey(survey)
     (point, *_), told = content.points, Told(Part("", 0), Part("", 0), Part("", 0))
-    many = type(point)(**{name: getattr(point, name) for name in point.__slots__})
-    object.__setattr__(many, "drops", point.drops[:1] * 501)
-    object.__setattr__(content, "points", (many,))
+    content.points = (replace(point, drops=point.drops[:1] * 501),)
     list(row_texts(Order(content, second=told), table_texts))  # type: ignore[arg-type]
     assert told.sizes == [250, 250, 1]
 

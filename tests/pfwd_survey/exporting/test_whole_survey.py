@@ -1,20 +1,20 @@
 """A survey in one file: drops are taken from their files where these hold what the journal does."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Rebound, SurveyWriter, read_survey
+from pfwd_device.recording import Rebound, SurveyPoint, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.files import survey_file
-from pfwd_survey.files.survey_content import SurveyContent, folder_content
 from pfwd_survey.files.survey_file import (
     check_survey_file,
-    survey_file_content,
+    read_survey_file,
     write_survey_file,
 )
 
@@ -40,28 +40,69 @@ def written(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_drops_are_copied_from_their_files(
     survey: Path, tmp_path: Path, written: list[int]
 ) -> None:
-    content = folder_content(survey)
+    content = read_survey(survey)
     write_survey_file(tmp_path / "s.h5", content)
     assert written == []
-    assert digests(survey_file_content(tmp_path / "s.h5")) == digests(content)
+    assert digests(read_survey_file(tmp_path / "s.h5")) == digests(content)
     assert check_survey_file(tmp_path / "s.h5")[0]["ok"]
 
 
-def test_what_is_copied_is_what_is_written(survey: Path, tmp_path: Path) -> None:
-    content = folder_content(survey)
-    without = replace(
-        content,
-        points=tuple(
-            replace(
-                point,
-                drops=tuple(replace(drop, read_file=lambda: None) for drop in point.drops),
-            )
-            for point in content.points
-        ),
-    )
+def test_what_is_copied_is_what_is_written(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = read_survey(survey)
     write_survey_file(tmp_path / "copied.h5", content)
-    write_survey_file(tmp_path / "written.h5", without)
+    monkeypatch.setattr(content, "file_bytes_of", lambda number: None)
+    write_survey_file(tmp_path / "written.h5", content)
     assert described(tmp_path / "copied.h5") == described(tmp_path / "written.h5")
+
+
+def test_an_exported_survey_is_asked_as_its_folder_is(survey: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, {"seed": 7})
+        writer.edit("position", {"latitude": 48.0, "longitude": 11.0}, number=2)
+    content = read_survey(survey)
+    write_survey_file(tmp_path / "s.h5", content)
+    exported = read_survey_file(tmp_path / "s.h5")
+    assert (content.path, exported.path) == (str(survey), str(tmp_path / "s.h5"))
+    assert described_survey(exported) == described_survey(content)
+    assert exported.drops[0].read_last_result() == {"seed": 7}
+    for drop in exported.drops:
+        assert (drop.source, drop.file, drop.read_file(), drop.results) == (
+            "export",
+            None,
+            None,
+            (),
+        )
+        assert (drop.last_result, drop.place) == (None, None)
+        traces = drop.read_traces()
+        assert (traces.rebounds, traces.counts) == ((), None)
+        assert traces.drop.load.tolist() == drop.read().drop.load.tolist()
+    assert {drop.source for drop in content.drops} == {"journal"}
+
+
+def described_survey(content: SurveyContent) -> dict[str, object]:
+    """Everything that does not say where the survey is kept; arrays as digests."""
+    own = ("_origin", "source", "drops")
+    points: list[SurveyPoint] = list(content.points)
+    said = {
+        "points": [
+            {f.name: getattr(p, f.name) for f in fields(p) if f.name not in own} for p in points
+        ],
+        "drops": [
+            (
+                {f.name: getattr(drop, f.name) for f in fields(drop) if f.name not in own},
+                (drop.key, drop.result_count, drop.read_results(), drop.read_last_result()),
+                drop_digest(drop.read(), drop.number),
+            )
+            for point in points
+            for drop in point.drops
+        ],
+        "by number": [drop.number for drop in content.drops],
+        "rest": (content.survey_id, content.info, content.events, content.checks, content.damage),
+    }
+    assert len(content.drops) > 3
+    return said
 
 
 def described(path: Path) -> dict[str, object]:
@@ -90,43 +131,39 @@ def test_a_rebound_that_came_after_publication_is_exported(
     with SurveyWriter.open(survey, publish=False) as writer:
         counts = np.arange(8, dtype=np.int32).reshape(4, 2)
         writer.save_rebound(2, Rebound(0.9, 500.0, 9000, counts))
-    content = folder_content(survey)
+    content = read_survey(survey)
     write_survey_file(tmp_path / "s.h5", content)
     assert written == [2]
-    assert len(survey_file_content(tmp_path / "s.h5").drops[1].read().rebounds) == 2
+    assert len(read_survey_file(tmp_path / "s.h5").drops[1].read().rebounds) == 2
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "unlink"])
 def test_a_damaged_drop_file_does_not_reach_the_export(
     survey: Path, tmp_path: Path, written: list[int], damage: str
 ) -> None:
-    before = digests(folder_content(survey))
+    before = digests(read_survey(survey))
     path = survey / "drops" / "drop-000001.h5"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.unlink()
     if damage != "unlink":
         path.write_bytes(data if damage == "flip" else data[:-1])
-    write_survey_file(tmp_path / "s.h5", folder_content(survey))
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
     assert written == [1]
-    assert digests(survey_file_content(tmp_path / "s.h5")) == before
+    assert digests(read_survey_file(tmp_path / "s.h5")) == before
 
 
 def test_a_file_that_holds_another_drop_is_noticed(
     survey: Path, tmp_path: Path, written: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As no disk makes it: the file is as it was listed, and no copy of the record.
-    content = folder_content(survey)
-    other = content.drops[1].read_file()
-    point = content.points[0]
-    first = replace(point.drops[0], read_file=lambda: other)
-    forged = replace(
-        content,
-        points=(replace(point, drops=(first, *point.drops[1:])), *content.points[1:]),
-    )
-    write_survey_file(tmp_path / "s.h5", forged)
+    content = read_survey(survey)
+    images = content.file_bytes_of
+    with monkeypatch.context() as patch:
+        patch.setattr(content, "file_bytes_of", lambda number: images(2 if number == 1 else number))
+        write_survey_file(tmp_path / "s.h5", content)
     assert written == [1, 2, 3, 4]
-    assert digests(survey_file_content(tmp_path / "s.h5")) == digests(content)
+    assert digests(read_survey_file(tmp_path / "s.h5")) == digests(content)
     # The same samples under the same number, but another key.
     kept = content.drops[0].read()
     monkeypatch.setattr(
@@ -139,7 +176,7 @@ def test_a_file_that_holds_another_drop_is_noticed(
 def test_the_file_is_opened_anew_after_some_drops(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_survey_file(tmp_path / "s.h5", folder_content(survey))
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
     opens: list[str] = []
     opened: Callable[[str], object] = survey_file._opened
 
