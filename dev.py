@@ -97,7 +97,9 @@ def set_up() -> None:
 def tests(arguments: list[str]) -> tuple[bool, str]:
     """Run pytest, show what it prints, and return whether it passed and its counts in words."""
     chosen = [] if "-m" in arguments else ["-m", "not slow"]
-    command = [str(PYTHON), "-m", "pytest", "-n", "2", "-q", *chosen, *arguments]
+    # Halves in order share what a folder's tests need; at the end one takes from the other.
+    workers = ["-n", "2", "--dist", "worksteal"]
+    command = [str(PYTHON), "-m", "pytest", *workers, "-q", *chosen, *arguments]
     last = ""
     pipe = {"stdout": subprocess.PIPE, "encoding": "utf-8", "errors": "replace"}
     with subprocess.Popen(command, cwd=TOP, **pipe) as process:

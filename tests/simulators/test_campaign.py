@@ -5,6 +5,8 @@ import json
 import math
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +15,9 @@ from numpy.typing import NDArray
 from pfwd_survey.files.traces import read_traces
 from simulators.campaign import SITES, Case, make_campaign, read_truth
 from simulators.effects.catalogue import CLEAN, EFFECTS
+from simulators.effects.mechanics import two_layers
 from simulators.effects.recording import Converter
-from simulators.mesh import GroundError
+from simulators.mesh import Ground, GroundError
 
 # One finite-element run serves them all: only the shallowest site is offered.
 QUICK = ("clean", "sensor_lag", "permanent_set", "spring_rig", "gain_glitch", "plate_inertia")
@@ -144,7 +147,7 @@ def test_undeclared_mass_and_depth_are_in_the_truth_alone(tmp_path: Path, cache:
 def test_every_effect_can_be_made_and_keeps_its_drops_finite(
     tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    costly = {"layer", "stress_dependence:between_drops", "rough_contact"}
+    costly = {"layer", "layer:two", "stress_dependence:between_drops", "rough_contact"}
     only = sorted(set(EFFECTS) - costly)
     cases = make_campaign(tmp_path, seed=9, per_case=1, cache=cache, only=only, levels=(2,))
     assert {case.key for case in cases} == set(only)
@@ -154,13 +157,42 @@ def test_every_effect_can_be_made_and_keeps_its_drops_finite(
         assert np.max(np.abs(table[:, 3:])) < 10.0
 
 
+def test_two_layers_are_the_square_of_a_ratio_over_the_ratio() -> None:
+    sites: list[Ground] = []
+
+    def response(site: Ground) -> SimpleNamespace:
+        sites.append(site)
+        return SimpleNamespace(ground=site)
+
+    scene: Any = SimpleNamespace(
+        site=Ground.uniform(40e6, 5e4, 1900.0, 0.35),
+        radius=0.15,
+        heights=(1.0, 0.5),
+        response=response,
+        strike_all=len,
+        signals=lambda drops: drops,
+    )
+    point = two_layers(scene, 1.4)
+    (site,) = sites
+    assert [layer.modulus for layer in site.layers] == pytest.approx([78.4e6, 56e6, 40e6])
+    assert [layer.viscosity for layer in site.layers] == pytest.approx([9.8e4, 7e4, 5e4])
+    assert [layer.thickness for layer in site.layers] == [0.15, 0.15, math.inf]
+    assert (point.signals, point.modulus) == (2, 40e6)
+    assert point.parameters == {"ratio": 1.4**2, "middle_ratio": 1.4, "thickness_m": 0.15}
+
+
 @pytest.mark.slow
 def test_effects_with_ground_of_their_own(tmp_path: Path, cache: Path) -> None:
-    only = ("layer", "stress_dependence:between_drops", "rough_contact")
+    only = ("layer", "layer:two", "stress_dependence:between_drops", "rough_contact")
     cases = make_campaign(tmp_path, seed=1, per_case=1, cache=cache, only=only, levels=(2,))
-    (layer,) = by_effect(cases, "layer")
+    layer, two = sorted(by_effect(cases, "layer"), key=lambda case: case.key)
     assert layer.sensors >= 2
     assert layer.parameters["ratio"] == 2.5
+    assert two.sensors >= 2
+    assert two.parameters["ratio"] == pytest.approx(two.parameters["middle_ratio"] ** 2)
+    for case in (layer, two):
+        _, _, table = read(tmp_path / "traces" / case.file)
+        assert np.all(np.isfinite(table))
     (contact,) = by_effect(cases, "rough_contact")
     assert contact.parameters["stiffness_factor"] == pytest.approx(0.89, abs=0.02)
     (stress,) = by_effect(cases, "stress_dependence")

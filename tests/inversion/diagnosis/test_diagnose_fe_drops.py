@@ -24,7 +24,11 @@ def computed_elsewhere(shared: Path, number: int) -> tuple[float, float, TracePo
     return 1e6 * modulus, depth, read_traces(shared / "fe_drops" / f"fe_{number:02d}.csv")
 
 
-@pytest.mark.parametrize("number", range(1, 9))
+# The sixth rings on, is searched for everything else as well, and takes as long as all others.
+ROCK = [pytest.param(n, marks=pytest.mark.slow) if n == 6 else n for n in range(1, 9)]
+
+
+@pytest.mark.parametrize("number", ROCK)
 def test_rock_under_other_finite_elements(
     number: int, shared: Path, library: SurrogateLibrary
 ) -> None:

@@ -277,10 +277,10 @@ def play(app: App, script: Script, size: tuple[int, int] = (120, 40)) -> App:
 
 async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) -> None:
     """Wait for something; a test must say what it waits for."""
-    for _ in range(int(seconds / 0.05)):
+    for _ in range(int(seconds / 0.01)):
         if holds():
             return
-        await pilot.pause(0.05)
+        await pilot.pause(0.01)
     raise AssertionError("it did not come")
 
 
@@ -288,8 +288,8 @@ async def told(app: App, pilot: Any, *events: Any) -> None:
     """Have events taken and drawn."""
     for event in events:
         app.runner.put(event)
-    await until(pilot, lambda: not app.runner.waiting)
-    await pilot.pause(0.15)
+    app._tick()  # as its clock does, twelve times a second
+    assert not app.runner.waiting
     app.redraw()
     await pilot.pause()
 

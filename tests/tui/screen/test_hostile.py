@@ -102,7 +102,7 @@ def test_no_page_is_moved_by_what_it_shows(text: str) -> None:
         assert harmless(app.text.replace("\n", ""))
         for keys in (["1"], ["2"], ["3"], ["4"], ["escape", "question_mark"]):
             await pilot.press(*keys)
-            await pilot.pause(0.1)
+            await pilot.pause()
             app.redraw()
             assert harmless(app.text.replace("\n", ""))
         assert app._exception is None
@@ -119,15 +119,15 @@ def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
         await told(app, pilot, ready(), saved(1))
         app.state.current.title = text
         await pilot.press("n")
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert harmless(app.text.replace("\n", ""))
         await pilot.press("escape", "5")
-        await pilot.pause(0.2)
+        await pilot.pause()
         page: Any = app.screen
         page._found([(text, "/dev/ttyUSB9", True)])
         app.say(text)
         page.draw()
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert harmless(app.text.replace("\n", ""))
 
     play(App(), script)

@@ -119,7 +119,7 @@ def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, contents(), *whole_point())
         await pilot.press("2")
-        await pilot.pause(0.1)
+        await pilot.pause()
         app.redraw()
         await pilot.pause()
         assert "km 12+300" in app.text
@@ -128,7 +128,7 @@ def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
         await pilot.pause()
         assert "point km 12+300" in app.text
         await pilot.press("escape", "end", "enter", "up", "enter")
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert "Drop 5 of point 7" in app.text
 
     play(App(), script, size)
@@ -168,7 +168,7 @@ def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())
         await pilot.press("enter")
-        await pilot.pause(0.1)
+        await pilot.pause()
         shown = " ".join(app.text.replace("│", " ").split())
         for part in ("Drop 6 of point 7", "result that counts", "modulus 47.60 ± 0.60 MPa"):
             assert part in shown
@@ -307,14 +307,14 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())
         await pilot.press("4")
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert "Enter diagnoses" in app.text
         await told(app, pilot, DiagnosisDone(str(tmp_path), (DiagnosisResult.from_json(RECORD),)))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")
         app.redraw()
-        await pilot.pause(0.1)
+        await pilot.pause()
         shown = " ".join(app.text.replace("│", " ").split())
         assert "EXPLAINED by geophone response" in shown
 
@@ -379,7 +379,7 @@ def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
         await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
         await until(pilot, lambda: app.state.chosen_procedure is not None)
         app.redraw()
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert "tp-bf-stb-b8.3" in app.text
         assert "E_vd" in app.text
 
@@ -411,10 +411,10 @@ def test_every_page_has_its_help_with_its_keys(key: str) -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point(), Notice("the instrument started anew"))
         await pilot.press(key)
-        await pilot.pause(0.1)
+        await pilot.pause()
         own = [one.description for _, one, _, _ in app.screen.active_bindings.values()]
         await pilot.press("question_mark")
-        await pilot.pause(0.1)
+        await pilot.pause()
         seen = ""
         for _ in range(8):
             seen += app.text
@@ -432,9 +432,9 @@ def test_every_page_has_its_help_with_its_keys(key: str) -> None:
 def test_the_palette_runs_what_a_key_does() -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("ctrl+p")
-        await pilot.pause(0.2)
+        await pilot.pause()
         await pilot.press(*"daylight")
-        await pilot.pause(0.5)
+        await pilot.pause()
         await pilot.press("enter")
         await until(pilot, lambda: app.settings.theme == "daylight")
 
@@ -445,7 +445,7 @@ def test_theme_type_units_change_at_once_and_are_kept() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())
         await pilot.press("t", "l", "i")
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert "ksi" in app.text
         assert app.theme == "pfwd-daylight"
 
@@ -469,7 +469,7 @@ def test_a_replay_is_paused_stepped_and_sped_up() -> None:
         pace = app.source.pace
         assert pace is not None
         await pilot.press("space")
-        await pilot.pause(0.1)
+        await pilot.pause()
         assert pace.paused
         assert "PAUSED" in app.text
         await pilot.press("full_stop")
