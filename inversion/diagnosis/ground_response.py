@@ -20,11 +20,11 @@ from inversion.forward.layered import (
     LayeredGround,
     LayeredGrounds,
     Medium,
+    MediumParameter,
     PlateSetup,
     layered_transfer,
     layered_transfer_slopes,
 )
-from inversion.forward.layered import Parameter as Varied
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
 from inversion.forward.surrogate import Surrogate
 
@@ -117,7 +117,9 @@ class GroundResponse:
             )
             return found[0, -self._sensors :], slopes[0, :, -self._sensors :]
         width = len(_OF_MEDIUM)
-        varied = [Varied(_OF_MEDIUM[column % width], int(column // width)) for column in columns]
+        varied = [
+            MediumParameter(_OF_MEDIUM[column % width], int(column // width)) for column in columns
+        ]
         grounds = LayeredGrounds.of([self._layered(ground)])
         found, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
         return found[0], slopes[0]

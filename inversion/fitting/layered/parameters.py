@@ -18,8 +18,7 @@ import numpy as np
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.fitting.parameters import Parameter, on_bound
-from inversion.forward.layered import LayeredGrounds
-from inversion.forward.layered import Parameter as Varied
+from inversion.forward.layered import LayeredGrounds, MediumParameter
 
 Quantity = Literal[
     "modulus",
@@ -58,7 +57,7 @@ _DAMPING_PRIOR = (0.7, 0.3)
 
 
 @dataclass(frozen=True)
-class Unknown:
+class LayeredUnknown:
     """One number that is fitted, and where it acts.
 
     Parameters
@@ -96,7 +95,7 @@ class LayeredSpace:
 
     Parameters
     ----------
-    unknowns : tuple of Unknown
+    unknowns : tuple of LayeredUnknown
     media : int, N
     poisson_ratio : float
     density : float, kg/m3, of media whose density is not fitted
@@ -105,7 +104,7 @@ class LayeredSpace:
     rock_depth : float or None, m: the last thickness is what the others leave of it
     """
 
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[LayeredUnknown, ...]
     media: int
     poisson_ratio: float
     density: float
@@ -172,23 +171,23 @@ class LayeredSpace:
         )
 
     @cached_property
-    def varied(self) -> tuple[Varied, ...]:
+    def varied(self) -> tuple[MediumParameter, ...]:
         """Quantities of the forward model whose derivatives the unknowns need."""
-        needed: list[Varied] = []
+        needed: list[MediumParameter] = []
         last = self.media - 1
         for unknown in self.unknowns:
             media = range(self.media) if unknown.place is None else (unknown.place,)
             for j in media:
                 if unknown.quantity == "modulus":
-                    needed += [Varied("modulus", j), Varied("viscosity", j)]
+                    needed += [MediumParameter("modulus", j), MediumParameter("viscosity", j)]
                 elif unknown.quantity == "relaxation":
-                    needed.append(Varied("viscosity", j))
+                    needed.append(MediumParameter("viscosity", j))
                 elif unknown.quantity == "density":
-                    needed.append(Varied("density", j))
+                    needed.append(MediumParameter("density", j))
                 elif unknown.quantity == "thickness":
-                    needed.append(Varied("thickness", j))
+                    needed.append(MediumParameter("thickness", j))
                     if self.rock_depth is not None and j < last:
-                        needed.append(Varied("thickness", last))
+                        needed.append(MediumParameter("thickness", last))
         return tuple(dict.fromkeys(needed))
 
     def chain(self, points: FloatArray) -> FloatArray:
@@ -204,16 +203,20 @@ class LayeredSpace:
             slope = unknown.parameter.slopes(points[:, column])
             for j in range(self.media) if unknown.place is None else (unknown.place,):
                 if unknown.quantity == "modulus":
-                    result[:, row[Varied("modulus", j)], column] = slope
-                    result[:, row[Varied("viscosity", j)], column] = slope * relaxation[:, j]
+                    result[:, row[MediumParameter("modulus", j)], column] = slope
+                    result[:, row[MediumParameter("viscosity", j)], column] = (
+                        slope * relaxation[:, j]
+                    )
                 elif unknown.quantity == "relaxation":
-                    result[:, row[Varied("viscosity", j)], column] = slope * ground.modulus[:, j]
+                    result[:, row[MediumParameter("viscosity", j)], column] = (
+                        slope * ground.modulus[:, j]
+                    )
                 elif unknown.quantity == "density":
-                    result[:, row[Varied("density", j)], column] = slope
+                    result[:, row[MediumParameter("density", j)], column] = slope
                 else:
-                    result[:, row[Varied("thickness", j)], column] = slope
+                    result[:, row[MediumParameter("thickness", j)], column] = slope
                     if self.rock_depth is not None and j < last:
-                        result[:, row[Varied("thickness", last)], column] = -slope
+                        result[:, row[MediumParameter("thickness", last)], column] = -slope
         return result
 
     @property
@@ -308,7 +311,7 @@ def layered_space(
         raise ModelError(f"layers: expected at least 1, got {media}")
     a = plate_radius
     unknowns = [
-        Unknown(
+        LayeredUnknown(
             Parameter(f"modulus_{j + 1}", "Pa", *_MODULUS_BOUNDS, logarithmic=True),
             "modulus",
             j,
@@ -329,7 +332,7 @@ def layered_space(
             low = min(low, 0.2 * high)
         prior = (math.log(min(_THICKNESS_PRIOR_RADII * a, 0.7 * high)), _THICKNESS_LOG_SD)
         unknowns += [
-            Unknown(
+            LayeredUnknown(
                 Parameter(f"thickness_{j + 1}", "m", low, high, logarithmic=True),
                 "thickness",
                 j,
@@ -344,7 +347,7 @@ def layered_space(
     if rock_depth is None:
         low, high = (radii * a for radii in _LAST_THICKNESS_RADII)
         unknowns.append(
-            Unknown(
+            LayeredUnknown(
                 Parameter(f"thickness_{media}", "m", low, high, logarithmic=True),
                 "thickness",
                 media - 1,
@@ -353,7 +356,7 @@ def layered_space(
     if not elastic:
         places: tuple[int | None, ...] = tuple(range(media)) if own_relaxation else (None,)
         unknowns += [
-            Unknown(
+            LayeredUnknown(
                 Parameter(
                     "relaxation" if j is None else f"relaxation_{j + 1}",
                     "s",
@@ -368,7 +371,7 @@ def layered_space(
         ]
     if density is None:
         unknowns += [
-            Unknown(
+            LayeredUnknown(
                 Parameter(f"density_{j + 1}", "kg/m3", *_DENSITY_BOUNDS, logarithmic=True),
                 "density",
                 j,
@@ -381,13 +384,13 @@ def layered_space(
     unknowns += [_lag(f"lag_of_sensor_{place + 1}", place) for place in sensor_lags]
     if geophone:
         unknowns += [
-            Unknown(
+            LayeredUnknown(
                 Parameter("natural_frequency", "Hz", *_NATURAL_FREQUENCY_BOUNDS, logarithmic=True),
                 "natural_frequency",
                 None,
                 _NATURAL_FREQUENCY_PRIOR,
             ),
-            Unknown(
+            LayeredUnknown(
                 Parameter("geophone_damping", "-", *_DAMPING_BOUNDS),
                 "geophone_damping",
                 None,
@@ -405,6 +408,6 @@ def layered_space(
     )
 
 
-def _lag(name: str, place: int | None) -> Unknown:
+def _lag(name: str, place: int | None) -> LayeredUnknown:
     parameter = Parameter(name, "s", -_LAG_BOUND_S, _LAG_BOUND_S)
-    return Unknown(parameter, "lag", place, (0.0, _LAG_SD_S))
+    return LayeredUnknown(parameter, "lag", place, (0.0, _LAG_SD_S))

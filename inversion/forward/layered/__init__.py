@@ -15,7 +15,7 @@ from inversion.forward.layered.ground import (
     LayeredGround,
     LayeredGrounds,
     Medium,
-    Parameter,
+    MediumParameter,
 )
 from inversion.forward.layered.model import (
     LayeredForwardModel,
@@ -42,7 +42,7 @@ __all__ = [
     "LayeredGrounds",
     "LayeredPlateModel",
     "Medium",
-    "Parameter",
+    "MediumParameter",
     "PlateSetup",
     "WavenumberRule",
     "displacement_per_force",

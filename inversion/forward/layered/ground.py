@@ -82,7 +82,7 @@ class LayeredGround:
         return sum(medium.thickness for medium in self.media)
 
 
-class Parameter(NamedTuple):
+class MediumParameter(NamedTuple):
     """One quantity of one medium, to be varied.
 
     ``medium`` counts from 0 at the surface.  A thickness moves everything below with it; that of
@@ -172,10 +172,10 @@ class LayeredGrounds:
         return int(self.modulus.shape[1])
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[MediumParameter, ...]:
         """Everything that may be varied, from the top down."""
         return tuple(
-            Parameter(field, j)
+            MediumParameter(field, j)
             for j in range(self.media)
             for field in FIELDS
             if field != "thickness" or self.rock or j < self.media - 1

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.layered.ground import LayeredGrounds, Parameter
+from inversion.forward.layered.ground import LayeredGrounds, MediumParameter
 from inversion.forward.layered.plate import (
     LayeredPlateModel,
     PlateSetup,
@@ -79,7 +79,7 @@ class LayeredForwardModel:
         return self._in_time(self.transfer(grounds))
 
     def displacement_slopes(
-        self, grounds: LayeredGrounds, parameters: Sequence[Parameter]
+        self, grounds: LayeredGrounds, parameters: Sequence[MediumParameter]
     ) -> tuple[FloatArray, FloatArray]:
         """Displacement as of :meth:`displacement`, and its derivatives by the parameters.
 
@@ -130,7 +130,7 @@ def layered_transfer_slopes(
     plate_mass: float,
     s: ComplexArray,
     grounds: LayeredGrounds,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[MediumParameter],
     rule: WavenumberRule = FAST,
 ) -> tuple[ComplexArray, ComplexArray]:
     r""":func:`layered_transfer` with its derivatives by the parameters.

@@ -30,7 +30,7 @@ from inversion.forward.contact import (
     static_products,
     static_tail,
 )
-from inversion.forward.layered.ground import LayeredGrounds, Parameter
+from inversion.forward.layered.ground import LayeredGrounds, MediumParameter
 from inversion.forward.layered.kernel import (
     Media,
     Slopes,
@@ -199,7 +199,7 @@ def displacement_slopes(
     setup: PlateSetup,
     grounds: LayeredGrounds,
     s: ComplexArray,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[MediumParameter],
     rule: WavenumberRule = CONVERGED,
 ) -> tuple[ComplexArray, ComplexArray]:
     """:func:`displacement_per_force` with its derivatives by quantities of the media.
@@ -242,7 +242,7 @@ def _chained(
     s: ComplexArray,
     media: Media,
     local: ComplexArray,
-    parameter: Parameter,
+    parameter: MediumParameter,
 ) -> ComplexArray:
     """Derivative by one parameter, (m n, n_sensors), from those by G, z, c and h/a."""
     field, j = parameter

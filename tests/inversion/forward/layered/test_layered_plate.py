@@ -24,7 +24,7 @@ from inversion.forward.layered import (
     LayeredGrounds,
     LayeredPlateModel,
     Medium,
-    Parameter,
+    MediumParameter,
     PlateSetup,
     displacement_per_force,
     displacement_slopes,
@@ -436,7 +436,11 @@ def test_slopes_are_those_of_differences(plate: LayeredPlateModel, mass: float) 
 def test_slopes_of_chosen_parameters_and_of_the_fast_rule() -> None:
     setup = PlateSetup("rigid-rough", RADIUS, OFFSETS)
     grounds, s = alone(PAVEMENT), TRANSFORM.s
-    chosen = (Parameter("viscosity", 1), Parameter("modulus", 2), Parameter("thickness", 0))
+    chosen = (
+        MediumParameter("viscosity", 1),
+        MediumParameter("modulus", 2),
+        MediumParameter("thickness", 0),
+    )
     _, exact = displacement_slopes(setup, grounds, s, chosen)
     values, fast = displacement_slopes(setup, grounds, s, chosen, FAST)
     np.testing.assert_allclose(values, displacement_per_force(setup, grounds, s, FAST), rtol=1e-12)

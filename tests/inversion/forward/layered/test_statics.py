@@ -14,7 +14,7 @@ from inversion.forward.layered import (
     LayeredGrounds,
     LayeredPlateModel,
     Medium,
-    Parameter,
+    MediumParameter,
     PlateSetup,
     layered_transfer,
     layered_transfer_slopes,
@@ -262,7 +262,11 @@ def test_groups_give_each_ground_its_own_response(mass: float) -> None:
     wavenumbers of a more demanding one is within what the fast rule is good to.
     """
     of = mixed()
-    parameters = [Parameter("modulus", 0), Parameter("thickness", 0), Parameter("density", 1)]
+    parameters = [
+        MediumParameter("modulus", 0),
+        MediumParameter("thickness", 0),
+        MediumParameter("density", 1),
+    ]
     together = layered_transfer(SETUP, mass, S, of)
     found, slopes = layered_transfer_slopes(SETUP, mass, S, of, parameters)
     shape = (len(of), 3, 3, S.size)
