@@ -18,7 +18,7 @@ from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.exporting.json_text import without_nan
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.files.columns import DROP, LOAD, TIME, sensor_name
-from pfwd_survey.files.header import Setup, declared_values
+from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import FEWEST_SAMPLES, STEP_TOLERANCE, TracePoint
 from pfwd_survey.inverting.options import OPTION_OF_KEY
@@ -388,7 +388,7 @@ def drop(
     radius = options.plate_radius
     if radius is None:
         raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
-    setup = Setup(
+    setup = PointSetup(
         plate_radius=radius,
         plate_mass=options.plate_mass,
         poisson_ratio=options.poisson_ratio,
@@ -398,7 +398,7 @@ def drop(
     return Drop(_with_warnings(setup, DeviceDrop(1, axis, force, tuple(sensors))), 0)
 
 
-def _with_warnings(setup: Setup, drop: DeviceDrop) -> TracePoint:
+def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:
     from pfwd_survey.files.header import setup_warnings
 
     return TracePoint(FROM_ARRAYS, setup, (drop,), setup_warnings(setup))
@@ -477,7 +477,7 @@ def _check_path(path: object) -> None:
         raise OptionError(refusal("path", "the path of a file or folder", type(path).__name__))
 
 
-def _name(setup: Setup) -> str | None:
+def _name(setup: PointSetup) -> str | None:
     return None if setup.point is None else str(setup.point)
 
 

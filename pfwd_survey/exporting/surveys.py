@@ -12,7 +12,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.output import new_file, new_folder
 from pfwd_survey.exporting.rows import Order
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import points_of
 from pfwd_survey.files.survey_file import write_survey_file
 from pfwd_survey.files.traces import TracePoint, write_traces
@@ -88,7 +88,7 @@ def _sensors(drop: Drop) -> tuple[tuple[str, float], ...]:
     return tuple((channel.quantity, channel.offset) for channel in drop.channels)
 
 
-def _plain(setup: Setup) -> Setup:
+def _plain(setup: PointSetup) -> PointSetup:
     """The setup without what TOML cannot hold: JSON's null."""
     extra = {key: value for key, value in setup.extra.items() if value is not None}
     return replace(setup, extra=_without_null(extra))

@@ -34,7 +34,7 @@ FreeText = str | int | float
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class PointSetup:
     """What a trace file declares. None: not declared, hence unknown.
 
     Raises
@@ -122,7 +122,7 @@ class HeaderKey(NamedTuple):
     """How one key of the header is checked and where its value goes."""
 
     attribute: str
-    """Field of Setup."""
+    """Field of PointSetup."""
     expected: str
     """What is accepted, in words, for the message."""
     accepts: Callable[[object], bool]
@@ -360,7 +360,7 @@ def check_version(declarations: Mapping[str, Declaration]) -> None:
         )
 
 
-def setup_from(declarations: Mapping[str, Declaration], where: str) -> Setup:
+def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetup:
     """The setup that declarations amount to.
 
     Parameters
@@ -371,7 +371,7 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> Setup:
 
     Returns
     -------
-    Setup
+    PointSetup
 
     Raises
     ------
@@ -398,27 +398,27 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> Setup:
             hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
         raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))
     try:
-        return Setup(**known, extra=extra)
+        return PointSetup(**known, extra=extra)
     except TraceError as err:
         raise TraceError(f"{where}: {err}") from err
 
 
-def declared_values(setup: Setup) -> dict[str, Any]:
+def declared_values(setup: PointSetup) -> dict[str, Any]:
     """The header keys that declare a setup, with their values; what is a default is left out."""
-    defaults = {item.name: item.default for item in dataclasses.fields(Setup)}
+    defaults = {item.name: item.default for item in dataclasses.fields(PointSetup)}
     said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
     known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
     return {**known, **setup.extra}
 
 
-def declared_lines(setup: Setup) -> Iterator[str]:
+def declared_lines(setup: PointSetup) -> Iterator[str]:
     """The header lines, without ``#``, that declare a setup; the format version comes first."""
     yield toml_line(FORMAT_KEY, FORMAT_VERSION)
     for key, value in declared_values(setup).items():
         yield toml_line(key, value)
 
 
-def setup_warnings(setup: Setup) -> tuple[str, ...]:
+def setup_warnings(setup: PointSetup) -> tuple[str, ...]:
     """What a user should know about a setup before its results are believed."""
     warnings = []
     if setup.plate_mass is None:

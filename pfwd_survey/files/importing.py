@@ -17,7 +17,7 @@ from pfwd_device.recording.record import point_name
 from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import SurveyError, quote, refusal
 from pfwd_survey.files.foreign.common import Channels
-from pfwd_survey.files.header import Setup, declared_values
+from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.imported import Imported
 from pfwd_survey.files.importing_survey import import_survey
 from pfwd_survey.files.reading import read_points
@@ -122,7 +122,7 @@ def _import_drop(
     return Imported(file, name, before.get(known, drop.number), known, before=True)
 
 
-def _plain(setup: Setup) -> dict[str, Any]:
+def _plain(setup: PointSetup) -> dict[str, Any]:
     """What is declared, as JSON knows it."""
     text = json.dumps(declared_values(setup), default=str)
     return dict(json.loads(text))

@@ -25,7 +25,7 @@ from pfwd_survey.files.header import (
     FORMAT_VERSION,
     Declaration,
     Declarations,
-    Setup,
+    PointSetup,
     declared_lines,
     parse_declaration,
     read_header_file,
@@ -67,7 +67,7 @@ class TracePoint:
 
     file: str
     """Where it was read from, as the caller named it."""
-    setup: Setup
+    setup: PointSetup
     """What is declared."""
     drops: tuple[Drop, ...]
     """The drops in the order of the file."""

@@ -24,7 +24,7 @@ from inversion.invert import surrogate_request
 from inversion.measured.record import Sensor
 from pfwd_device import Drop
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -41,7 +41,7 @@ ASSUMED_POISSON_RATIO = 0.35
 
 def record_of(
     drop: Drop,
-    setup: Setup,
+    setup: PointSetup,
     options: AnalysisOptions | None = None,
     without: Collection[float] = (),
 ) -> Record:
@@ -50,7 +50,7 @@ def record_of(
     Parameters
     ----------
     drop : Drop
-    setup : Setup
+    setup : PointSetup
     options : AnalysisOptions, optional
         ``published`` reads the load as the contact force, as the paper does: without plate mass.
     without : collection of float, offsets of channels that take no part
@@ -81,7 +81,7 @@ def record_of(
     )
 
 
-def settings_of(options: AnalysisOptions, setup: Setup) -> Settings:
+def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
     """Settings of the inversion from the options; an option wins over what the file declares."""
     choices = options.choices
     depth: Any = "declared"
@@ -139,7 +139,7 @@ def analyse_point(
 
 def analyse_drop(
     drop: Drop,
-    setup: Setup,
+    setup: PointSetup,
     screening: Screening,
     options: AnalysisOptions,
     library: SurrogateLibrary,
@@ -158,7 +158,7 @@ def analyse_drop(
 
 
 def load_surrogate(
-    drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary
+    drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
 ) -> None:
     """Have the response table ready that drops like this one need.
 
@@ -185,7 +185,9 @@ def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary)
     return FileOutcome(path, results=results, inversions=inversions)
 
 
-def rehearse(drop: Drop, setup: Setup, options: AnalysisOptions, library: SurrogateLibrary) -> None:
+def rehearse(
+    drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
+) -> None:
     """Analyse a made-up pulse over the channels of a drop, so that the first real one finds
     everything loaded; what comes out is of no interest.
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
 from pfwd_device.response import correct_response
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import CENTRE, Screening
 from pfwd_survey.inverting.screening.missing import whole_part
@@ -29,7 +29,7 @@ END_PART = 0.05
 
 def point_drop(
     drop: Drop,
-    setup: Setup,
+    setup: PointSetup,
     screening: Screening,
     result: DropResult | None = None,
     discarded: str | None = None,
@@ -39,7 +39,7 @@ def point_drop(
     Parameters
     ----------
     drop : Drop
-    setup : Setup
+    setup : PointSetup
         Its declared geophone response is taken out of the peak: uncorrected, a geophone of 4.5 Hz
         lowers the peak of a 17 ms pulse by 18 %.
     screening : Screening
@@ -87,7 +87,7 @@ def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
 
 
 def _deflection(
-    drop: Drop, channel: Channel, setup: Setup, start: int, duration: float
+    drop: Drop, channel: Channel, setup: PointSetup, start: int, duration: float
 ) -> dict[str, float]:
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     if channel.quantity == "velocity" and frequency is not None and damping is not None:

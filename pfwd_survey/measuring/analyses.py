@@ -10,7 +10,7 @@ import numpy as np
 
 from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
@@ -67,7 +67,7 @@ class Analyses:
         """How many analyses are under way."""
         return len(self._asked)
 
-    def prepare(self, identity: Identity, setup: Setup) -> None:
+    def prepare(self, identity: Identity, setup: PointSetup) -> None:
         """Have the model's table ready for drops of this instrument."""
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)

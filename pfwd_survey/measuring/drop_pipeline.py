@@ -11,7 +11,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
@@ -160,7 +160,7 @@ class DropPipeline:
         if self.analyses is not None:
             self.analyses.ask(handed)
 
-    def _screen(self, drop: Drop, setup: Setup, point: str) -> Screening:
+    def _screen(self, drop: Drop, setup: PointSetup, point: str) -> Screening:
         try:
             screening, largest = screen_next(drop, setup, self._largest.get(point, 0.0))
             before = self._rejected_before(drop.number, setup, point)
@@ -172,7 +172,7 @@ class DropPipeline:
         self._rejected[point] = before + (screening.status == "rejected")
         return counted(screening, drop.number, before, setup)
 
-    def _rejected_before(self, number: int, setup: Setup, point: str) -> int:
+    def _rejected_before(self, number: int, setup: PointSetup, point: str) -> int:
         """How many drops of the point were rejected, those of earlier sessions too."""
         known = self._rejected.get(point)
         if known is not None:

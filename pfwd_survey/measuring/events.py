@@ -9,7 +9,7 @@ from pfwd_device.acquisition.items import Disconnected, Samples
 from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
@@ -22,7 +22,7 @@ class InstrumentReady:
     url: str
     identity: Identity
     """With what the setup file says in place of what the instrument says."""
-    setup: Setup
+    setup: PointSetup
     """What is declared of the points to come."""
     differences: tuple[str, ...]
     """Where the setup file says otherwise than the instrument."""
@@ -92,7 +92,7 @@ class HandedOn:
     file: str
     """Where it is kept, for the result."""
     drop: Drop
-    setup: Setup
+    setup: PointSetup
     screening: Screening
     spare: str | None = None
     """Folder that keeps it because the survey's own does not take it; None: it is at home."""

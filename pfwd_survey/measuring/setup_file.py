@@ -30,7 +30,7 @@ from pfwd_survey.files.header import (
     FORMAT_KEY,
     KEYS,
     Declaration,
-    Setup,
+    PointSetup,
     check_value,
     parse_header,
     setup_from,
@@ -101,7 +101,7 @@ class MeasuringSetup:
             )
         return {key: value for key, value in said.items() if value is not None}
 
-    def setup_with(self, identity: Identity) -> Setup:
+    def setup_with(self, identity: Identity) -> PointSetup:
         """The same, checked as a whole."""
         return setup_of(self.declared_with(identity), self.file or "setup")
 
@@ -180,7 +180,7 @@ def response_warnings(identity: Identity) -> list[str]:
     return lines
 
 
-def setup_of(declared: Mapping[str, Any], where: str) -> Setup:
+def setup_of(declared: Mapping[str, Any], where: str) -> PointSetup:
     """What is declared, as the analysis takes it.
 
     Raises

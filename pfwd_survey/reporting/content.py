@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
@@ -55,7 +55,7 @@ class ReportPoint:
 
     name: str
     """As it was named last."""
-    setup: Setup
+    setup: PointSetup
     drops: tuple[ReportDrop, ...]
     progress: PointProgress
     position: Mapping[str, Any] | None

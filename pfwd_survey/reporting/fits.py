@@ -29,7 +29,7 @@ from inversion.forward.layered import (
 from inversion.invert import surrogate_request
 from inversion.measured.record import PreparedDrop, prepare
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.analysis import record_of
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
@@ -102,13 +102,13 @@ def is_layered(result: DropResult) -> bool:
     return len(result.layers or ()) > 1 or result.plate not in PLATE_MODELS
 
 
-def rests_on(result: DropResult, setup: Setup) -> bool:
+def rests_on(result: DropResult, setup: PointSetup) -> bool:
     """Whether a stored result was found with what is declared of the point now.
 
     Parameters
     ----------
     result : DropResult
-    setup : Setup
+    setup : PointSetup
     """
     pairs = [(result.plate_radius_m, setup.plate_radius)]
     if setup.poisson_ratio is not None:
@@ -120,7 +120,7 @@ def rests_on(result: DropResult, setup: Setup) -> bool:
 
 def curves_of(
     drop: Drop,
-    setup: Setup,
+    setup: PointSetup,
     screening: Screening,
     result: DropResult,
     library: SurrogateLibrary,
@@ -130,7 +130,7 @@ def curves_of(
     Parameters
     ----------
     drop : Drop
-    setup : Setup
+    setup : PointSetup
     screening : Screening
     result : DropResult
     library : SurrogateLibrary

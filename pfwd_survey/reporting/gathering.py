@@ -16,7 +16,7 @@ from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, r
 from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.header import Declaration, Setup, setup_from, setup_warnings
+from pfwd_survey.files.header import Declaration, PointSetup, setup_from, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop
@@ -316,7 +316,7 @@ class _Gatherer:
         )
 
     def _drop(
-        self, kept: SurveyDrop, record: DropRecord, setup: Setup, screening: Screening
+        self, kept: SurveyDrop, record: DropRecord, setup: PointSetup, screening: Screening
     ) -> ReportDrop:
         result, stored, warnings = None, False, list(screening.warnings)
         if not kept.discarded and screening.status != "rejected":
@@ -423,7 +423,7 @@ def _local_time(metadata: Mapping[str, Any]) -> str:
 
 
 def _position(
-    point: SurveyPoint, drops: Sequence[tuple[SurveyDrop, DropRecord]], setup: Setup
+    point: SurveyPoint, drops: Sequence[tuple[SurveyDrop, DropRecord]], setup: PointSetup
 ) -> Mapping[str, Any] | None:
     """What a person said wins over the receiver, the receiver over what was declared."""
     for said in (point.position, *(drop.position for drop, _ in drops)):

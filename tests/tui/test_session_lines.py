@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.measuring.events import (
@@ -50,7 +50,7 @@ def one(make_drop: Callable[..., Drop]) -> Callable[..., HandedOn]:
     def make(number: int = 1, status: Any = "measured", record: int | None = 5) -> HandedOn:
         reason = "no pulse" if status == "rejected" else None
         found = Screening(status, reason)
-        return HandedOn("A", number, record, "x.h5", make_drop(), Setup(0.15), found)
+        return HandedOn("A", number, record, "x.h5", make_drop(), PointSetup(0.15), found)
 
     return make
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.screening.clipping import clipped_samples
 from pfwd_survey.inverting.screening.missing import whole_part
@@ -114,13 +114,13 @@ class _Pulse:
         return float(self.load[self.top])
 
 
-def screen(drop: Drop, setup: Setup) -> Screening:
+def screen(drop: Drop, setup: PointSetup) -> Screening:
     """Status of a drop, judged by its own record alone.
 
     Parameters
     ----------
     drop : Drop
-    setup : Setup
+    setup : PointSetup
         Tells how many of the first drops are seating.
 
     Returns
@@ -140,13 +140,13 @@ def screen(drop: Drop, setup: Setup) -> Screening:
     return Screening(status, None, (*warnings, *_warnings(pulse, drop)), dead)
 
 
-def screen_next(drop: Drop, setup: Setup, largest: float) -> tuple[Screening, float]:
+def screen_next(drop: Drop, setup: PointSetup, largest: float) -> tuple[Screening, float]:
     """Status of a drop as it comes, judged by its record and by the drops before it.
 
     Parameters
     ----------
     drop : Drop
-    setup : Setup
+    setup : PointSetup
     largest : float
         Largest peak load of this point's drops before that were not rejected, N; 0: there are none.
 
@@ -196,7 +196,7 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     return tuple(marked)
 
 
-def counted(screening: Screening, number: int, rejected: int, setup: Setup) -> Screening:
+def counted(screening: Screening, number: int, rejected: int, setup: PointSetup) -> Screening:
     """A screening with its drop counted as the declared procedure counts.
 
     A rejected drop does not load the ground as a drop does, and hence does not seat the plate.
@@ -209,7 +209,7 @@ def counted(screening: Screening, number: int, rejected: int, setup: Setup) -> S
         Of the drop within the point.
     rejected : int
         How many drops of the point before it were rejected.
-    setup : Setup
+    setup : PointSetup
     """
     if setup.procedure is None or screening.status == "rejected":
         return screening

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
@@ -32,7 +32,7 @@ class Task:
     """Of the task."""
     urgency: Urgency
     drop: Drop
-    setup: Setup
+    setup: PointSetup
     screening: Screening
     options: AnalysisOptions
     file: str

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from pfwd_device import Drop
 from pfwd_device.child_python import start_child
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
@@ -63,7 +63,7 @@ class InversionWorker:
         self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
         self._thread.start()
 
-    def prepare(self, drop: Drop, setup: Setup, options: AnalysisOptions) -> int:
+    def prepare(self, drop: Drop, setup: PointSetup, options: AnalysisOptions) -> int:
         """Have ready what drops like this one need; its samples do not matter."""
         return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
 
@@ -71,7 +71,7 @@ class InversionWorker:
         self,
         urgency: Urgency,
         drop: Drop,
-        setup: Setup,
+        setup: PointSetup,
         screening: Screening,
         options: AnalysisOptions,
         file: str,
@@ -83,7 +83,7 @@ class InversionWorker:
         self,
         urgency: Urgency,
         drop: Drop,
-        setup: Setup,
+        setup: PointSetup,
         screening: Screening,
         options: AnalysisOptions,
         file: str,

@@ -23,13 +23,13 @@ from pfwd_survey.files.editing import (
     target_pa,
 )
 from pfwd_survey.files.folders import is_survey
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.importing import Imported, import_files
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.files.upkeep import check_survey, recover_survey
 
-SETUP = Setup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
+SETUP = PointSetup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_number_that_is_taken_becomes_the_next_one_and_is_told_again(
     tmp_path: Path, survey: Path, make_drop: Callable[..., Drop]
 ) -> None:
     other = tmp_path / "other.csv"
-    setup = Setup(plate_radius=0.15, point="first")
+    setup = PointSetup(plate_radius=0.15, point="first")
     write_traces(other, TracePoint("", setup, (make_drop(peak=5000.0),), ()))
     assert [one.number for one in import_files([str(other)], survey)] == [4]
     assert [(one.number, one.before) for one in import_files([str(other)], survey)] == [(4, True)]
@@ -88,7 +88,7 @@ def test_a_refused_file_does_not_keep_the_others_out(
     bad = tmp_path / "bad.csv"
     bad.write_text("nonsense\n")
     long = tmp_path / "long.csv"
-    setup = Setup(plate_radius=0.15, point="x" * 65)
+    setup = PointSetup(plate_radius=0.15, point="x" * 65)
     write_traces(long, TracePoint("", setup, (make_drop(),), ()))
     found = list(import_files([str(bad), str(long), str(csv)], tmp_path / "new"))
     assert [one.error is None for one in found] == [False, False, True, True, True]
@@ -220,7 +220,7 @@ def test_points_measured_alike_stay_together_and_others_apart(
     folder = tmp_path / "s"
     for number, radius in ((1, 0.15), (2, 0.15), (3, 0.10)):
         path = tmp_path / f"{number}.csv"
-        setup = Setup(plate_radius=radius, point="P")
+        setup = PointSetup(plate_radius=radius, point="P")
         write_traces(path, TracePoint("", setup, (make_drop(number=number),), ()))
         list(import_files([str(path)], folder))
     points = read_points(folder)
@@ -348,7 +348,7 @@ def test_a_survey_gives_the_numbers_of_its_trace_file(
     from pfwd_survey.inverting.analysis import analyse_file
     from pfwd_survey.inverting.options import AnalysisOptions
 
-    setup = Setup(plate_radius=0.15, plate_mass=12.0, bedrock_depth=math.inf, point="P")
+    setup = PointSetup(plate_radius=0.15, plate_mass=12.0, bedrock_depth=math.inf, point="P")
     drops = tuple(make_drop(number=n, peak=7000.0 + 500 * n, window=0.1) for n in (1, 2))
     write_traces(tmp_path / "t.csv", TracePoint("", setup, drops, ()))
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "s"))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import TraceError
-from pfwd_survey.files.header import KEYS, Setup
+from pfwd_survey.files.header import KEYS, PointSetup
 from pfwd_survey.files.traces import TracePoint, read_traces, write_traces
 from tests.pfwd_survey.files.trace_lines import HEADER, NAMES, Write, rows
 
@@ -34,7 +34,7 @@ def test_a_file_is_read_as_it_was_declared(write: Write) -> None:
     names = "drop,time_s,load_N,velocity_m_s@0.0000,displacement_m@0.3"
     numbers = [f"{drop},{i / 1000},{i},{i + 0.5},{-i}" for drop in (1, 3) for i in range(-5, 15)]
     point = read_traces(write([*header, names, *numbers]))
-    assert point.setup == Setup(
+    assert point.setup == PointSetup(
         plate_radius=0.15,
         poisson_ratio=0.3,
         bedrock_depth=float("inf"),
@@ -60,7 +60,7 @@ def test_a_file_is_read_as_it_was_declared(write: Write) -> None:
 
 def test_what_is_not_declared_is_unknown(write: Write) -> None:
     setup = read_traces(write([*HEADER, NAMES, *rows()])).setup
-    assert setup == Setup(plate_radius=0.15)
+    assert setup == PointSetup(plate_radius=0.15)
     assert setup.plate_mass is None
     assert setup.bedrock_depth is None
 
@@ -123,7 +123,7 @@ def test_a_header_file_stands_in_for_the_header(write: Write) -> None:
     header = write(["plate_radius_m = 0.1", "seating_drops = 3"], "setup.toml")
     foreign = write(["# Recorder 3, exported 1.5.2026", "# plate_radius_m = 9", NAMES, *rows()])
     setup = read_traces(foreign, header).setup
-    assert setup == Setup(plate_radius=0.1, seating_drops=3)
+    assert setup == PointSetup(plate_radius=0.1, seating_drops=3)
 
 
 def test_option_wins_over_header_file_wins_over_header(write: Write) -> None:
@@ -186,7 +186,7 @@ PAIR = {"geophone_natural_frequency", "geophone_damping"}
 
 
 @st.composite
-def setups(draw: st.DrawFn) -> Setup:
+def setups(draw: st.DrawFn) -> PointSetup:
     names = {rule.attribute for rule in KEYS.values()}
     chosen = draw(st.sets(st.sampled_from(sorted(names)))) | {"plate_radius"}
     chosen = chosen | PAIR if chosen & PAIR else chosen
@@ -195,7 +195,7 @@ def setups(draw: st.DrawFn) -> Setup:
     inner = st.one_of(free_values, st.booleans(), st.dates())
     extra = st.dictionaries(unknown, st.one_of(inner, st.lists(inner, max_size=3)), max_size=3)
     values = {name: draw(VALUES.get(name, free_values)) for name in sorted(chosen)}
-    return Setup(**values, extra=draw(extra))
+    return PointSetup(**values, extra=draw(extra))
 
 
 @st.composite
@@ -242,15 +242,17 @@ def test_drops_with_different_sensors_are_not_written(
 ) -> None:
     drops = (make_drop(), make_drop(number=2, offsets=(0.0, 0.3)))
     with pytest.raises(TraceError, match="expected the same sensors in every drop"):
-        write_traces(tmp_path / "point.csv", TracePoint("made up", Setup(plate_radius=0.15), drops))
+        write_traces(
+            tmp_path / "point.csv", TracePoint("made up", PointSetup(plate_radius=0.15), drops)
+        )
 
 
 def test_a_failed_write_leaves_the_old_file(make_drop: Callable[..., Drop], tmp_path: Path) -> None:
     path = tmp_path / "point.csv"
-    point = TracePoint("made up", Setup(plate_radius=0.15), (make_drop(),))
+    point = TracePoint("made up", PointSetup(plate_radius=0.15), (make_drop(),))
     write_traces(path, point)
     before = path.read_bytes()
-    unwritable = dataclasses.replace(point, setup=Setup(plate_radius=0.15, site="\udc80"))
+    unwritable = dataclasses.replace(point, setup=PointSetup(plate_radius=0.15, site="\udc80"))
     with pytest.raises(TraceError, match="expected text that UTF-8 can hold"):
         write_traces(path, unwritable)
     assert path.read_bytes() == before

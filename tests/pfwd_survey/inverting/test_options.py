@@ -6,7 +6,7 @@ import pytest
 
 from inversion.fitting.layered import number
 from pfwd_survey.errors import OptionError
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.analysis import settings_of
 from pfwd_survey.inverting.options import (
     DEFAULT,
@@ -120,7 +120,7 @@ def test_overrides_carry_the_names_of_the_header() -> None:
     ],
 )
 def test_layers_reach_the_inversion(options: dict[str, Any], layers: Any, thickness: Any) -> None:
-    settings = settings_of(AnalysisOptions(**options), Setup(plate_radius=0.15))
+    settings = settings_of(AnalysisOptions(**options), PointSetup(plate_radius=0.15))
     assert (settings.layers, settings.thickness) == (layers, thickness)
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from inversion import SurrogateLibrary, layered_inversion
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting import results
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import (
@@ -263,7 +263,7 @@ def test_there_is_no_peak_load_where_the_pulse_is_missing() -> None:
 
 
 def test_the_method_that_ran_is_told() -> None:
-    setup = Setup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
+    setup = PointSetup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
     drop = pulse_of(8000.0)
     library = SurrogateLibrary()
     told = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from inversion import SurrogateLibrary
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.drops import screen
@@ -59,7 +59,7 @@ def test_several_drops_have_mean_peaks_and_rms_residuals() -> None:
 
 def test_the_sensors_together_have_the_residual_of_the_drop(make_drop: Any) -> None:
     drop = make_drop(offsets=(0.0, 0.3, -0.3))
-    setup = Setup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
+    setup = PointSetup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
     options = AnalysisOptions(method="least-squares", bedrock_depth="none")
     found = analyse_drop(drop, setup, screen(drop, setup), options, SurrogateLibrary()).result
     assert found is not None

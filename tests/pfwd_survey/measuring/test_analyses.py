@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Urgency
@@ -38,7 +38,7 @@ def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
     told: list[Any] = []
     analyses = Analyses(AnalysisOptions(), told.append, lambda *_: None)
     drop = make_drop()
-    setup = Setup(plate_radius=0.15)
+    setup = PointSetup(plate_radius=0.15)
     for number in range(1, 201):
         handed = HandedOn("1", number, number, "f", drop, setup, Screening("measured"))
         analyses.ask(handed)

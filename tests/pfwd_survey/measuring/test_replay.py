@@ -154,9 +154,9 @@ def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
 def test_imported_drops_are_handed_on_as_they_are(
     tmp_path: Path, make_drop: Callable[..., Drop]
 ) -> None:
-    from pfwd_survey.files.header import Setup
+    from pfwd_survey.files.header import PointSetup
 
-    point = TracePoint("", Setup(plate_radius=0.15), (make_drop(), make_drop(number=2)), ())
+    point = TracePoint("", PointSetup(plate_radius=0.15), (make_drop(), make_drop(number=2)), ())
     write_traces(tmp_path / "t.csv", point)
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "survey"))
     log = Log()

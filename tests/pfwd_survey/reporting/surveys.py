@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 
-SETUP = Setup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1)
+SETUP = PointSetup(
+    plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35, site="km 1", seating_drops=1
+)
 
 
 def result_of(number: int, modulus: float = 45e6) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pfwd_device.acquisition.items import Samples
 from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.wire.messages import Status
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
@@ -32,7 +32,7 @@ from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.settings import ScreenSettings
 
 NOON = datetime.datetime(2026, 5, 4, 12, 0, 7)
-SETUP = Setup(plate_radius=0.15, plate_mass=10.0, poisson_ratio=0.35, seating_drops=3)
+SETUP = PointSetup(plate_radius=0.15, plate_mass=10.0, poisson_ratio=0.35, seating_drops=3)
 IDENTITY = Identity(
     serial_number="T-1042",
     model="Test",

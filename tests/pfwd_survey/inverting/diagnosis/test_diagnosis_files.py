@@ -7,7 +7,7 @@ import pytest
 
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.diagnosis.device_file import (
     device_of,
@@ -40,7 +40,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         load = np.concatenate([np.zeros(200), found.load])
         time = 1e-4 * np.arange(-200, found.load.size)
         drop = Drop(1, time, load, (Channel(0.0, "displacement", moved),))
-        setup = Setup(
+        setup = PointSetup(
             plate_radius=RADIUS,
             plate_mass=10.0,
             poisson_ratio=0.35,
@@ -145,7 +145,7 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
     time = 1e-4 * np.arange(-100, 300)
     drop = Drop(1, time, quiet, (Channel(0.0, "velocity", quiet),))
     path = tmp_path / "quiet.csv"
-    write_traces(path, TracePoint(str(path), Setup(plate_radius=RADIUS), (drop,)))
+    write_traces(path, TracePoint(str(path), PointSetup(plate_radius=RADIUS), (drop,)))
     (one, other) = diagnose_files([str(path), str(tmp_path / "none.csv")])
     assert one.result is not None
     assert one.result.drops == ()

@@ -9,7 +9,7 @@ import pytest
 
 from inversion import InversionError, Record, Settings, SurrogateLibrary
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting import analysis
@@ -40,7 +40,7 @@ def loose(drop: Drop, place: float = -0.6) -> Drop:
 def point(make_drop: Make) -> TracePoint:
     """Three drops, in the second of which a sensor is loose."""
     first, second, third = (make_drop(number=n, offsets=PLACES) for n in (1, 2, 3))
-    return TracePoint("f", Setup(plate_radius=0.15), (first, loose(second), third))
+    return TracePoint("f", PointSetup(plate_radius=0.15), (first, loose(second), third))
 
 
 def screened(point: TracePoint) -> tuple[Screening, ...]:
@@ -82,7 +82,7 @@ def test_a_drop_that_is_none_judges_no_sensor(point: TracePoint) -> None:
 
 def test_two_sensors_do_not_judge_each_other(make_drop: Make) -> None:
     drop = loose(make_drop(offsets=(0.0, -0.6)))
-    point = TracePoint("f", Setup(plate_radius=0.15), (drop,))
+    point = TracePoint("f", PointSetup(plate_radius=0.15), (drop,))
     assert screened(point) == screen_point(point)
 
 

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, read_traces
 from pfwd_survey.inverting.screening.drops import Screening, screen, screen_point
 
-SETUP = Setup(plate_radius=0.15)
+SETUP = PointSetup(plate_radius=0.15)
 MakeDrop = Callable[..., Drop]
 Vector = NDArray[np.float64]
 

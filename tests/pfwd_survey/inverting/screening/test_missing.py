@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.inverting.screening.missing import whole_part
 
@@ -54,7 +54,7 @@ def test_gaps_outside_of_the_needed_part(
     assert (whole.time[0], whole.time[-1]) == pytest.approx(left)
     for values in (whole.load, *(channel.values for channel in whole.channels)):
         assert np.isfinite(values).all()
-    found = screen(without(drop, start, end), Setup(plate_radius=0.15))
+    found = screen(without(drop, start, end), PointSetup(plate_radius=0.15))
     assert found.status == "measured"
     assert warning in found.warnings
 
@@ -70,7 +70,7 @@ def test_gaps_in_the_needed_part(drop: Drop, start: float, end: float) -> None:
     assert reason is not None
     assert reason.startswith("damaged record")
     assert warning is None
-    assert screen(damaged, Setup(plate_radius=0.15)).status == "rejected"
+    assert screen(damaged, PointSetup(plate_radius=0.15)).status == "rejected"
 
 
 def test_a_record_that_is_short_by_its_settings_is_not_damaged_for_that(
@@ -97,7 +97,7 @@ def test_no_nan_reaches_the_inversion(
         return [None] * len(records)
 
     monkeypatch.setattr(analysis, "invert_joint", spy)
-    setup, damaged = Setup(plate_radius=0.15), without(drop, *gap)
+    setup, damaged = PointSetup(plate_radius=0.15), without(drop, *gap)
     library: Any = None
     options = AnalysisOptions()
     analysis.analyse_drop(damaged, setup, screen(damaged, setup), options, library)

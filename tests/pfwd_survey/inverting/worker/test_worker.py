@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
-from pfwd_survey.files.header import Setup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.drops import Screening, screen
 from pfwd_survey.inverting.worker.tasks import Urgency
@@ -24,7 +24,7 @@ from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice
 from tests.pfwd_survey.scripted_feed import IDENTITY
 
 PATIENCE = 60.0  # s; far more than anything here takes
-SETUP = Setup(plate_radius=0.15, plate_mass=10.0, bedrock_depth=float("inf"))
+SETUP = PointSetup(plate_radius=0.15, plate_mass=10.0, bedrock_depth=float("inf"))
 OPTIONS = AnalysisOptions(seed=3)
 QUICK = AnalysisOptions(method="least-squares", seed=3)
 FINE = Screening("measured")
