@@ -227,7 +227,7 @@ def finite(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def within(value: object, name: str, low: float, high: float, where: str) -> float:
+def within(value: object, name: str, low: float, high: float, where: str, hint: str = "") -> float:
     """A number from `low` to `high`.
 
     Raises
@@ -238,7 +238,7 @@ def within(value: object, name: str, low: float, high: float, where: str) -> flo
     number = finite(value)
     if number is None or not low <= number <= high:
         came = "none" if value is None else quote(value)
-        raise TraceError(refusal(where, f"{name}, a number from {low:g} to {high:g}", came))
+        raise TraceError(refusal(where, f"{name}, a number from {low:g} to {high:g}", came, hint))
     return number
 
 

@@ -5,31 +5,59 @@ A ``.dynz`` has the raw channels of every drop as well. Layout as seen in public
 has published none.
 """
 
+import itertools
+import os
 from collections import defaultdict, deque
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pfwd_device import Drop
+from pfwd_device.peaks import trace_peaks
+from pfwd_device.signals import displacement_of
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.archive import Archive
 from pfwd_survey.files.foreign.common import (
     Channels,
     Request,
-    distinct,
+    Values,
+    finite,
     make_drop,
     one_a_place,
     point_of,
     sampled_time,
+    within,
 )
-from pfwd_survey.files.foreign.rincent_facts import MASK, Facts, PointFacts
+from pfwd_survey.files.foreign.rincent_facts import (
+    MASK,
+    RATES,
+    Facts,
+    PointFacts,
+    StoredPeaks,
+)
 from pfwd_survey.files.foreign.rincent_json import read_json
 from pfwd_survey.files.foreign.rincent_stored import Stored, parse_stored
-from pfwd_survey.files.foreign.rincent_xml import RawDrop, facts_of, raw_drops, read_tables
+from pfwd_survey.files.foreign.rincent_xml import (
+    RawDrop,
+    facts_of,
+    mended,
+    raw_drops,
+    read_tables,
+)
 from pfwd_survey.files.traces import TracePoint
 
 JSON, XML, TRACES = "database.json", "database.xml", "rawdata/"
 
+RATE = "sampling_rate_hz"
+"""Key of ``--header``: sampling rate of the stored traces, Hz; wins over what the file says."""
+
 RATE_TOLERANCE = 1e-6
 """Relative; two places of a file that say the sampling rate say the same one."""
+
+PEAK_TOLERANCE = 5e-3
+"""Relative; peaks that the maker's software stored and those of the traces are then the same. It is
+what rounding and the offset at rest come to; software that smooths first is 1 % lower."""
 
 RAW_REMARK = (
     "raw channels: the response of the geophone is not in the file; declare "
@@ -52,8 +80,14 @@ def read(file: str, request: Request) -> list[TracePoint]:
     TraceError
         If it is refused.
     """
+    said = dict(request.said)
+    declared = said.pop(RATE, None)
+    request = replace(request, said=said)
+    rate = None
+    if declared is not None:
+        rate = within(declared.value, RATE, *RATES, f"{declared.where}")
     with Archive(file) as archive:
-        project = _Project(archive)
+        project = _Project(archive, rate)
         if request.channels != "stored" and project.drops:
             points = _raw_points(project, request)
         else:
@@ -70,13 +104,18 @@ class _Source:
     request: Request
     channels: Channels
     remarks: tuple[str, ...]
+    rate: float | None = None
+    """As it was declared, Hz."""
 
 
 class _Project:
     """An opened project: its databases and where its traces are."""
 
-    def __init__(self, archive: Archive) -> None:
+    def __init__(self, archive: Archive, rate: float | None = None) -> None:
         self.archive = archive
+        self.rate = rate
+        """As it was declared, Hz."""
+        self.remarks: tuple[str, ...] = ()
         self.file = archive.file
         names = archive.names
         self.json = next((n for n in names if n.rpartition("/")[2] == JSON), None)
@@ -90,7 +129,9 @@ class _Project:
             raise TraceError(refusal(self.file, expected, came, "is it a Rincent project?"))
         if self.xml is not None:
             where = f"{self.file}, {self.xml}"
-            tables = read_tables(archive.read(self.xml), where)
+            data, remarks = mended(archive.read(self.xml), _short(where))
+            self.remarks = tuple(remarks)
+            tables = read_tables(data, where)
             self.drops = raw_drops(tables, where)
             self.xml_facts = facts_of(tables, where)
 
@@ -100,6 +141,21 @@ class _Project:
             return read_json(self.archive.read(self.json), f"{self.file}, {self.json}")
         assert self.xml_facts is not None
         return self.xml_facts
+
+    def stored_peaks(self) -> Mapping[str, tuple[StoredPeaks, ...]]:
+        """Of each point by its name, what the maker's software found; empty when it is unknown."""
+        if self.json is None:
+            return {}
+        try:
+            return {point.name: point.peaks for point in self.facts().points}
+        except TraceError:
+            return {}  # the raw channels do not need this database
+
+
+def _short(where: str) -> str:
+    """Name of file and member, for a remark that is kept."""
+    file, _, member = where.rpartition(", ")
+    return f"{os.path.basename(file)}, {member}"
 
 
 def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
@@ -116,20 +172,24 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
     for drop in project.drops:
         by_point[drop.point].append(drop)
     known = {point.identity: point for point in facts.points}
-    source = _Source(project.file, facts, request, "raw", (RAW_REMARK,))
+    peaks = project.stored_peaks()
+    source = _Source(project.file, facts, request, "raw", (RAW_REMARK, *project.remarks))
+    rate = project.rate or facts.rate
     found = []
     for identity, raw in by_point.items():
         point = known.get(identity) or PointFacts(identity, f"point {identity}")
         drops = []
         for one in sorted(raw, key=lambda drop: drop.number):
             where = f"{project.file}, {point.name}, drop {one.number}"
-            time = sampled_time(one.load.size, facts.rate, facts.pre_trigger)
+            time = sampled_time(one.load.size, rate, facts.pre_trigger)
             quantity = one.quantity or "velocity"
             drops.append(
                 make_drop(one.number, time, one.load, [(0.0, quantity, one.sensor)], where)
             )
         _refuse_twins(drops, f"{project.file}, {point.name}")
-        found.append(_point(source, point, drops))
+        where = f"{_short(f'{project.file}, {project.json}')}"
+        compared = compare_peaks(drops, peaks.get(point.name, ()), where, "raw channels")
+        found.append(_point(source, point, drops, *compared))
     return found
 
 
@@ -147,7 +207,8 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
         if request.channels == "stored" and project.drops:
             hint = "leave --channels stored out"
         raise TraceError(refusal(project.file, f"traces in {TRACES}", came, hint))
-    source = _Source(project.file, facts, request, "stored", (*remarks, STORED_REMARK))
+    said = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
+    source = _Source(project.file, facts, request, "stored", said, project.rate)
     traces: dict[str, Stored] = {}
     order = {name: place for place, name in enumerate(project.stored)}
     for name in project.stored:
@@ -166,12 +227,13 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
         match = min((names[0] for names in waiting if names), key=order.__getitem__, default=None)
         if match is not None:
             found.append(_stored_point(source, point, left.pop(match), match))
-    strangers = [name.rpartition("/")[2] for name in left]
-    for (member, stored), name in zip(left.items(), distinct(strangers), strict=True):
-        alone = _Source(
-            source.file, facts, request, "stored", (*source.remarks, "a point without a name")
-        )
-        found.append(_stored_point(alone, PointFacts("", f"point {name}"), stored, member))
+    taken = {point.name for point in facts.points}
+    free = (name for n in itertools.count(1) if (name := f"point {n}") not in taken)
+    for (member, stored), name in zip(left.items(), free, strict=False):
+        where = _short(f"{project.file}, {member}")
+        remark = f"{where}: the database has no point with these traces, so it has no name"
+        alone = replace(source, remarks=(*source.remarks, remark))
+        found.append(_stored_point(alone, PointFacts("", name), stored, member))
     return found
 
 
@@ -186,16 +248,15 @@ def _numbers_of(member: str, stored: Stored) -> set[int]:
 
 def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: str) -> TracePoint:
     facts, where = source.facts, f"{source.file}, {member}"
-    rate = stored.rate or facts.rate
-    if abs(rate - facts.rate) > RATE_TOLERANCE * facts.rate:
-        came = f"{rate:g} Hz"
-        raise TraceError(refusal(where, f"{facts.rate:g} Hz as in the database", came))
+    rate = source.rate or stored.rate or facts.rate
+    remarks = _rate_remarks(source, stored, where)
     channels = stored.drops[0].displacement.shape[0]
     offsets = facts.offsets or (0.0,)
     if len(offsets) != channels:
         expected = f"{len(offsets)} displacements, as the database lists sensors"
         raise TraceError(refusal(where, expected, str(channels)))
     used, left_out = one_a_place(offsets)
+    remarks += left_out
     drops = []
     for number, one in enumerate(stored.drops, start=1):
         time = sampled_time(one.load.size, rate, facts.pre_trigger)
@@ -203,7 +264,104 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
         drops.append(
             make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )
-    return _point(source, point, drops, *left_out)
+    remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored traces")
+    return _point(source, point, drops, *remarks)
+
+
+def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:
+    """Where database and traces do not say the same rate; who sampled wrote the traces."""
+    facts, rate = source.facts, stored.rate
+    said, samples = finite(facts.said_rate[0]), stored.drops[0].load.size
+    if source.rate is not None or rate is None or said is None:
+        return []
+    if abs(rate - said) <= RATE_TOLERANCE * rate:
+        return []
+    count = "" if facts.samples is None else f" and {facts.samples} samples"
+    database = _short(facts.where).rpartition(", ")[2]
+    return [
+        f"{_short(where)}: {rate:g} Hz and {samples} samples, in {database} {said:g} Hz{count}; "
+        "the traces' own were taken"
+    ]
+
+
+def compare_peaks(
+    drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str, what: str
+) -> list[str]:
+    """What the maker's software found, where it differs from what the traces have.
+
+    Its deflection is a maximum within the pulse, not always the largest value of a trace that
+    drifts: a maximum of the trace that is the same is agreement.
+
+    Parameters
+    ----------
+    drops : sequence of Drop
+    stored : sequence of StoredPeaks
+        In the same order.
+    where : str
+        Where they are stored.
+    what : str
+        Name of the traces.
+
+    Returns
+    -------
+    list of str
+        Texts for the number of drops, for drops that are one, for the load, for the deflections;
+        none where all is the same.
+    """
+    if not stored:
+        return []
+    if len(drops) != len(stored):
+        return [f"{where}: peaks of {len(stored)} drops, {len(drops)} drops in the {what}"]
+    found = []
+    if len(drops) > 1 and all(_same_traces(drop, drops[0]) for drop in drops[1:]):
+        found.append(
+            f"{where}: the {what} of all {len(drops)} drops are the same, number for number: one "
+            "drop was stored in place of each"
+        )
+        drops, stored = drops[:1], stored[:1]
+    loads, moved, rising = [], [], False
+    for drop, one in zip(drops, stored, strict=True):
+        peaks = trace_peaks(drop)
+        if one.load:
+            loads.append(peaks.load / one.load - 1)
+        if len(one.deflections) != len(drop.channels):
+            continue
+        for channel, theirs in zip(drop.channels, one.deflections, strict=True):
+            if theirs > 0:
+                largest, nearest = _maxima(displacement_of(channel, drop.time), theirs)
+                same = abs(nearest / theirs - 1) <= PEAK_TOLERANCE
+                moved.append((nearest if same else largest) / theirs - 1)
+                rising = rising or (same and largest > (1 + PEAK_TOLERANCE) * nearest)
+    for name, parts in (("peak load", loads), ("peak deflection", moved)):
+        if parts and max(map(abs, parts)) > PEAK_TOLERANCE:
+            span = f"{100 * min(parts):+.1f} to {100 * max(parts):+.1f} %"
+            found.append(
+                f"{where}: {name} of the {what} is {span} off what the maker's software stored"
+            )
+            rising = False
+    if rising:
+        found.append(
+            f"{where}: the peak deflection that the maker's software stored is a maximum of the "
+            f"{what}, which are larger later: they drift"
+        )
+    return found
+
+
+def _maxima(values: Values, wanted: float) -> tuple[float, float]:
+    """The largest value of a trace, and of it and of its maxima the one nearest to `wanted`, m."""
+    inside = values[1:-1]
+    peaks = inside[(inside > values[:-2]) & (inside >= values[2:])]
+    largest = float(values.max())
+    # From the rest before the trigger, or from the first sample, which is 0 in these traces.
+    found = [largest, float((values - values[0]).max()), *peaks, *(peaks - values[0])]
+    return largest, float(min(found, key=lambda value: abs(value - wanted)))
+
+
+def _same_traces(first: Drop, second: Drop) -> bool:
+    pairs = zip(first.channels, second.channels, strict=True)
+    return np.array_equal(first.load, second.load) and all(
+        np.array_equal(a.values, b.values) for a, b in pairs
+    )
 
 
 def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: str) -> TracePoint:

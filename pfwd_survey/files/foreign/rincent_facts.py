@@ -27,6 +27,18 @@ MASK = (1 << 64) - 1
 
 
 @dataclass(frozen=True, slots=True)
+class StoredPeaks:
+    """Peaks of a drop as the database has them."""
+
+    load: float | None
+    """N."""
+    deflections: tuple[float, ...]
+    """m, one a sensor in the order of the database; empty where one is no number."""
+    duration: float | None = None
+    """Of the load pulse, s."""
+
+
+@dataclass(frozen=True, slots=True)
 class PointFacts:
     """A test point without its traces."""
 
@@ -37,6 +49,10 @@ class PointFacts:
     """Header keys."""
     noted: Mapping[str, Any] = field(default_factory=dict)
     """What else is kept."""
+    peaks: tuple[StoredPeaks, ...] = ()
+    """Of its drops, in their order."""
+    labels: tuple[float, ...] | None = None
+    """Positions of the sensors as the names of the deflections say, m; None: they say none."""
 
     @property
     def numbers(self) -> set[int]:
@@ -54,15 +70,35 @@ class PointFacts:
 class Facts:
     """A project without its traces."""
 
-    rate: float
-    """Samples per second, Hz."""
-    pre_trigger: float
-    """s before the trigger."""
+    where: str
+    """File and member, for messages."""
+    said_rate: tuple[object, str]
+    """Samples per second, Hz, as it is written, and its name there."""
+    said_pre_trigger: tuple[object, str]
+    """s before the trigger, as it is written, and its name there."""
     known: Mapping[str, Any]
     """Header keys of all points; None: not said."""
     points: tuple[PointFacts, ...]
     offsets: tuple[float, ...] | None = None
     """Positions of the sensors, m, negative on the other side; None: one in the centre."""
+    samples: int | None = None
+    """Samples of a trace, as the database has it."""
+    remarks: tuple[str, ...] = ()
+    """What had to be made up for when the database was read."""
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, Hz; raises TraceError when the database says none.
+
+        Asked for only where traces do not say their own: peaks need none.
+        """
+        hint = "give sampling_rate_hz in a file with --header"
+        return within(*self.said_rate, *RATES, self.where, hint)
+
+    @property
+    def pre_trigger(self) -> float:
+        """s before the trigger; raises as `rate`."""
+        return within(*self.said_pre_trigger, *PRE_TRIGGERS, self.where)
 
 
 def project_facts(
@@ -77,6 +113,8 @@ def project_facts(
     device: str,
     site: str | None = None,
     offsets: tuple[float, ...] | None = None,
+    samples: object = None,
+    remarks: Sequence[str] = (),
 ) -> Facts:
     """What a database says of a project, checked.
 
@@ -91,11 +129,8 @@ def project_facts(
     poisson_ratio, seating : as they are written
     device, site : str
     offsets : of the sensors, m
-
-    Raises
-    ------
-    TraceError
-        If rate or pre-trigger are none.
+    samples : as it is written
+    remarks : sequence of str
     """
     width, drops = finite(diameter), finite(seating)
     known = {
@@ -106,12 +141,16 @@ def project_facts(
         "device": short_text(device),
         "site": site,
     }
+    count = finite(samples)
     return Facts(
-        within(*rate, *RATES, where),
-        within(*pre_trigger, *PRE_TRIGGERS, where),
+        where,
+        rate,
+        pre_trigger,
         known,
         _with_distinct_names(points),
         offsets,
+        None if count is None else int(count),
+        tuple(remarks),
     )
 
 
@@ -122,6 +161,8 @@ def point_facts(
     place: tuple[object, object],
     known: Mapping[str, Any],
     noted: Mapping[str, Any],
+    peaks: Sequence[StoredPeaks] = (),
+    labels: tuple[float, ...] | None = None,
 ) -> PointFacts:
     """What a database says of a point.
 
@@ -131,6 +172,7 @@ def point_facts(
     date : as it is written
     place : latitude and longitude, as they are written
     known, noted : what else it says
+    peaks, labels : of its drops
     """
     moment = moment_of(date)
     return PointFacts(
@@ -138,6 +180,8 @@ def point_facts(
         name,
         {**known, "time_utc": moment.get("time_utc"), **position_of(*place)},
         {"time_local": moment.get("time_local"), **noted},
+        tuple(peaks),
+        labels,
     )
 
 

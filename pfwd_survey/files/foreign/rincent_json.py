@@ -1,6 +1,7 @@
 """``database.json`` of Rincent's programs: of the acquisition, and of the viewer."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ from pfwd_survey.files.foreign.common import finite, short_text, temperature_of
 from pfwd_survey.files.foreign.rincent_facts import (
     Facts,
     PointFacts,
+    StoredPeaks,
     named,
     point_facts,
     project_facts,
@@ -17,6 +19,14 @@ from pfwd_survey.files.foreign.rincent_facts import (
 from pfwd_survey.files.header import LONGEST_REMARK
 
 Table = Mapping[str, Any]
+
+_POSITION = re.compile(r"D(-?\d{1,5})")
+"""Name of a deflection: the position of its sensor in mm."""
+
+LOADS, DEFLECTION = ("Load", "Fmax"), "Umax"
+DURATIONS = ("PulseTime", "Time pulse")
+"""Names of peak load (N), of the deflection of a machine with one sensor (m), and of the duration
+of the pulse (s). They differ between machines and between versions of their programs."""
 
 
 def read_json(data: bytes, where: str) -> Facts:
@@ -35,46 +45,59 @@ def read_json(data: bytes, where: str) -> Facts:
     """
     if (problem := json_excess(data)) is not None:  # the largest one seen has under 1 MB
         raise TraceError(f"{where}: {problem}")
+    remarks: tuple[str, ...] = ()
     try:
-        # utf-8-sig: .NET writes a byte order mark.
-        database = json.loads(data.decode("utf-8-sig"))
+        text = data.decode("utf-8-sig")  # .NET writes a byte order mark
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")
+        remarks = (f"{where}: it is not UTF-8, as JSON is, and was read as Windows-1252",)
+    try:
+        # Not strict: a comment may hold the end of a line as it was typed.
+        database = json.loads(text, strict=False)
     except (ValueError, RecursionError) as err:
         raise TraceError(refusal(where, "JSON", quote(str(err)))) from err
     if isinstance(database, dict) and "project" in database:
-        return _viewer(database, where)
+        return _viewer(_table(database, "project"), where, remarks)
+    if isinstance(database, dict) and "base" in database and "distinct" in database:
+        # Of viewers before 2023, which had no level of the project.
+        return _viewer(database, where, remarks)
     if isinstance(database, dict) and "ParamsAcqu" in database:
-        return _acquisition(database, where)
+        return _acquisition(database, where, remarks)
     came = ", ".join(map(str, database)) if isinstance(database, dict) else "no object"
-    raise TraceError(refusal(where, "a database with ParamsAcqu or project", quote(came)))
+    raise TraceError(refusal(where, "a database with ParamsAcqu, project or base", quote(came)))
 
 
-def _acquisition(database: Table, where: str) -> Facts:
+def _acquisition(database: Table, where: str, remarks: tuple[str, ...]) -> Facts:
     acquired = _table(database, "ParamsAcqu")
     bearing, calibrated = _table(database, "ParamsBearing"), _table(database, "Calibrations")
-    hardware, project = _table(database, "Hardware"), _table(database, "Project")
+    hardware = _table(database, "Hardware", "Machines")
+    project = _table(database, "Project", "Dossiers")
     machine = short_text(hardware.get("TypeMachineName")) or short_text(
         _table(database, "Database").get("Software")
     )
     points = []
     for entry in _tables(database.get("PVs")):
-        report = _table(entry, "PV") or entry
+        report = _table(entry, "PV", "PVs") or entry
         for one in _tables(entry.get("Points")):
-            points.append(_acquired_point(_table(one, "Point") or one, report))
+            points.append(_acquired_point(one, report))
     return project_facts(
         where,
         points,
         rate=(acquired.get("FreqAcqu"), "FreqAcqu (Hz)"),
         pre_trigger=(acquired.get("PreTrig"), "PreTrig (s)"),
-        diameter=finite(bearing.get("DPlate")) or calibrated.get("Dplate"),
+        diameter=_diameter(bearing.get("DPlate"), calibrated.get("Dplate")),
         poisson_ratio=bearing.get("CPoisson"),
         seating=_table(database, "ParamsPoint").get("NbTraining"),
         device=named(machine, short_text(hardware.get("Serial"))),
         site=short_text(project.get("Site")) or short_text(project.get("Name")),
         offsets=_offsets(calibrated.get("Channels"), "Type", "Position", "LoadCell"),
+        samples=acquired.get("NbSamples"),
+        remarks=remarks,
     )
 
 
-def _acquired_point(point: Table, report: Table) -> PointFacts:
+def _acquired_point(entry: Table, report: Table) -> PointFacts:
+    point = _table(entry, "Point", "Points") or entry
     name = short_text(report.get("Name")) or short_text(report.get("Nom"))
     return point_facts(
         str(point.get("ID", "")),
@@ -86,11 +109,23 @@ def _acquired_point(point: Table, report: Table) -> PointFacts:
             "temperature_c": temperature_of(report.get("Temperature")),
         },
         _noted(point, point.get("Comments") or point.get("Comment")),
+        [_acquired_peaks(drop) for drop in _tables(entry.get("Drops"))],
     )
 
 
-def _viewer(database: Table, where: str) -> Facts:
-    project = _table(database, "project")
+def _acquired_peaks(drop: Table) -> StoredPeaks:
+    said = drop.get("Deflections")
+    listed = said if isinstance(said, list) else [drop.get(DEFLECTION)]
+    found = [finite(one) for one in listed]
+    whole = tuple(one for one in found if one is not None)
+    return StoredPeaks(
+        _first_number(drop, LOADS),
+        whole if len(whole) == len(found) else (),
+        _first_number(drop, DURATIONS),
+    )
+
+
+def _viewer(project: Table, where: str, remarks: tuple[str, ...]) -> Facts:
     base, distinct = _table(project, "base"), _table(project, "distinct")
     acquired = _table(base, "acquisitionParameters")
     bearing, calibrated = _table(distinct, "bearingParameters"), _table(distinct, "calibrations")
@@ -108,18 +143,23 @@ def _viewer(database: Table, where: str) -> Facts:
         points,
         rate=(acquired.get("frequency"), "frequency (Hz)"),
         pre_trigger=(acquired.get("preTrig"), "preTrig (s)"),
-        diameter=finite(bearing.get("dPlate")) or calibrated.get("dPlate"),
+        diameter=_diameter(bearing.get("dPlate"), calibrated.get("dPlate")),
         poisson_ratio=bearing.get("cPoisson"),
         seating=_training(reports),
         device=named(machine, short_text(hardware.get("Serial number"))),
         site=short_text(about.get("Site")) or short_text(base.get("name")),
         offsets=_offsets(calibrated.get("channels"), "type", "position", "LoadCell"),
+        samples=acquired.get("nbSamples"),
+        remarks=remarks,
     )
 
 
 def _viewed_point(point: Table, report: Table) -> PointFacts:
     place, about = _table(point, "coordinates"), _labelled(point.get("information"))
     operator = _labelled(report.get("information")).get("Operator")
+    drops = [_labelled(_table(one, "base").get("data")) for one in _tables(point.get("drops"))]
+    names = list(dict.fromkeys(key for drop in drops for key in drop if _POSITION.fullmatch(key)))
+    labels = tuple(float(name[1:]) / 1000 for name in names) or None
     return point_facts(
         str(point.get("id", "")),
         named(short_text(report.get("name")), short_text(point.get("number"))),
@@ -127,7 +167,29 @@ def _viewed_point(point: Table, report: Table) -> PointFacts:
         (place.get("lat"), place.get("lng")),
         {"operator": short_text(operator)},
         _noted(_labelled(point.get("data")), about.get("Comment")),
+        [_viewed_peaks(drop, names) for drop in drops],
+        labels,
     )
+
+
+def _viewed_peaks(drop: Table, names: list[str]) -> StoredPeaks:
+    found = [finite(drop.get(name)) for name in names or [DEFLECTION]]
+    whole = tuple(one for one in found if one is not None)
+    return StoredPeaks(
+        _first_number(drop, LOADS),
+        whole if len(whole) == len(found) else (),
+        _first_number(drop, DURATIONS),
+    )
+
+
+def _first_number(drop: Table, names: tuple[str, ...]) -> float | None:
+    return next((n for name in names if (n := finite(drop.get(name))) is not None), None)
+
+
+def _diameter(first: object, second: object) -> float | None:
+    """Of the plate, m: the first that is said. 0 is a test without a plate."""
+    found = finite(first)
+    return finite(second) if found is None else found
 
 
 def _noted(data: Table, comment: object) -> dict[str, Any]:
@@ -177,9 +239,10 @@ def _offsets(channels: object, kind: str, position: str, load: str) -> tuple[flo
     return tuple(found) or None
 
 
-def _table(parent: Table, key: str) -> Table:
-    value = parent.get(key)
-    return value if isinstance(value, dict) else {}
+def _table(parent: Table, *keys: str) -> Table:
+    """The first of these that is there: versions of one program name them differently."""
+    found = (parent.get(key) for key in keys)
+    return next((value for value in found if isinstance(value, dict)), {})
 
 
 def _tables(value: object) -> list[Table]:

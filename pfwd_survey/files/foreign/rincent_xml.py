@@ -43,6 +43,13 @@ LONGEST_NAME = 256
 QUANTITIES: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
 """Of ``IdTypeCapteur``; an acceleration is no quantity that a trace file has."""
 
+_BARE = re.compile(
+    rb"&(?!(?:amp|lt|gt|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)|<(?![A-Za-z_/!?:]|[\x80-\xff])"
+)
+"""A sign of XML that can only be text: the maker's writer does not escape what a user typed."""
+
+_ENCODING = re.compile(rb"<\?xml[^>]{0,200}encoding")
+
 _ATTRIBUTE = re.compile(rb"=\s*[\"']")
 
 Row = Mapping[str, str]
@@ -63,6 +70,37 @@ class RawDrop:
     """What the sensor measured; None: acceleration."""
     sensor: Values
     """(n,), m/s or m, with its offset."""
+
+
+def mended(data: bytes, where: str) -> tuple[bytes, list[str]]:
+    """A data set as XML where its writer did not keep to it, and what was done.
+
+    Returns
+    -------
+    data : bytes
+    remarks : list of str
+        With file, member and line.
+    """
+    remarks = []
+    if not _ENCODING.match(data) and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError as err:
+            line = data.count(b"\n", 0, err.start) + 1
+            remarks.append(f"{where}, line {line}: it is not UTF-8, and was read as Windows-1252")
+            data = data.decode("cp1252", errors="replace").encode()
+    bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_CELLS)]
+    if bare:
+        line = data.count(b"\n", 0, bare[0]) + 1
+        sign = chr(data[bare[0]])
+        more = "" if len(bare) == 1 else f", as at {len(bare) - 1} more places"
+        remarks.append(f"{where}, line {line}: {sign} is not escaped{more}, and was read as text")
+        data = _BARE.sub(_escaped, data)
+    return data, remarks
+
+
+def _escaped(found: re.Match[bytes]) -> bytes:
+    return b"&amp;" if found[0] == b"&" else b"&lt;"
 
 
 def read_tables(data: bytes, where: str) -> Tables:
@@ -166,6 +204,7 @@ def facts_of(tables: Tables, where: str) -> Facts:
         poisson_ratio=bearing.get("CPoisson"),
         seating=counted.get("NbMiseEnPlace"),
         device=named("Minidyn", short_text(serial)),
+        samples=acquired.get("NbSamples"),
     )
 
 

@@ -57,19 +57,21 @@ def stored(
     rate: float | None = None,
     *,
     by_sample: bool = False,
+    older: bool = False,
 ) -> bytes:
-    """A member ``rawdata/<id>``."""
+    """A member ``rawdata/<id>``; the older layout is big-endian and has no byte with a length."""
+    order = ">" if older else "<"
     channels, samples = drops[0].sensors.shape
-    data = struct.pack("<i", 1) + bytes([15]) + b"ISAANSIMPLEFILE"
-    data += struct.pack("<Ii", 0x8D937355, 1)
-    data += struct.pack("<iqiii", 1, identity, samples, len(drops), channels)
+    data = struct.pack(f"{order}i", 1) + (b"" if older else bytes([15])) + b"ISAANSIMPLEFILE"
+    data += struct.pack(f"{order}Ii", 0x8D937355, 1)
+    data += struct.pack(f"{order}iqiii", 1, identity, samples, len(drops), channels)
     if rate is not None:
-        data += struct.pack("<d", rate)
+        data += struct.pack(f"{order}d", rate)
     for drop in drops:
         table = drop.sensors.T if by_sample else drop.sensors
-        data += struct.pack("<i", samples) + drop.load.astype("<f4").tobytes()
-        data += struct.pack("<ii", *table.shape)
-        data += np.ascontiguousarray(table, "<f4").tobytes()
+        data += struct.pack(f"{order}i", samples) + drop.load.astype(f"{order}f4").tobytes()
+        data += struct.pack(f"{order}ii", *table.shape)
+        data += np.ascontiguousarray(table, f"{order}f4").tobytes()
     return data
 
 
