@@ -1,7 +1,7 @@
 """One drop as the instrument recorded it: the load and one time history per sensor."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,27 @@ class Channel:
         object.__setattr__(self, "values", _read_only_vector(self.values, "values"))
 
 
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Peaks of a drop, offsets removed."""
+
+    load: float
+    """N."""
+    displacements: tuple[tuple[float, float], ...]
+    """Distance from the centre (m) and peak displacement (m) of each sensor, in their order."""
+
+    @property
+    def centre(self) -> float | None:
+        """Of the sensor in the centre, m; None when there is none."""
+        return next((peak for offset, peak in self.displacements if offset == 0), None)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Drop:
-    """One fall of the weight, all channels on one time axis."""
+    """One fall of the weight, all channels on one time axis; or its peaks alone.
+
+    A drop of which no more than peaks was recorded has no samples: nothing is made up.
+    """
 
     number: int
     """Number of the drop within its test point, from 1."""
@@ -44,11 +62,22 @@ class Drop:
     """Force of the load cell, (n,), N, downward positive; read-only."""
     channels: tuple[Channel, ...]
     """The sensors, each with n values."""
+    only_peaks: Peaks | None = None
+    """As another program recorded them in place of traces; None: there are traces."""
+
+    @classmethod
+    def of_peaks(cls, number: int, peaks: Peaks) -> Self:
+        """A drop without time histories."""
+        none = np.empty(0)
+        channels = tuple(Channel(offset, "displacement", none) for offset, _ in peaks.displacements)
+        return cls(number, none, none, channels, peaks)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _read_only_vector(self.time, "time"))
         object.__setattr__(self, "load", _read_only_vector(self.load, "load"))
-        if self.time.size < 2:
+        if self.only_peaks is not None:
+            self._check_peaks(self.only_peaks)
+        elif self.time.size < 2:
             raise ValueError(
                 f"drop {self.number}: expected at least 2 samples, came {self.time.size}"
             )
@@ -58,6 +87,16 @@ class Drop:
                 f"drop {self.number}: expected {self.time.size} samples as in the time axis in the "
                 f"load and every channel, came {lengths}"
             )
+
+    def _check_peaks(self, peaks: Peaks) -> None:
+        # 0.0 takes the sign off -0, as in Channel.
+        offsets = [offset + 0.0 for offset, _ in peaks.displacements]
+        if self.time.size or offsets != [channel.offset for channel in self.channels]:
+            raise ValueError(f"drop {self.number}: expected peaks of its sensors and no samples")
+        if not np.isfinite(
+            [peaks.load, *(peak for _, peak in peaks.displacements), *offsets]
+        ).all():
+            raise ValueError(f"drop {self.number}: expected finite peaks")
 
     @property
     def sampling_rate(self) -> float:

@@ -16,7 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pfwd_device.drop import Channel, Drop
+import numpy as np
+
+from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import MOST_REBOUNDS, MOST_SENSORS, drop_parts
 from pfwd_device.recording.hdf5_tree import (
@@ -36,6 +38,10 @@ from pfwd_device.text import clean
 
 FILE_VERSION = 2
 """Of drop files; 1 had no digest of the attributes."""
+
+PEAKS_VERSION = 3
+"""Of files of drops without traces: earlier programs look for traces, and say that a newer version
+of the program reads the file."""
 
 DIGEST = "visible_sha256"
 """Attribute with the digest of everything else."""
@@ -188,12 +194,12 @@ def read_drop(group: Place, where: str) -> StoredDrop:
     """
     try:
         version = read_attribute(group, "format_version", where)
-        if isinstance(version, int) and version > FILE_VERSION:
+        if isinstance(version, int) and version > PEAKS_VERSION:
             raise RecordingError(
-                f"{where}: expected format version {FILE_VERSION}, came {version}; "
-                "a newer version of this program reads it"
+                f"{where}: expected format version {FILE_VERSION} or {PEAKS_VERSION}, came "
+                f"{version}; a newer version of this program reads it"
             )
-        if version not in (1, FILE_VERSION):
+        if version not in (1, FILE_VERSION, PEAKS_VERSION):
             raise RecordingError(f"{where}: expected a format version, came {version!r:.40}")
         tree = read_group(group, where)
         written = _checked(tree, int(version), where)
@@ -225,6 +231,39 @@ def _checked(tree: Group, version: int, where: str) -> str:
 def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
     """All that a file shows of a drop, but for its digest."""
     drop = record.drop
+    if drop.only_peaks is None:
+        members, version = _traces(drop), FILE_VERSION
+    else:
+        members, version = _peaks(drop.only_peaks), PEAKS_VERSION
+    if record.counts is not None:
+        calibration = _calibration(record.metadata)
+        members["counts"] = Dataset(record.counts, {"units": "counts", **calibration})
+    rebounds = {}
+    for index, rebound in enumerate(record.rebounds, start=1):
+        about: dict[str, Attribute] = {
+            "delay_s": float(rebound.delay),
+            "peak_load_N": float(rebound.peak_load),
+            "first_sample": int(rebound.first_sample),
+        }
+        counts = Dataset(rebound.counts, {"units": "counts", **about})
+        rebounds[str(index)] = Group({"counts": counts}, about)
+    if rebounds:
+        members["rebounds"] = Group(rebounds)
+    for name, said in (("declared", record.declared), ("metadata", record.metadata)):
+        members[name] = Dataset(encode_json(said), {"units": "JSON"})
+    attributes: dict[str, Attribute] = {
+        "format_version": version,
+        "pfwd_version": software_version(),
+        "survey_id": survey.hex(),
+        "point": record.point,
+        "drop": int(drop.number),
+        "number": int(number),
+        **_plain_attributes(record),
+    }
+    return Group(members, attributes)
+
+
+def _traces(drop: Drop) -> dict[str, Group | Dataset]:
     members: dict[str, Group | Dataset] = {
         "time": Dataset(drop.time, {"units": "s"}),
         "load": Dataset(drop.load, {"units": "N"}),
@@ -240,32 +279,21 @@ def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
         sensors[str(index)] = Group({"values": values}, about)
     if sensors:
         members["sensors"] = Group(sensors)
-    if record.counts is not None:
-        calibration = _calibration(record.metadata)
-        members["counts"] = Dataset(record.counts, {"units": "counts", **calibration})
-    rebounds = {}
-    for index, rebound in enumerate(record.rebounds, start=1):
-        about = {
-            "delay_s": float(rebound.delay),
-            "peak_load_N": float(rebound.peak_load),
-            "first_sample": int(rebound.first_sample),
-        }
-        counts = Dataset(rebound.counts, {"units": "counts", **about})
-        rebounds[str(index)] = Group({"counts": counts}, about)
-    if rebounds:
-        members["rebounds"] = Group(rebounds)
-    for name, said in (("declared", record.declared), ("metadata", record.metadata)):
-        members[name] = Dataset(encode_json(said), {"units": "JSON"})
-    attributes: dict[str, Attribute] = {
-        "format_version": FILE_VERSION,
-        "pfwd_version": software_version(),
-        "survey_id": survey.hex(),
-        "point": record.point,
-        "drop": int(drop.number),
-        "number": int(number),
-        **_plain_attributes(record),
+    return members
+
+
+def _peaks(peaks: Peaks) -> dict[str, Group | Dataset]:
+    offsets = np.array([offset for offset, _ in peaks.displacements])
+    found = np.array([peak for _, peak in peaks.displacements])
+    return {
+        "peaks": Group(
+            {
+                "load": Dataset(np.array([peaks.load]), {"units": "N"}),
+                "offsets": Dataset(offsets, {"units": "m"}),
+                "displacements": Dataset(found, {"units": "m"}),
+            }
+        )
     }
-    return Group(members, attributes)
 
 
 def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
@@ -289,7 +317,10 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         for rebound in rebounds
     ]
     number = int(tree.attributes["drop"])
-    drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))
+    if tree.attributes["format_version"] == PEAKS_VERSION:
+        drop = Drop.of_peaks(number, _read_peaks(tree))
+    else:
+        drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))
     record = DropRecord(
         point=str(tree.attributes["point"]),
         drop=drop,
@@ -299,6 +330,17 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         rebounds=tuple(bounces),
     )
     return record, int(tree.attributes["number"])
+
+
+def _read_peaks(tree: Group) -> Peaks:
+    group = tree.members["peaks"]
+    if not isinstance(group, Group):
+        raise RecordingError("peaks: expected a group, came a dataset")
+    (load,) = _array(group, "load").tolist()
+    pairs = zip(
+        _array(group, "offsets").tolist(), _array(group, "displacements").tolist(), strict=True
+    )
+    return Peaks(load, tuple(pairs))
 
 
 def _groups(tree: Group, name: str) -> list[Group]:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_device.drop import Channel, Drop
+from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.peaks import Peaks, trace_peaks
+from pfwd_device.peaks import trace_peaks
+from pfwd_device.recording.layout import PEAKS_FORMAT_VERSION
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
 
@@ -37,6 +38,11 @@ def drop_parts(record: DropRecord) -> Parts:
         "sensors": [[channel.offset, channel.quantity] for channel in drop.channels],
         "rebounds": [_rebound_data(rebound) for rebound in record.rebounds],
     }
+    if drop.only_peaks is not None:
+        # What was recorded; ``peaks`` is what is found in traces, and may be found anew.
+        found = [peak for _, peak in drop.only_peaks.displacements]
+        data["only_peaks"] = {"load": drop.only_peaks.load, "displacements": found}
+        return data, {}
     arrays: dict[str, Array] = {"time": drop.time, "load": drop.load}
     for index, channel in enumerate(drop.channels, start=1):
         arrays[f"sensor {index}"] = channel.values
@@ -77,6 +83,8 @@ def peaks_data(drop: Drop) -> dict[str, Any] | None:
     They decide what is to be done about missing samples. A drop with any value that is no finite
     number is one of those.
     """
+    if drop.only_peaks is not None:
+        return None  # they are in the record as what it is
     if not all(np.isfinite(trace).all() for trace in (drop.time, drop.load, *_values(drop))):
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest
@@ -89,6 +97,8 @@ def peaks_data(drop: Drop) -> dict[str, Any] | None:
 
 def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
     """The peaks that a record has; None when it has none, or others than this version writes."""
+    if "only_peaks" in data:
+        return None  # made with the drop
     said = data.get("peaks")
     if not isinstance(said, dict) or said.get("version") != PEAKS_VERSION:
         return None
@@ -146,11 +156,15 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
         sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
         if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
             raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, came more")
-        channels = tuple(
-            Channel(_number(offset), _quantity(quantity), arrays[f"sensor {index}"])
-            for index, (offset, quantity) in enumerate(sensors, start=1)
-        )
-        drop = Drop(_whole(data["drop"]), arrays["time"], arrays["load"], channels)
+        number = _whole(data["drop"])
+        if "only_peaks" in data:
+            drop = Drop.of_peaks(number, _only_peaks(data["only_peaks"], sensors))
+        else:
+            channels = tuple(
+                Channel(_number(offset), _quantity(quantity), arrays[f"sensor {index}"])
+                for index, (offset, quantity) in enumerate(sensors, start=1)
+            )
+            drop = Drop(number, arrays["time"], arrays["load"], channels)
         return DropRecord(
             point=_text(data["point"]),
             drop=drop,
@@ -164,6 +178,28 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
         )
     except (KeyError, TypeError, ValueError) as err:
         raise RecordingError(f"expected the data of a drop, came others: {err}") from err
+
+
+def _only_peaks(said: Any, sensors: list[Any]) -> Peaks:
+    """The peaks of a record without traces."""
+    offsets = [_number(offset) for offset, _ in sensors]
+    found = [_number(peak) for peak in said["displacements"]]
+    return Peaks(_number(said["load"]), tuple(zip(offsets, found, strict=True)))
+
+
+def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What a survey has to say of itself before it takes this drop; None: it says so already.
+
+    Parameters
+    ----------
+    info : mapping
+        What the survey says of itself.
+    data : mapping
+        Of the drop's record.
+    """
+    if "only_peaks" not in data or info.get("format_version") == PEAKS_FORMAT_VERSION:
+        return None
+    return {**info, "format_version": PEAKS_FORMAT_VERSION}
 
 
 def rebound_payload(number: int, rebound: Rebound) -> bytes:

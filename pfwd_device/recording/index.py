@@ -19,7 +19,7 @@ from pfwd_device.recording.agreement import (
 )
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
-from pfwd_device.recording.layout import FORMAT_VERSION, Layout
+from pfwd_device.recording.layout import FORMAT_VERSION, PEAKS_FORMAT_VERSION, Layout
 from pfwd_device.recording.ledger import (
     Entry,
     LedgerText,
@@ -450,10 +450,11 @@ def _take_next(layout: Layout, index: Index, item: Located) -> None:
 
 def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
     version = data.get("format_version")
-    if version != FORMAT_VERSION:
+    if version not in (FORMAT_VERSION, PEAKS_FORMAT_VERSION):
         raise RecordingError(
-            f"{layout.folder}: expected a survey of format version {FORMAT_VERSION}, came "
-            f"{str(version)[:20]}; a newer version of this program reads it"
+            f"{layout.folder}: expected a survey of format version {FORMAT_VERSION} or "
+            f"{PEAKS_FORMAT_VERSION}, came {str(version)[:20]}; a newer version of this program "
+            "reads it"
         )
 
 

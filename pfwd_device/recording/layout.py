@@ -10,6 +10,10 @@ from pfwd_device.errors import RecordingError
 
 FORMAT_VERSION = 1
 
+PEAKS_FORMAT_VERSION = 2
+"""Of a survey with drops that have no traces. Programs that know version 1 alone refuse it, and say
+that a newer one reads it; a survey without such drops stays one of version 1."""
+
 _JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # of Windows alone
 
 

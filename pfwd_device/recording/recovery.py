@@ -12,6 +12,7 @@ from typing import Any
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
+    raised_version,
     rebound_from_payload,
     rebound_payload,
 )
@@ -390,6 +391,9 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
         "key": key if isinstance(key, str) else None,
         "restored_from": entry.sequence if entry else 0,
     }
+    if (info := raised_version(index.info, data)) is not None:
+        info = {**info, "survey_id": log.survey.hex()}
+        index.add(log.append(Kind.SURVEY, info), info)
     index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
     return True
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording.drop_payload import raised_version
 from pfwd_device.recording.files import now
 from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.index import Index, about_of, build_index, complete_keys
@@ -166,5 +167,8 @@ def _drop_anew(
             "time_utc": now(),
         }
         index.add(log.append(Kind.POINT, new), new)
+    if (info := raised_version(index.info, data)) is not None:
+        info = {**info, "survey_id": log.survey.hex()}
+        index.add(log.append(Kind.SURVEY, info), info)
     index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
     return 1

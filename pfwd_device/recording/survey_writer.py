@@ -13,7 +13,12 @@ from typing import Any, Self
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording.capture import CaptureWriter
-from pfwd_device.recording.drop_payload import drop_parts, peaks_data, rebound_payload
+from pfwd_device.recording.drop_payload import (
+    drop_parts,
+    peaks_data,
+    raised_version,
+    rebound_payload,
+)
 from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
@@ -292,6 +297,8 @@ class SurveyWriter:
             data |= {"number": number, "key": key, "restored_from": None}
             if (peaks := peaks_data(record.drop)) is not None:
                 data["peaks"] = peaks
+            if (info := raised_version(self._index.info, data)) is not None:
+                self._write(Kind.SURVEY, {**info, "survey_id": self.survey_id})
             entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
             self._index.add(entry, data)
             # The file takes about as much again as the record.

@@ -12,5 +12,7 @@ def peaks_of(drop: Drop) -> Peaks | None:
 
     Those of its unbroken part, as :func:`pfwd_device.peaks.trace_peaks` has them.
     """
+    if drop.only_peaks is not None:
+        return drop.only_peaks
     whole, reason, _ = whole_part(drop)
     return trace_peaks(whole) if reason is None else None

@@ -17,9 +17,13 @@ from pfwd_survey.toml_reading import LARGEST_TOML, parse_toml
 FORMAT_KEY = "pfwd-traces"
 FORMAT_VERSION = 1
 
+RADIUS = "plate_radius_m"
+
 IMPORTED = "imported"
 """Key with what the file of another program said besides the keys of this format; its ``remarks``
 are shown as warnings."""
+
+STIFFNESS_TEST = "stiffness test: the weight fell on a rig of springs, so there is no modulus"
 
 LONGEST_REMARK = 300
 """Characters of such a remark."""
@@ -44,7 +48,7 @@ class PointSetup:
     """
 
     plate_radius: float
-    """Radius of the load plate, m, > 0."""
+    """Radius of the load plate, m, > 0; 0 in a stiffness test, which needs none."""
     plate_mass: float | None = None
     """Mass that moves between load cell and ground, kg, >= 0."""
     poisson_ratio: float | None = None
@@ -89,6 +93,10 @@ class PointSetup:
     """Moisture of the ground, percent by mass, >= 0."""
     temperature: float | None = None
     """Temperature of air or ground, degrees Celsius."""
+    test: Literal["ground", "stiffness"] = "ground"
+    """What the weight fell on; "stiffness" is a rig of springs, which has no modulus."""
+    rig_stiffness: float | None = None
+    """Known stiffness of that rig, N/m, > 0."""
     photos: FreeText | None = None
     """Names of pictures of the point, separated by commas."""
     source: FreeText | None = None
@@ -99,6 +107,8 @@ class PointSetup:
     def __post_init__(self) -> None:
         for key, rule in KEYS.items():
             value = getattr(self, rule.attribute)
+            if key == RADIUS and value == 0 and self.is_stiffness_test:
+                continue
             if value is not None:
                 check_value(key, value, f"header key {key}")
         if (self.geophone_natural_frequency is None) != (self.geophone_damping is None):
@@ -116,6 +126,11 @@ class PointSetup:
         clashing = sorted(set(self.extra) & (set(KEYS) | {FORMAT_KEY}))
         if clashing:
             raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
+
+    @property
+    def is_stiffness_test(self) -> bool:
+        """Whether it was a rig of springs that was hit, and no ground."""
+        return self.test == "stiffness" or self.rig_stiffness is not None
 
 
 class HeaderKey(NamedTuple):
@@ -207,6 +222,12 @@ KEYS: dict[str, HeaderKey] = {
         )
     },
     "moisture_percent": HeaderKey("moisture", "a number >= 0, in percent by mass", _not_negative),
+    "test": HeaderKey(
+        "test",
+        '"ground" or "stiffness"',
+        lambda value: isinstance(value, str) and value in ("ground", "stiffness"),
+    ),
+    "stiffness_n_per_m": HeaderKey("rig_stiffness", "a number > 0, in N/m", _positive),
     "temperature_c": HeaderKey(
         "temperature",
         "a number from -90 to 100, in degrees Celsius",
@@ -392,6 +413,8 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
             value = value.isoformat()
         check_value(key, value, declaration.where)
         known[KEYS[key].attribute] = value
+    if known.get("test") == "stiffness" or "rig_stiffness" in known:
+        known.setdefault("plate_radius", 0.0)
     if "plate_radius" not in known:
         hint = "declare it in the header or give --plate-radius"
         if extra:
@@ -408,6 +431,8 @@ def declared_values(setup: PointSetup) -> dict[str, Any]:
     defaults = {item.name: item.default for item in dataclasses.fields(PointSetup)}
     said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
     known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
+    if setup.is_stiffness_test and setup.plate_radius == 0:
+        del known[RADIUS]
     return {**known, **setup.extra}
 
 
@@ -421,7 +446,9 @@ def declared_lines(setup: PointSetup) -> Iterator[str]:
 def setup_warnings(setup: PointSetup) -> tuple[str, ...]:
     """What a user should know about a setup before its results are believed."""
     warnings = []
-    if setup.plate_mass is None:
+    if setup.is_stiffness_test:
+        warnings.append(STIFFNESS_TEST)
+    elif setup.plate_mass is None:
         warnings.append("plate_mass_kg is not declared: taken as 0")
     if setup.plate_radius > LARGEST_PLATE_RADIUS:
         warnings.append(f"units suspect: plate_radius_m = {setup.plate_radius:g} (in metres?)")

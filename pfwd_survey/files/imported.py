@@ -1,6 +1,13 @@
 """What comes of an import."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Literal
+
+from pfwd_device import Drop
+from pfwd_survey.files.header import IMPORTED
+
+Kind = Literal["traces", "peaks", "stiffness"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,3 +26,22 @@ class Imported:
     """Why the file was refused; None when it was not."""
     remark: str | None = None
     """What was left out of a file whose drops are in the survey; then this is no drop."""
+    kind: Kind = "traces"
+    """What was recorded of the drop."""
+    remarks: tuple[str, ...] = ()
+    """How its file was read, and what was unclear in it."""
+
+
+def kind_of(drop: Drop, declared: Mapping[str, Any]) -> Kind:
+    """What was recorded of a drop: time histories on the ground or on a rig, or peaks alone."""
+    if drop.only_peaks is not None:
+        return "peaks"
+    on_rig = declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None
+    return "stiffness" if on_rig else "traces"
+
+
+def remarks_of(declared: Mapping[str, Any]) -> tuple[str, ...]:
+    """The remarks on how another program's file was read."""
+    noted = declared.get(IMPORTED)
+    said = noted.get("remarks") if isinstance(noted, Mapping) else None
+    return tuple(str(text) for text in said) if isinstance(said, list | tuple) else ()

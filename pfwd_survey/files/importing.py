@@ -1,5 +1,6 @@
 """Takes drops from files into a survey."""
 
+import dataclasses
 import datetime
 import hashlib
 import json
@@ -18,7 +19,7 @@ from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import SurveyError, quote, refusal
 from pfwd_survey.files.foreign.common import Channels
 from pfwd_survey.files.header import PointSetup, declared_values
-from pfwd_survey.files.imported import Imported
+from pfwd_survey.files.imported import Imported, kind_of, remarks_of
 from pfwd_survey.files.importing_survey import import_survey
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.spare import spare_folder
@@ -104,6 +105,7 @@ def _import_drop(
 ) -> Imported:
     declared = _plain(point.setup)
     key = _fingerprint(drop, declared)
+    kind, remarks = kind_of(drop, declared), remarks_of(declared)
     known = writer.find_key(key)
     if known is None:
         taken = writer.next_number(name)
@@ -118,8 +120,9 @@ def _import_drop(
         record = DropRecord(name, replace(drop, number=number), None, declared, metadata)
         saved = writer.save_drop(record)
         writer.publish(saved)
-        return Imported(file, record.point, number, saved)
-    return Imported(file, name, before.get(known, drop.number), known, before=True)
+        return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
+    there = before.get(known, drop.number)
+    return Imported(file, name, there, known, before=True, kind=kind, remarks=remarks)
 
 
 def _plain(setup: PointSetup) -> dict[str, Any]:
@@ -131,6 +134,8 @@ def _plain(setup: PointSetup) -> dict[str, Any]:
 def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
     """The same for the same drop declared alike, wherever its file stands."""
     digest = hashlib.sha256(json.dumps(declared, sort_keys=True).encode())
+    if drop.only_peaks is not None:
+        digest.update(json.dumps(dataclasses.astuple(drop.only_peaks)).encode())
     for values in (drop.time, drop.load, *(channel.values for channel in drop.channels)):
         digest.update(values.tobytes())
     return f"import/{drop.number}/{digest.hexdigest()}"

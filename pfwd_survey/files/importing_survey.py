@@ -12,7 +12,7 @@ from pfwd_device.recording.index import EDITS
 from pfwd_device.recording.payload import encode_json
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.errors import SurveyError, quote
-from pfwd_survey.files.imported import Imported
+from pfwd_survey.files.imported import Imported, kind_of, remarks_of
 from pfwd_survey.files.survey_file import read_survey_file
 
 LONGEST_EDIT = 65_536
@@ -114,7 +114,9 @@ def _import_drop(
     for edit in _known(drop.edits, skipped):
         writer.edit(edit["what"], edit.get("value"), number=saved)
     before[saved] = number
-    return Imported(file, record.point, number, saved)
+    about = record.drop, record.declared
+    remarks = remarks_of(record.declared)
+    return Imported(file, record.point, number, saved, kind=kind_of(*about), remarks=remarks)
 
 
 def _declared_first(point: SurveyPoint) -> dict[str, Any]:

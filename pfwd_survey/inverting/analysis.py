@@ -248,7 +248,8 @@ def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:
 def _build_surrogate_of(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> None:
     try:
         for point in _read(path, options):
-            load_surrogate(point.drops[0], point.setup, options, library)
+            if point.drops[0].only_peaks is None and not point.setup.is_stiffness_test:
+                load_surrogate(point.drops[0], point.setup, options, library)
     except (SurveyError, InversionError):
         # The worker meets the same fault and reports it with the file.
         return

@@ -230,6 +230,8 @@ def drop_result(
 
 def _peak_load(drop: Drop) -> float | None:
     """Of the load less its offset, N; None where samples around the trigger are missing."""
+    if drop.only_peaks is not None:
+        return drop.only_peaks.load
     whole, missing, _ = whole_part(drop)
     if missing is not None or not whole.load.size:
         return None

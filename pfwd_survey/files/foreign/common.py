@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_device.drop import Quantity
+from pfwd_device.drop import Peaks, Quantity
 from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.header import (
@@ -120,6 +120,31 @@ def make_drop(
         refuse_infinite(values, name, where)
     kept = tuple(Channel(offset, quantity, values) for offset, quantity, values in channels)
     return Drop(number, time, load, kept)
+
+
+def peaks_drop(
+    number: int, load: float, deflections: Sequence[tuple[float, float | None]], where: str
+) -> Drop:
+    """A drop of which the file has peaks only.
+
+    Parameters
+    ----------
+    number : int
+    load : float, N
+    deflections : sequence of offset (m) and peak (m)
+        None: the sensor gave none, and is left out.
+    where : str
+        File and line, for messages.
+
+    Raises
+    ------
+    TraceError
+    """
+    kept = tuple((offset, peak) for offset, peak in deflections if peak is not None)
+    numbers = [load, *(n for pair in kept for n in pair)]
+    if not kept or not all(math.isfinite(n) for n in numbers):
+        raise TraceError(refusal(where, "a load and deflections, finite numbers", "others"))
+    return Drop.of_peaks(number, Peaks(load, kept))
 
 
 def too_few(where: str, samples: int) -> str:

@@ -8,6 +8,7 @@ downward. Layout as seen in public files. Neither the plate nor the distances of
 among what is understood of it: they have to be declared.
 """
 
+import os
 import re
 from array import array
 from collections.abc import Iterator, Sequence
@@ -24,18 +25,13 @@ from pfwd_survey.files.foreign.common import (
     even_time,
     finite,
     make_drop,
-    one_a_place,
     point_of,
     short_text,
-    temperature_of,
 )
-from pfwd_survey.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME, celsius
-from pfwd_survey.files.header import LONGEST_REMARK
+from pfwd_survey.files.foreign.jils_head import OFFSETS, head_facts, sensor_offsets, station_name
+from pfwd_survey.files.foreign.jils_peaks import PeaksStation, beside, compared, parse
+from pfwd_survey.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME
 from pfwd_survey.files.traces import MOST_DROPS, MOST_NUMBERS, TracePoint
-
-OFFSETS = "sensor_offsets_m"
-"""Key of ``--header``: distances of the sensors, m, in the order of the columns; nan leaves one
-out."""
 
 MOST_SAMPLES = 1_000_000
 LONGEST_LINE = 4096
@@ -92,26 +88,53 @@ def read(file: str, request: Request) -> list[TracePoint]:
     said = dict(request.said)
     declared = said.pop(OFFSETS, None)
     request = Request(said, request.channels, request.column_map)
-    offsets, remarks = _offsets(file, declared and declared.value, blocks[0], headings)
+    count = blocks[0].width - 2
+    offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
+    other, peaks = _peaks_beside(file, remarks)
+    common, about = head_facts(headings, "JILS time history (.THY)")
     stations: dict[tuple[str, str, str], list[_Block]] = {}
     for block in blocks:
         stations.setdefault(block.station, []).append(block)
-    names = distinct([_name(station) for station in stations])
+    names = distinct([station_name(station) for station in stations])
     found = []
     for name, (station, of_station) in zip(names, stations.items(), strict=True):
         drops = [_drop(file, number, block, offsets) for number, block in _numbered(of_station)]
-        known = {
-            "point": name,
-            "site": short_text(headings.get("Location")),
-            "operator": short_text(headings.get("Operator")),
-            "source": "JILS time history (.THY)",
-            "temperature_c": _temperature(headings.get("Temp", "")),
-        }
-        noted = _noted(headings) | {"milepost": short_text(station[2])}
+        known, noted = {**common, "point": name}, about | {"milepost": short_text(station[2])}
         wanted = [block.wanted * POUND_FORCE for block in of_station if block.wanted is not None]
         noted["desired_peak_force_n"] = wanted or None
-        found.append(point_of(file, known, drops, request, noted=noted, remarks=remarks))
+        texts = list(remarks)
+        beside_it = peaks.pop(station, None)
+        if beside_it is not None:
+            known |= beside_it.place
+            noted |= beside_it.noted
+            texts += compared([_block_peaks(block) for block in of_station], beside_it, other)
+        elif other:
+            texts.append(f"{other}: no drops of this station")
+        found.append(point_of(file, known, drops, request, noted=noted, remarks=texts))
     return found
+
+
+def _peaks_beside(
+    file: str, remarks: list[str]
+) -> tuple[str, dict[tuple[str, str, str], PeaksStation]]:
+    """Name and stations of the .DAT beside a file; a damaged one is a remark."""
+    path = beside(file)
+    if path is None:
+        return "", {}
+    name = os.path.basename(path)
+    try:
+        stations = parse(path)[1]
+    except (TraceError, OSError) as err:
+        remarks.append(f"{name}: not read: {str(err).removeprefix(path).lstrip(', :')}")
+        return "", {}
+    return name, {station.key: station for station in stations}
+
+
+def _block_peaks(block: _Block) -> tuple[float, list[float]]:
+    """Largest load (N) and deflections (m) of a drop, as they stand in the file."""
+    table = block.table
+    moved = -table[:, 2:].min(axis=0) * DISPLACEMENT["mil"]
+    return float(table[:, 1].max()) * FORCE["kip"], moved.tolist()
 
 
 class _Lines:
@@ -182,33 +205,6 @@ def _rows(lines: _Lines, block: _Block, samples: int) -> None:
         block.numbers.extend([number for number in numbers if number is not None])
 
 
-def _offsets(
-    file: str, declared: object, block: _Block, headings: dict[str, str]
-) -> tuple[list[float], list[str]]:
-    """Distance of each sensor, m, NaN for those that are left out; and what to say of it."""
-    count = block.width - 2
-    if declared is None:
-        said = short_text(headings.get("Sensors"))
-        remark = (
-            f"the first sensor was taken as the centre, the others were left out: {OFFSETS} in "
-        )
-        remark += f"--header says where they stand (the file says Sensors: {said or 'nothing'})"
-        return [0.0] + [np.nan] * (count - 1), [remark] if count > 1 else []
-    values = declared if isinstance(declared, list) else [None]
-    numbers = [
-        float(one) if isinstance(one, int | float) and not isinstance(one, bool) else None
-        for one in values
-    ]
-    if len(numbers) != count or any(n is None or np.isinf(n) for n in numbers):
-        expected = f"{OFFSETS}: {count} distances in m, one a column, nan to leave one out"
-        raise TraceError(refusal(file, expected, quote(declared)))
-    places = [float("nan") if number is None else number for number in numbers]
-    wanted = [index for index, place in enumerate(places) if not np.isnan(place)]
-    taken, remarks = one_a_place([places[index] for index in wanted])
-    left = set(wanted) - {wanted[index] for index in taken}
-    return [float("nan") if index in left else p for index, p in enumerate(places)], remarks
-
-
 def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
     """The drops with the numbers they have, or counted on where a number comes again."""
     taken: set[int] = set()
@@ -235,24 +231,3 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
     time = even_time(table[:, 0] * TIME["ms"], where)
     load = table[:, 1] * FORCE["kip"]
     return make_drop(number, time, load, sensors, where)  # type: ignore[arg-type]
-
-
-def _name(station: tuple[str, str, str]) -> str:
-    place = f"station {station[0] or '?'}"
-    return f"{place} lane {station[1]}" if station[1] else place
-
-
-def _temperature(text: str) -> float | None:
-    """Degrees Celsius; the first number of several (air, surface) is taken."""
-    found = re.match(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)", text)
-    return None if found is None else temperature_of(round(celsius(float(found[1])), 2))
-
-
-def _noted(headings: dict[str, str]) -> dict[str, object]:
-    return {
-        # The file says neither its time zone nor, for sure, the order of day and month.
-        "date_time": short_text(headings.get("Date-Time")),
-        "sensors": short_text(headings.get("Sensors"), LONGEST_REMARK),
-        "weight_spring": short_text(headings.get("Weight/spring"), LONGEST_REMARK),
-        "comment": short_text(headings.get("Comments"), LONGEST_REMARK),
-    }

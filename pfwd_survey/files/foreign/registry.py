@@ -56,8 +56,28 @@ OWN = (
         lambda head: head.startswith(b"PK\x03\x04"),
     ),
     Format(
-        "JILS time history", (".thy",), f"{_HERE}.jils:read", lambda head: b"Weight/spring:" in head
+        "JILS time history",
+        (".thy",),
+        f"{_HERE}.jils:read",
+        lambda head: b"Weight/spring:" in head and b"Number_of_samples:" in head,
     ),
+    Format(
+        "JILS peaks", (".dat",), f"{_HERE}.jils_peaks:read", lambda head: b"Weight/spring:" in head
+    ),
+    Format(
+        "Dynatest F25",
+        (".f25",),
+        f"{_HERE}.f25:read",
+        lambda head: head.startswith(b"5001,"),
+    ),
+    Format(
+        "PDDX",
+        (".pdx", ".pddx"),
+        f"{_HERE}.pddx:read",
+        lambda head: b"[Pavement Deflection Data Exchange File]" in head,
+    ),
+    Format("Sweco .fwd", (), f"{_HERE}.sweco:read", lambda head: b"ROAD SYSTEM" in head),
+    Format("Dynatest .fwd", (".fwd",), f"{_HERE}.dynatest:read", lambda head: head[:3] == b"R80"),
 )
 
 TEXT = Format("delimited text with a column map", (), f"{_HERE}.delimited:read", lambda head: False)

@@ -25,10 +25,12 @@ from pfwd_survey.files.foreign.common import (
     finite,
     make_drop,
     one_a_place,
+    peaks_drop,
     point_of,
     sampled_time,
     within,
 )
+from pfwd_survey.files.foreign.peaks_text import PEAKS_REMARK
 from pfwd_survey.files.foreign.rincent_facts import (
     MASK,
     RATES,
@@ -202,11 +204,15 @@ def _refuse_twins(drops: list[Drop], where: str) -> None:
 def _stored_points(project: _Project, request: Request, *remarks: str) -> list[TracePoint]:
     facts = project.facts()  # first: a damaged database is the better message
     if not project.stored:
-        came = "peaks only" if project.xml is None else "none"
-        hint = "save the project with its raw data"
         if request.channels == "stored" and project.drops:
             hint = "leave --channels stored out"
-        raise TraceError(refusal(project.file, f"traces in {TRACES}", came, hint))
+            raise TraceError(refusal(project.file, f"traces in {TRACES}", "none", hint))
+        source = _Source(project.file, facts, request, "stored", facts.remarks)
+        points = [_peaks_point(source, point) for point in facts.points if point.peaks]
+        if not points:
+            expected = f"traces in {TRACES}, or peaks in the database"
+            raise TraceError(refusal(project.file, expected, "none"))
+        return points
     said = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
     source = _Source(project.file, facts, request, "stored", said, project.rate)
     traces: dict[str, Stored] = {}
@@ -227,6 +233,8 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
         match = min((names[0] for names in waiting if names), key=order.__getitem__, default=None)
         if match is not None:
             found.append(_stored_point(source, point, left.pop(match), match))
+        elif point.peaks:
+            found.append(_peaks_point(source, point))
     taken = {point.name for point in facts.points}
     free = (name for n in itertools.count(1) if (name := f"point {n}") not in taken)
     for (member, stored), name in zip(left.items(), free, strict=False):
@@ -265,6 +273,31 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
             make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )
     remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored traces")
+    return _point(source, point, drops, *remarks)
+
+
+def _peaks_point(source: _Source, point: PointFacts) -> TracePoint:
+    """A point of which the project has no traces."""
+    where = f"{source.facts.where}, {point.name}"
+    remarks, drops = [PEAKS_REMARK], []
+    for number, one in enumerate(point.peaks, start=1):
+        if one.load is None or not one.deflections:
+            remarks.append(f"{_short(where)}, drop {number}: no peaks, left out")
+            continue
+        offsets = source.facts.offsets or point.labels or (0.0,)
+        if len(offsets) != len(one.deflections):
+            expected = f"{len(offsets)} deflections, as the database lists sensors"
+            raise TraceError(refusal(where, expected, str(len(one.deflections))))
+        used, left_out = one_a_place(offsets)
+        remarks += left_out
+        pairs = [(offsets[i], one.deflections[i]) for i in used]
+        drops.append(peaks_drop(number, one.load, pairs, f"{where}, drop {number}"))
+    if not drops:
+        raise TraceError(refusal(where, "drops with a load and deflections", "none"))
+    durations = [one.duration for one in point.peaks if one.duration is not None]
+    said = tuple(one for one in source.remarks if one != STORED_REMARK)
+    source = replace(source, remarks=said)
+    point = replace(point, noted={**point.noted, "pulse_durations_s": durations or None})
     return _point(source, point, drops, *remarks)
 
 
@@ -334,7 +367,8 @@ def compare_peaks(
                 rising = rising or (same and largest > (1 + PEAK_TOLERANCE) * nearest)
     for name, parts in (("peak load", loads), ("peak deflection", moved)):
         if parts and max(map(abs, parts)) > PEAK_TOLERANCE:
-            span = f"{100 * min(parts):+.1f} to {100 * max(parts):+.1f} %"
+            ends = dict.fromkeys(f"{100 * part:+.1f}" for part in (min(parts), max(parts)))
+            span = f"{' to '.join(ends)} %"
             found.append(
                 f"{where}: {name} of the {what} is {span} off what the maker's software stored"
             )
@@ -368,7 +402,8 @@ def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: str)
     suffix = source.file.rpartition(".")[2].lower()
     known = {**source.facts.known, **{k: v for k, v in point.known.items() if v is not None}}
     known["point"] = point.name
-    known["source"] = f"Rincent project (.{suffix}), {source.channels} channels"
+    what = "peaks" if drops[0].only_peaks is not None else f"{source.channels} channels"
+    known["source"] = f"Rincent project (.{suffix}), {what}"
     return point_of(
         source.file,
         known,

@@ -135,7 +135,9 @@ def project_facts(
     width, drops = finite(diameter), finite(seating)
     known = {
         # 0.3 in single precision is 0.30000001192092896
-        "plate_radius_m": None if width is None else round(width / 2, 6),
+        "plate_radius_m": round(width / 2, 6) if width else None,
+        # A rig has no plate; the program calls it Raideur, and writes 0.
+        "test": "stiffness" if width == 0 else None,
         "poisson_ratio": finite(poisson_ratio),
         "seating_drops": int(drops) if drops is not None and 0 <= drops < MOST_SEATING else None,
         "device": short_text(device),

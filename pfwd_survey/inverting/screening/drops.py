@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import PointSetup
+from pfwd_survey.files.header import STIFFNESS_TEST, PointSetup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.screening.clipping import clipped_samples
 from pfwd_survey.inverting.screening.missing import whole_part
@@ -127,6 +127,8 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     -------
     Screening
     """
+    if setup.is_stiffness_test:
+        return Screening("rejected", STIFFNESS_TEST)
     drop, reason, incomplete = whole_part(drop)
     if reason:
         return Screening("rejected", reason)

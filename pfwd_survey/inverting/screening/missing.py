@@ -15,6 +15,9 @@ NEEDED_AFTER = 0.050
 """s after the trigger that have to be whole: the longest pulses take 30 ms, and the ground's answer
 to them is most of what the fit uses."""
 
+ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic inversion needs"
+"""Why a drop without traces is not inverted."""
+
 
 def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
     """The unbroken part of a drop around its trigger.
@@ -33,6 +36,8 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
     warning : str or None
         What was left out.
     """
+    if drop.only_peaks is not None:
+        return drop, ONLY_PEAKS, None
     values = np.array([drop.load, *(channel.values for channel in drop.channels)])
     gone: NDArray[np.bool_] = np.isnan(values).max(axis=0)
     if not gone.any():

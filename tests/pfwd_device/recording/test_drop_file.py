@@ -189,10 +189,10 @@ def test_a_new_file_cannot_be_taken_for_an_old_one(whole: bytes) -> None:
 
 def test_a_newer_file_is_said_to_be_newer(whole: bytes) -> None:
     def newer(file: Any) -> None:
-        file.attrs["format_version"] = 3
+        file.attrs["format_version"] = 4
         file.attrs["something"] = np.arange(3)
 
-    with pytest.raises(RecordingError, match="version 2, came 3; a newer version of this program"):
+    with pytest.raises(RecordingError, match="version 2 or 3, came 4; a newer version of this"):
         drop_from_file_bytes(changed(whole, newer), "drop.h5")
     for other in (0, -1, "2", 2.5):
 

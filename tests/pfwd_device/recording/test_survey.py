@@ -172,12 +172,12 @@ def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> 
 def test_a_newer_survey_is_not_touched(
     tmp_path: Path, new_record: NewRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd_device.recording.recovery.FORMAT_VERSION", 2)
+    monkeypatch.setattr("pfwd_device.recording.recovery.FORMAT_VERSION", 3)
     with opened(tmp_path) as writer:
         writer.save_drop(new_record(1))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix}
     for action in (read_survey, check, recover, opened):
-        with pytest.raises(RecordingError, match=r"format version 1, came 2; a newer version"):
+        with pytest.raises(RecordingError, match=r"format version 1 or 2, came 3; a newer version"):
             action(tmp_path)
     assert {p: p.read_bytes() for p in before if p.name != "writer.txt"} == {
         p: data for p, data in before.items() if p.name != "writer.txt"

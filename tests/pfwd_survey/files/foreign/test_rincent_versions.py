@@ -166,7 +166,7 @@ def test_peaks_of_the_makers_software_are_compared(
     (point,) = read(prjz(DROPS, with_peaks([one / 1.01 for one in loads], moved)), "a.prjz")
     (said,) = [one for one in remarks(point) if "maker's software stored" in one]
     assert said == (
-        "a.prjz, database.json: peak load of the stored traces is +1.0 to +1.0 % off what the "
+        "a.prjz, database.json: peak load of the stored traces is +1.0 % off what the "
         "maker's software stored"
     )
     (point,) = read(prjz(DROPS, with_peaks(loads[:2], moved[:2])), "a.prjz")
