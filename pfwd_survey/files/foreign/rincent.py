@@ -208,11 +208,11 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
             hint = "leave --channels stored out"
             raise TraceError(refusal(project.file, f"traces in {TRACES}", "none", hint))
         source = _Source(project.file, facts, request, "stored", facts.remarks)
-        points = [_peaks_point(source, point) for point in facts.points if point.peaks]
-        if not points:
-            expected = f"traces in {TRACES}, or peaks in the database"
+        found = [one for point in facts.points for one in _peaks_point(source, point)]
+        if not found:
+            expected = f"traces in {TRACES}, or peaks of load and deflection in the database"
             raise TraceError(refusal(project.file, expected, "none"))
-        return points
+        return found
     said = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
     source = _Source(project.file, facts, request, "stored", said, project.rate)
     traces: dict[str, Stored] = {}
@@ -233,8 +233,8 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
         match = min((names[0] for names in waiting if names), key=order.__getitem__, default=None)
         if match is not None:
             found.append(_stored_point(source, point, left.pop(match), match))
-        elif point.peaks:
-            found.append(_peaks_point(source, point))
+        else:
+            found += _peaks_point(source, point)
     taken = {point.name for point in facts.points}
     free = (name for n in itertools.count(1) if (name := f"point {n}") not in taken)
     for (member, stored), name in zip(left.items(), free, strict=False):
@@ -276,8 +276,8 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
     return _point(source, point, drops, *remarks)
 
 
-def _peaks_point(source: _Source, point: PointFacts) -> TracePoint:
-    """A point of which the project has no traces."""
+def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
+    """A point of which the project has no traces; none when it has no peaks either."""
     where = f"{source.facts.where}, {point.name}"
     remarks, drops = [PEAKS_REMARK], []
     for number, one in enumerate(point.peaks, start=1):
@@ -293,12 +293,12 @@ def _peaks_point(source: _Source, point: PointFacts) -> TracePoint:
         pairs = [(offsets[i], one.deflections[i]) for i in used]
         drops.append(peaks_drop(number, one.load, pairs, f"{where}, drop {number}"))
     if not drops:
-        raise TraceError(refusal(where, "drops with a load and deflections", "none"))
+        return []
     durations = [one.duration for one in point.peaks if one.duration is not None]
     said = tuple(one for one in source.remarks if one != STORED_REMARK)
     source = replace(source, remarks=said)
     point = replace(point, noted={**point.noted, "pulse_durations_s": durations or None})
-    return _point(source, point, drops, *remarks)
+    return [_point(source, point, drops, *remarks)]
 
 
 def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:

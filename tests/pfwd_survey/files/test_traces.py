@@ -181,6 +181,8 @@ VALUES = {
     "model_floor": st.floats(0, 1e-3),
     "moisture": st.floats(0, 100),
     "temperature": st.floats(-90, 100),
+    "test": st.sampled_from(["ground", "stiffness"]),
+    "rig_stiffness": st.floats(1e3, 1e9),
 }
 PAIR = {"geophone_natural_frequency", "geophone_damping"}
 

@@ -134,3 +134,88 @@ def test_what_is_wrong_is_one_line_with_the_file(
 def test_nan_leaves_a_sensor_out_and_nothing_else(file: Path, header: Path) -> None:
     (first, _) = read_points(file, header)
     assert all(math.isfinite(channel.offset) for channel in first.drops[0].channels)
+
+
+def dat(station: int, drops: list[tuple[float, list[float]]], note: str = "retest") -> str:
+    """What a .DAT says of a station; loads in N, deflections in m."""
+    lines = [
+        f"{station} 1   0.000 1 {load / 4448.2216152605:.2f} "
+        f"{' '.join(f'{one / 2.54e-5:.2f}' for one in moved)}  68.0"
+        for load, moved in drops
+    ]
+    lines += [
+        "Drop Sequence Completed Time: 08:36    Air Temp (F): 71.6",
+        "GPS: Quality : DGPS Fix   Latitude = 34 deg30.000000  N   Longitude = 89 deg15.000000   W"
+        "   PDOP = 1.50",
+        f"Note: {note}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+HEAD = (
+    "M5\nDate-Time:  5/13/2019  8:35:57\nSensors: 1, 2, 3\nWeight/spring: 3\n"
+    "Location: Test road\nTemp:   68.00\nOperator: A. B.\nComments: \n"
+)
+
+
+def of_drops(station: int) -> list[tuple[float, list[float]]]:
+    return [
+        (float(one.load.max()), [float(row.max()) for row in one.sensors])
+        for number, _, one in DROPS
+        if number == station
+    ]
+
+
+def test_peaks_alone_are_read_as_peaks(tmp_path: Path, header: Path) -> None:
+    path = tmp_path / "a.DAT"
+    path.write_text(HEAD + dat(1, of_drops(1)) + dat(2, of_drops(2)))
+    first, second = read_points(path, header)
+    assert (first.setup.point, second.setup.point) == ("station 1 lane 1", "station 2 lane 1")
+    assert (first.setup.latitude, first.setup.longitude) == (34.5, -89.25)
+    noted = first.setup.extra["imported"]
+    assert (noted["note"], noted["position_dop"]) == ("retest", 1.5)
+    assert (noted["surface_temperature_c"], noted["air_temperature_c"]) == (20.0, 22.0)
+    for drop, (load, moved) in zip(first.drops, of_drops(1), strict=True):
+        assert drop.only_peaks is not None
+        assert drop.only_peaks.load == pytest.approx(load, abs=23)
+        assert dict(drop.only_peaks.displacements) == pytest.approx(
+            {0.0: moved[0], 0.3: moved[1]}, abs=1.3e-7
+        )
+
+
+def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header: Path) -> None:
+    good, other = of_drops(1), of_drops(2)
+    (load, moved), wrong = other[0], [of_drops(2)[0][1][0], 9e-4, 0.0]
+    (tmp_path / "a.DAT").write_text(HEAD + dat(1, good) + dat(2, [(load, wrong)], "4588"))
+    first, second = read_points(file, header)
+    assert (second.setup.latitude, second.setup.longitude) == (34.5, -89.25)
+    assert second.setup.extra["imported"]["note"] == "4588"
+    assert not any(".DAT" in text for text in first.warnings)
+    said = [text for text in second.warnings if "a.DAT" in text]
+    assert [text.split(" is ")[0] for text in said] == [
+        "a.DAT, line 14: peak of sensor 2",
+        "a.DAT, line 14: peak of sensor 3",
+    ]
+    (tmp_path / "a.DAT").write_text(HEAD + dat(1, good[:1]) + dat(2, [(1.1 * load, moved)]))
+    first, second = read_points(file, header)
+    assert any("1 drops of this station, 2 in the .THY" in text for text in first.warnings)
+    assert any("line 13: load" in text for text in second.warnings)
+    # A damaged one keeps nobody from the histories.
+    (tmp_path / "a.DAT").write_text(HEAD + "1 1   0.000 1 x 5.83 71.3\n")
+    first, _ = read_points(file, header)
+    assert any(text.startswith("a.DAT: not read: line 9: expected") for text in first.warnings)
+
+
+def test_damage_of_peaks_is_one_line(tmp_path: Path, header: Path) -> None:
+    path = tmp_path / "a.DAT"
+    for text, message in (
+        (HEAD, "lines with load and deflections, came none; is it a JILS .DAT"),
+        (HEAD + "1 1   0.000 1 10.05 71.3\n", "line 9: expected a load and deflections"),
+        (
+            HEAD + dat(1, of_drops(1)) + "2 1   0.000 1 10.05 5.83 4.91 4.68 9.9 71.3\n",
+            "one number",
+        ),
+    ):
+        path.write_text(text)
+        with pytest.raises(SurveyError, match=message):
+            read_points(path, header)

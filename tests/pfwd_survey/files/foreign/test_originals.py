@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pfwd_device.peaks import trace_peaks
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 
@@ -77,3 +79,90 @@ def test_loads_are_those_that_the_program_stored(
 @pytest.mark.parametrize("name", ["minidyn-two-points.dynz", "big-endian.dynz"])
 def test_drops_that_are_one_are_said(original: Callable[[str], Path], name: str) -> None:
     assert any("number for number" in text for text in said(read_points(original(name))))
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "drops", "sensors"),
+    [
+        ("heavydyn-peaks-only.mpvz", 26, 78, 11),
+        ("dynatest-fwdwin.f25", 63, 252, 9),
+        ("exported.F25", 52, 156, 11),
+        ("exported-sweco.fwd", 52, 156, 11),
+        ("exported.pdx", 52, 156, 11),
+        ("exported-dynatest.fwd", 52, 156, 7),
+    ],
+)
+def test_peaks_without_traces(
+    original: Callable[[str], Path], name: str, points: int, drops: int, sensors: int
+) -> None:
+    found = read_points(original(name))
+    assert len(found) == points
+    assert sum(len(point.drops) for point in found) == drops
+    for point in found:
+        assert point.setup.plate_radius == 0.15
+        assert isinstance(point.setup.latitude, float)
+        for drop in point.drops:
+            assert drop.only_peaks is not None
+            assert len(drop.only_peaks.displacements) == sensors
+            assert 30e3 < drop.only_peaks.load < 100e3
+
+
+def test_four_exports_of_one_survey_agree(original: Callable[[str], Path]) -> None:
+    names = ("exported.pdx", "exported.F25", "exported-sweco.fwd", "exported-dynatest.fwd")
+    exact, *others = (read_points(original(name)) for name in names)
+    for points in others:
+        for point, wanted in zip(points, exact, strict=True):
+            for drop, one in zip(point.drops, wanted.drops, strict=True):
+                assert drop.only_peaks is not None
+                assert one.only_peaks is not None
+                # Whole kPa, and 0.1 kN.
+                assert drop.only_peaks.load == pytest.approx(one.only_peaks.load, abs=52)
+                right = dict(one.only_peaks.displacements)
+                for offset, peak in drop.only_peaks.displacements:
+                    # 0.1 um, whole ones from 1 mm in F25; what is not positive is 0.1 in two.
+                    rounding = 0.11e-6 if right[offset] < 1e-3 else 0.51e-6
+                    assert peak == pytest.approx(right[offset], abs=rounding)
+
+
+OFFSETS = [0.0, 0.203, 0.305, 0.457, 0.61, 0.914, 1.219, 1.524, -0.305]
+
+
+def test_a_dat_beside_a_thy(original: Callable[[str], Path], tmp_path: Path) -> None:
+    header = tmp_path / "h.toml"
+    header.write_text(f"plate_radius_m = 0.15\nsensor_offsets_m = {OFFSETS}\n")
+    traced = read_points(original("stations-1-5.THY"), header)
+    alone = read_points(original("stations-1-5.DAT"), header)
+    assert [p.setup.point for p in traced] == [p.setup.point for p in alone]
+    for point, other in zip(traced, alone, strict=True):
+        assert point.setup.latitude == pytest.approx(34.969, abs=1e-3)
+        assert point.setup.longitude == other.setup.longitude
+        noted = point.setup.extra["imported"]
+        assert noted["note"].startswith("4588")
+        assert 15 < noted["surface_temperature_c"] < 30
+        for drop, one in zip(point.drops, other.drops, strict=True):
+            assert one.only_peaks is not None
+            # 0.01 kip, as SOURCES has it 0.004 at most
+            assert float(drop.load.max()) == pytest.approx(one.only_peaks.load, abs=25)
+    differing = {
+        str(point.setup.point)
+        for point in traced
+        if any("off that of the time history" in text for text in point.warnings)
+    }
+    assert differing == {"station 2 lane 1", "station 3 lane 1"}
+
+
+@pytest.mark.parametrize("name", ["rig-no-plate.dynz", "rig-unescaped.dynz"])
+def test_a_rig_is_a_stiffness_test(original: Callable[[str], Path], name: str) -> None:
+    found = read_points(original(name))
+    assert len(found) == 45
+    assert all(point.setup.is_stiffness_test for point in found)
+    assert [found[n].setup.point for n in (0, 15, 30)] == ["2s1p 1", "4s1p 1", "2s2p 1"]
+    escaped = [text for text in said(found) if "not escaped" in text]
+    assert bool(escaped) == (name == "rig-unescaped.dynz")
+    if escaped:
+        assert escaped[0].startswith("rig-unescaped.dynz, database.xml, line 7: &")
+    stiffness = []
+    for point in found:
+        peaks = trace_peaks(point.drops[0])
+        stiffness.append(peaks.load / peaks.displacements[0][1])
+    np.testing.assert_allclose(stiffness[:15], 24.8e6, rtol=0.05)

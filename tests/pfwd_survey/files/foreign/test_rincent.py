@@ -234,7 +234,11 @@ WRONG: list[tuple[str, bytes, str]] = [
         prjz(HEX, acquired(HEX, offsets=[0.0, 0.3])),
         "2 displacements, as the database lists sensors, came 1",
     ),
-    ("peaks.prjz", zipped({"database.json": json.dumps(acquired(HEX)).encode()}), "peaks only"),
+    (
+        "peaks.prjz",
+        zipped({"database.json": json.dumps(acquired(HEX)).encode()}),
+        "or peaks of load",
+    ),
     ("magic.prjz", with_traces(b"x" * 200), "traces that begin with ISAANSIMPLEFILE"),
     ("short.prjz", with_traces(GOOD[:-1]), r"bytes, came \d+; the file was cut off"),
     ("long.prjz", with_traces(GOOD + b"12345"), "bytes, came"),

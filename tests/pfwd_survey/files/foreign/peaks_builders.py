@@ -1,0 +1,186 @@
+"""Peaks in the layouts of other programs, from numbers of our own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+RADIUS = 0.15
+OFFSETS = (-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point: chainage (m), position, temperatures (C), loads (kPa) and deflections (um)."""
+
+    chainage: float
+    latitude: float
+    longitude: float
+    air: float
+    surface: float
+    drops: Sequence[tuple[float, Sequence[float]]]
+
+
+def bowl(load: float, dead: float = 0.08) -> tuple[float, list[float]]:
+    """A load in kPa and deflections in um; the second sensor hardly moves."""
+    found = [round(load * 0.15 / (1 + 4 * abs(offset)), 2) for offset in OFFSETS]
+    found[1] = dead
+    return load, found
+
+
+def places() -> list[Place]:
+    """Two points of three drops; one deflection is not positive."""
+    first = [bowl(992.67), bowl(821.7, 0.10), bowl(99.25, 0.0)]
+    second = [bowl(984.51), bowl(814.17, -0.02), bowl(12.5)]
+    return [
+        Place(0.0, 48.5, 2.25, 8.6, 3.0, first),
+        Place(20.0, 48.51, 2.26, 8.8, 2.0, second),
+    ]
+
+
+def newtons(pressure: float) -> float:
+    """Load of a pressure in kPa under the plate."""
+    return 1e3 * pressure * pi * RADIUS**2
+
+
+def f25(found: Sequence[Place], units: str = "25SI", none: Sequence[int] = ()) -> str:
+    lines = [
+        '5001,25.60,1,40, 3, 1,"Prog    "',
+        f'5002,"{units}  ","8002-000","CP15-000"',
+        '5011,0,1,2024,05,06,08,42,0,"Non",000',
+        '5200,"149     ",2,0.983, 90.5, -1.89,  1.666',
+        f"5020,{1e3 * RADIUS:6g},{','.join(f'{1e3 * o:6g}' for o in OFFSETS)},N0    ,N0    ",
+        '5030,"A. Operator                 "',
+        '5031,"R 12"',
+        "5301,0,1,3,3, 170.400,1,1,NA      ,2024,05,06,08,42",
+        '5302,0,1,8,0,0,0,1,0,"rs          "',
+        "5303,0, 17.8, 18.4, 18.0",
+    ]
+    for place in found:
+        lines += [
+            f"5280,0,140418.0,{place.latitude:12.7f},{place.longitude:12.7f},  00.3, 2, 9,   0,  0",
+            f"5301,0,1,3,3,{place.chainage:8.3f},1,1,NA      ,2024,05,06,07,30",
+            '5302,0,1,8,0,0,0,1,0,"wet         "',
+            f"5303,0, N0, {place.surface:4.1f}, {place.air:4.1f}",
+        ]
+        for number, (load, moved) in enumerate(place.drops, start=1):
+            cells = ["N0" if n in none else f"{v:6.1f}" for n, v in enumerate(moved)]
+            lines.append(f"{number:4d},{load:6.0f},{','.join(cells)}")
+    return "\r\n".join(lines) + "\r\n"
+
+
+def sweco(found: Sequence[Place]) -> str:
+    lines = [
+        "",
+        "_" * 40,
+        "(c) ROAD SYSTEM 2016, Metric",
+        "$1",
+        "Filename:..............\tyard",
+        "Date [dd/mm/yy]:.......\t06/05/2024",
+        f"Load plate radius [mm].\t{1e3 * RADIUS:g}",
+        "                       \t" + "\t".join(f"R({n + 1})" for n in range(len(OFFSETS))),
+        "Radial offset [cm].....\t" + "\t".join(f"{100 * one:.0f}" for one in OFFSETS),
+        "Tolerance [%]..........\t" + "\t".join("5" for _ in OFFSETS),
+    ]
+    names = [f"D({n + 1})" for n in range(len(OFFSETS))]
+    for place in found:
+        lines += [
+            "_" * 40,
+            "$2",
+            f"Chainage [m]...........\t{place.chainage:g}",
+            "Remarks................\twet",
+            f"Position of Drop:\tLongitude: {sexagesimal(place.longitude)}E\t"
+            f"Latitude: {sexagesimal(place.latitude)}N\tAltitude: 0.0 m",
+            "_" * 40,
+            "$3",
+            f"Sequence: 1/1\tNo. of drops: {len(place.drops)}\tFallheight: 0\tTime: 07:30",
+            "",
+            "\t".join(["Drop", *names, "kPa", "kN", "Air", "Sur.", "Man.", "Pulse time"]),
+        ]
+        for number, (load, moved) in enumerate(place.drops, start=1):
+            cells = [f"{number}", *(f"{value:.1f}" for value in moved), "0"]
+            cells += [f"{newtons(load) / 1e3:.1f}", f"{place.air:.1f}", f"{place.surface:.1f}"]
+            lines.append("\t".join([*cells, "0.0", f"{place.chainage:.1f}", "24.93"]))
+    return "\r\n".join(lines) + "\r\n"
+
+
+def sexagesimal(value: float) -> str:
+    degrees, rest = divmod(value, 1)
+    minutes, rest = divmod(60 * rest, 1)
+    return f"{degrees:.0f}°{minutes:.0f}'{60 * rest:.4f}\""
+
+
+def dynatest(found: Sequence[Place], radius: float = 0.0) -> str:
+    """As the viewer writes it: nothing between numbers, 0.1 in place of what is not positive."""
+
+    def cell(value: float) -> str:
+        text = f"{value:.2f}"
+        return (text if float(text) > 0 else "0.1").rjust(4)
+
+    positions = [radius, *OFFSETS[2:9]]
+    head = "".join(f"{1e3 * one:4.0f}" for one in positions)
+    head += "".join(f"{one * 0.0393701:6.2f}" for one in positions)
+    lines = [
+        "R80    102    yard",
+        "70103300\0\0\0\0\0\0\0\00069994.3703111  1",
+        head,
+        "   R  D1  D2  D3  D4  D5  D6  D7     R    D1    D2    D3    D4    D5    D6    D7",
+        "C:\\PV01",
+        "S     0.00  8.600  3  0I20931   47   37   32",
+        "Ld ELI 1.000 0.00",
+        "D1 159 1.000 29.66",
+        "*000+0.0 000+0.0 st",
+    ]
+    for place in found:
+        lines += [
+            f"G0000001+{place.latitude!r}+{place.longitude!r}999.9",
+            f"S {place.chainage:8.2f} {place.air:4.1f}00 {place.surface:2.0f}  0I20730   47   37",
+            *("".join(map(cell, [load, *moved])) for load, moved in place.drops),
+        ]
+    return "\r\n".join(line.ljust(80) for line in lines)
+
+
+def pddx(found: Sequence[Place], *, viewer: bool = True) -> str:
+    """Of the viewer, with a diameter in m for a radius in mm and pressures for loads; or sound."""
+    radius = "0.30000001192092896" if viewer else f"{1e3 * RADIUS:g}"
+    axis = ([0.0] if viewer else []) + list(OFFSETS)
+    lines = [
+        "[Pavement Deflection Data Exchange File]",
+        "PDDXVersionNumber = 1.0",
+        "DelimiterSymbol = ,",
+        "DecimalSymbol = .",
+        "[Units]",
+        "LoadPlateRadiusUnits = millimeter",
+        "LoadUnits = kilo-Newton",
+        "DeflectionUnits = micron",
+        "TemperatureUnits = Celsius",
+        "SensorLocationUnits = millimeter",
+        "TestLocationUnits = kilometer,meter,meter",
+        "[Operations Information]",
+        "FileName = yard",
+        "StartDate = 06-May-2024 ",
+        "OperatorName =  ",
+        "[Device Information]",
+        f"DeviceDesignationName = {'Rincent' if viewer else 'Other'}",
+        "[Device Configuration]",
+        f"LoadPlateRadius = {radius} ",
+        f"NumberOfDeflectionSensors = {len(OFFSETS)} ",
+        f"DeflectionSensorXAxisDistances = {', '.join(f'{1e3 * one:g}' for one in axis)}",
+        f"DeflectionSensorYAxisDistances = {', '.join('0' for _ in range(17))}",
+        "TemperatureSensorUse = air,surface,manual",
+    ]
+    for number, place in enumerate(found):
+        chainage = place.chainage if viewer else place.chainage / 1e3
+        lines += [
+            f"[Test Location {number}]",
+            f"TestLocation = {chainage:g},0,0 ",
+            f"GPSLocation = {place.latitude:.8f},{place.longitude:.8f},0",
+            "TestLane = undefined  ",
+            f"TestTemperatures = {place.air},{place.surface},0.0 ",
+            "TestTime = 07:30:34 ",
+            "TestComment = undefined " if viewer else "TestComment = km 1",
+        ]
+        for drop, (load, moved) in enumerate(place.drops):
+            first = load if viewer else newtons(load) / 1e3
+            cells = [f"{value:.2f}" for value in (first, *moved)]
+            lines.append(f"DropData_{drop} = {','.join(cells)}")
+    return "\r\n".join(lines) + "\r\n"
