@@ -76,4 +76,12 @@ COLUMNS = (
     # Behind all others, so that whoever reads columns by their place is not disturbed.
     ResultColumn(NUMBER.name, "whole", NUMBER.meaning),
     *(ResultColumn(column.name, "number", column.meaning) for column in LAYER_COLUMNS),
+    ResultColumn("kind", "text", "traces, peaks (no history) or stiffness (a rig)"),
+    ResultColumn("sci_m", "number", "surface curvature index of peaks, d0 - d300, m"),
+    ResultColumn("bdi_m", "number", "base damage index of peaks, d300 - d600, m"),
+    ResultColumn("bci_m", "number", "base curvature index of peaks, d600 - d900, m"),
+    ResultColumn("area_m", "number", "area of the basin of peaks to 0.9 m over d0, m"),
+    ResultColumn("surface_moduli_pa", "texts", "of peaks: distance (m) and modulus (Pa)"),
+    ResultColumn("secant_stiffness_n_per_m", "number", "of a rig, at the peaks, N/m"),
+    ResultColumn("dynamic_stiffness_n_per_m", "number", "of a rig, 15 to 30 Hz, N/m"),
 )

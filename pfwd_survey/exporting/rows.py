@@ -12,11 +12,17 @@ from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_device.text import clean
+from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
+from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
+from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
+from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
+from pfwd_survey.peaks.stiffness import stiffness_of
 
 if TYPE_CHECKING:
     from pfwd_survey.exporting.parts import SecondProcess
@@ -141,14 +147,69 @@ def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Resul
         "peak_load_n": peaks and peaks.load,
         "peak_displacement_m": peaks and peaks.centre,
     }
-    if result is None:
+    if record is not None and (reason := _never(point, record)) is not None:
+        values |= {"status": "rejected", "reason": reason, "warnings": []}
+    elif result is None:
         discarded = inverted is not None and (point.discarded or drop.discarded)
         why = "discarded drops are not inverted" if discarded else NOT_INVERTED
         values |= {"status": NO_RESULT, "reason": fault or why, "warnings": []}
     else:
         values |= _result(result, point, record)
+    if record is not None:
+        values |= _peak_values(point, drop, record, values)
     declared = None if record is None else record.declared
     return Row(point, drop, declared, place, peaks, result, values)
+
+
+def _never(point: SurveyPoint, record: DropFacts) -> str | None:
+    """Why a drop is never inverted; None: it can be."""
+    if on_rig({**record.declared, **point.declared}):
+        return STIFFNESS_TEST
+    only = record.drop is not None and record.drop.only_peaks is not None
+    return ONLY_PEAKS if only else None
+
+
+def _peak_values(
+    point: SurveyPoint, drop: SurveyDrop, record: DropFacts, values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What peaks alone say, and the stiffness of a rig."""
+    declared = {**record.declared, **point.declared}
+    only = None if record.drop is None else record.drop.only_peaks
+    if on_rig(declared):
+        try:
+            traces = record.drop if record.drop is not None else drop.read_traces().drop
+            setup = setup_from({k: Declaration(v, "") for k, v in declared.items()}, point.title)
+        except (RecordingError, SurveyError):
+            return {"kind": "stiffness"}
+        found = stiffness_of(traces, setup)
+        return {
+            "kind": "stiffness",
+            "secant_stiffness_n_per_m": found and found.secant_n_per_m,
+            "dynamic_stiffness_n_per_m": found and found.dynamic_n_per_m,
+        }
+    radius = number(declared.get("plate_radius_m"))
+    if only is None or radius is None:
+        return {"kind": "traces" if only is None else "peaks"}
+    said = number(declared.get("poisson_ratio"))
+    ratio = ASSUMED_POISSON_RATIO if said is None else said
+    basin = basin_of(only, radius, ratio)
+    warnings = list(values["warnings"] or [])
+    if basin.left_out:
+        places = ", ".join(f"{offset:g} m" for offset in basin.left_out)
+        warnings.append(f"bad sensors, left out of the indices: {places}")
+    return {
+        "kind": "peaks",
+        "poisson_ratio": ratio,
+        "plate_radius_m": radius,
+        "peak_modulus_pa": basin.peak_modulus_pa,
+        "peak_factor": RIGID,
+        "sci_m": basin.sci_m,
+        "bdi_m": basin.bdi_m,
+        "bci_m": basin.bci_m,
+        "area_m": basin.area_m,
+        "surface_moduli_pa": [f"{r:g}: {e:.4g}" for r, e in basin.surface_moduli_pa.items()],
+        "warnings": warnings,
+    }
 
 
 def _facts(

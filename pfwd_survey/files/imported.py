@@ -36,8 +36,12 @@ def kind_of(drop: Drop, declared: Mapping[str, Any]) -> Kind:
     """What was recorded of a drop: time histories on the ground or on a rig, or peaks alone."""
     if drop.only_peaks is not None:
         return "peaks"
-    on_rig = declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None
-    return "stiffness" if on_rig else "traces"
+    return "stiffness" if on_rig(declared) else "traces"
+
+
+def on_rig(declared: Mapping[str, Any]) -> bool:
+    """Whether a drop fell on a rig of springs, as `PointSetup.is_stiffness_test` has it."""
+    return declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None
 
 
 def remarks_of(declared: Mapping[str, Any]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
+from pfwd_device.drop import Peaks
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
@@ -51,6 +52,8 @@ def point_drop(
     -------
     PointDrop
     """
+    if drop.only_peaks is not None and not setup.is_stiffness_test:
+        return _of_peaks(drop.number, drop.only_peaks, setup, discarded)
     if screening.status == "rejected":
         return PointDrop(drop.number, Kind.REJECTED, reason=screening.reason)
     kind = Kind.DISCARDED if discarded is not None else Kind(screening.status)
@@ -66,6 +69,21 @@ def point_drop(
         facts |= _deflection(whole, centre[0], setup, start, duration)
     found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
     return found if result is None else with_modulus(found, result)
+
+
+def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
+    """A drop without traces, which are rejected for the inversion alone."""
+    kind = Kind.SEATING if number <= setup.seating_drops else Kind.MEASURED
+    if discarded is not None:
+        kind = Kind.DISCARDED
+    centre = peaks.centre
+    return PointDrop(
+        number,
+        kind,
+        peak_load=peaks.load,
+        peak_deflection=centre if centre is not None and centre > 0 else None,
+        reason=discarded or None,
+    )
 
 
 def with_modulus(facts: PointDrop, result: DropResult) -> PointDrop:

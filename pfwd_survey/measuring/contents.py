@@ -184,6 +184,9 @@ def _find(survey: Survey, record: int) -> SurveyDrop:
 
 def peaks_of(drop: Drop) -> tuple[float, float]:
     """Peak load, N, and peak displacement of the centre sensor, m; NaN where there is none."""
+    if drop.only_peaks is not None:
+        centre = drop.only_peaks.centre
+        return drop.only_peaks.load, float("nan") if centre is None else centre
     load = remove_offset(drop.time, drop.load)
     peak_load = _largest(load)
     if not drop.channels:

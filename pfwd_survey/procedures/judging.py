@@ -67,6 +67,7 @@ def judge(
     drops : sequence of PointDrop
         All of the point, in the order they fell.
     plate_radius : float, m
+        0: there was no plate, which goes with rejected drops alone.
     poisson_ratio : float, optional
         As declared; the procedure's own wins.
     target : float, Pa (m for a deflection), optional
@@ -85,7 +86,8 @@ def judge(
     OptionError
         If the plate radius is not positive.
     """
-    if not (plate_radius > 0 and math.isfinite(plate_radius)):
+    on_rig = plate_radius == 0 and all(drop.kind is Kind.REJECTED for drop in drops)
+    if not (on_rig or plate_radius > 0) or not math.isfinite(plate_radius):
         raise OptionError(refusal("plate radius", "a number > 0, in m", f"{plate_radius:g}"))
     notes = _notes(procedure, plate_radius)
     sorted_drops = sort_drops(procedure, drops, notes)
@@ -113,7 +115,11 @@ def _notes(procedure: Procedure, plate_radius: float) -> list[str]:
     if others:
         notes.append(f"not verified, hence not enforced: {', '.join(others)}")
     radius = procedure.plate_radius
-    if radius is not None and abs(plate_radius - radius.value) > OTHER_PLATE * radius.value:
+    if (
+        radius is not None
+        and plate_radius
+        and abs(plate_radius - radius.value) > OTHER_PLATE * radius.value
+    ):
         notes.append(
             f"the procedure is written for a plate of radius {radius.value:g} m, this one has "
             f"{plate_radius:g} m"

@@ -8,6 +8,8 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
+from pfwd_survey.peaks.basin import Basin
+from pfwd_survey.peaks.stiffness import Stiffness
 from pfwd_survey.procedures import PointDrop, PointProgress, Procedure, Quantity
 
 NO_PROCEDURE = Procedure(
@@ -47,6 +49,10 @@ class ReportDrop:
     """SHA-256 of the drop's file; empty: it has none."""
     left_out: tuple[float, ...] = ()
     """Distances of sensors that take no part in the fit, m: dead, or not to be believed."""
+    basin: Basin | None = None
+    """Of a drop without traces."""
+    stiffness: Stiffness | None = None
+    """Of a drop on a rig."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from inversion import SurrogateLibrary
+from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.survey_content import read_result
@@ -29,6 +30,8 @@ from pfwd_survey.inverting.options import (
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
+from pfwd_survey.peaks.basin import Basin, basin_of
+from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import (
     Kind,
     Procedure,
@@ -300,7 +303,7 @@ class _Gatherer:
         if own is None and target is not None:
             progress = replace(progress, target_source="given with the report")
         warnings = list(setup_warnings(setup))
-        if setup.poisson_ratio is None:
+        if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
         warnings += _said_of_layers(found, self._procedure)
         return ReportPoint(
@@ -351,7 +354,16 @@ class _Gatherer:
             notes=kept.notes,
             checksum=_checksum(kept.file),
             left_out=screening.left_out,
+            basin=_basin(record.drop, setup),
+            stiffness=stiffness_of(record.drop, setup) if setup.is_stiffness_test else None,
         )
+
+
+def _basin(drop: Drop, setup: PointSetup) -> Basin | None:
+    if drop.only_peaks is None or setup.is_stiffness_test:
+        return None
+    ratio = ASSUMED_POISSON_RATIO if setup.poisson_ratio is None else setup.poisson_ratio
+    return basin_of(drop.only_peaks, setup.plate_radius, ratio)
 
 
 def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[str]:

@@ -22,6 +22,7 @@ from pfwd_survey.reporting.blocks import (
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.drawing import draw_compaction, draw_traces
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
+from pfwd_survey.reporting.peaks_blocks import peaks_blocks
 from pfwd_survey.reporting.point_facts import (
     all_warnings,
     effective_result,
@@ -62,6 +63,7 @@ def point_blocks(point: ReportPoint, report: Report, texts: Texts) -> list[Block
         *_pictures(point, texts),
         *ground_blocks(_traced(point), point.name, texts),
         *_results(point, texts),
+        *peaks_blocks(point, texts),
         *_remarks(point, texts),
         Heading(texts["diagnosis"], 3),
         *_diagnosis(point, texts),

@@ -88,8 +88,9 @@ def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> 
     first, second, *_ = rows_of(tmp_path / "t.csv")
     names = list(first)
     assert names.index("layers") == names.index("notes") + 1
-    assert names[-1] == "effective_depth_m"
-    found = {name: first[name] for name in names[names.index("layers") :] if first[name]}
+    assert names.index("kind") == names.index("effective_depth_m") + 1
+    of_layers = names[names.index("layers") : names.index("kind")]
+    found = {name: first[name] for name in of_layers if first[name]}
     assert found == {
         "layers": "3",
         "layer_1_modulus_pa": "90000000.0",
@@ -110,7 +111,8 @@ def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> 
         "effective_modulus_interval_high_pa": "53000000.0",
         "effective_depth_m": "0.93",
     }
-    assert not any(second[name] for name in names[names.index("layers") :])
+    assert not any(second[name] for name in of_layers)
+    assert second["kind"] == "traces"
 
 
 def test_layers_without_what_belongs_to_a_modulus_are_withheld(

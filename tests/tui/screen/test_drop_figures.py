@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Drop
+from pfwd_device.drop import Peaks
 from tests.tui.screen.scripted import curves, handed_on, result
 from tui.screen.drawing.drop_figures import drop_figures
 from tui.screen.session.drop_state import DropState
@@ -31,3 +32,9 @@ def test_a_sensor_stays_when_the_fit_comes(
         DropState("7", 1, handed=handed, curves=of_all, results=[result()]), SI, sensor=sensor
     )
     assert fitted[1].title == title
+
+
+def test_a_drop_of_peaks_has_no_trace_to_draw() -> None:
+    only = Drop.of_peaks(1, Peaks(50e3, ((0.0, 5e-4), (0.3, 2e-4))))
+    handed = replace(handed_on(), drop=only)
+    assert drop_figures(DropState("7", 1, handed=handed), SI) == []

@@ -160,6 +160,8 @@ def _raw(
     handed: HandedOn, units: Units, span: tuple[float, float] | None, sensor: int
 ) -> list[Figure]:
     drop = handed.drop
+    if not drop.time.size:
+        return []  # peaks alone: nothing to draw
     time = 1e3 * drop.time
     start, end = (1e3 * t for t in span or (max(float(drop.time[0]), -5e-3), float(drop.time[-1])))
     load = remove_offset(drop.time, drop.load) / units.of("load").scale

@@ -142,7 +142,7 @@ class DropPage(Page):
         curves, _ = curves_of(drop, self.refit)
         if curves is not None:
             return default_span(curves)
-        if drop.handed is not None:
+        if drop.handed is not None and drop.handed.drop.time.size:
             return max(float(drop.handed.drop.time[0]), -5e-3), float(drop.handed.drop.time[-1])
         return 0.0, 1.0
 
@@ -167,7 +167,7 @@ class DropPage(Page):
 
     def _whole(self) -> tuple[float, float]:
         drop = self.drop
-        if drop is None or drop.handed is None:
+        if drop is None or drop.handed is None or not drop.handed.drop.time.size:
             return self._window()
         return float(drop.handed.drop.time[0]), float(drop.handed.drop.time[-1])
 

@@ -160,7 +160,7 @@ def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
             piece(3, f"fitted {units.with_unit('deflection', float(predicted), 4)}"),
             piece(2, f"residual {units.with_unit('deflection', float(predicted - observed))}"),
         ]
-    elif drop.handed is not None:
+    elif drop.handed is not None and drop.handed.drop.time.size:
         place = int(np.argmin(np.abs(drop.handed.drop.time - view.cursor)))
         pieces.append(
             piece(1, f"load {units.with_unit('load', float(drop.handed.drop.load[place]))}")
@@ -186,12 +186,11 @@ def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
     lines += _heading("record")
     lines += _paragraph(remark(drop, view.units), width)
     if drop.handed is not None:
-        rate = drop.handed.drop.sampling_rate
         count = len(drop.handed.drop.channels)
         sensors = "sensor" if count == 1 else "sensors"
-        lines += _paragraph(
-            f"{count} {sensors}, {rate:g} Hz, {len(drop.handed.drop.time)} samples", width
-        )
+        samples = len(drop.handed.drop.time)
+        length = f"{drop.handed.drop.sampling_rate:g} Hz, {samples} samples" if samples else "peaks"
+        lines += _paragraph(f"{count} {sensors}, {length}", width)
         if drop.handed.file:
             lines += _paragraph(Path(drop.handed.file).name, width, "dim")
     if drop.delay is not None:
