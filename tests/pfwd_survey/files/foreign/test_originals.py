@@ -161,6 +161,9 @@ def test_a_rig_is_a_stiffness_test(original: Callable[[str], Path], name: str) -
     assert bool(escaped) == (name == "rig-unescaped.dynz")
     if escaped:
         assert escaped[0].startswith("rig-unescaped.dynz, database.xml, line 7: &")
+    texts = said(found)
+    assert any("smoothed alike these agree within 0.5 %" in text for text in texts)
+    assert not any(" % off " in text for text in texts)
     stiffness = []
     for point in found:
         peaks = trace_peaks(point.drops[0])

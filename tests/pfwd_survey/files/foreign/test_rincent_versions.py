@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pfwd_device.peaks import trace_peaks
 from pfwd_survey.errors import TraceError
+from pfwd_survey.files.foreign.rincent import smoothed_as_stored
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from tests.pfwd_survey.files.foreign.builders import (
@@ -193,3 +195,32 @@ def test_one_drop_in_place_of_each_is_said(read: Callable[..., list[TracePoint]]
     assert any("of all 3 drops are the same, number for number" in one for one in remarks(point))
     (point,) = read(prjz(DROPS, acquired(DROPS)), "a.prjz")
     assert not any("number for number" in one for one in remarks(point))
+
+
+def test_stored_peaks_of_smoothed_channels_are_known(
+    read: Callable[..., list[TracePoint]],
+) -> None:
+    """The filter is that of the maker's software; unsmoothed channels are off by more."""
+    one = pulse(peak=8000.0)
+    one.sensors[0] = np.gradient(one.sensors[0], 1 / 15_000.0)
+    # What rings at 1 kHz is smoothed away.
+    one.load[80:160] += 300 * np.sin(2 * np.pi * 1000 * np.arange(80) / 15_000)
+    database = dataset({"1": [one]})
+    (plain,) = read(zipped({"database.xml": database}), "a.dynz")
+    (smooth,) = (smoothed_as_stored(drop) for drop in plain.drops)
+    load, ((_, moved),) = trace_peaks(smooth).load, trace_peaks(smooth).displacements
+
+    def stored_as(load: float, moved: float) -> list[str]:
+        acquisition = acquired({"1": [one]})
+        (entry,) = acquisition["PVs"]
+        entry["PV"]["Name"] = "a & b"
+        entry["Points"][0]["Drops"] = [{"Fmax": load, "Umax": moved}]
+        members = {"database.xml": database, "database.json": json.dumps(acquisition).encode()}
+        (point,) = read(zipped(members), "b.dynz")
+        return [text for text in remarks(point) if "maker's software stored" in text]
+
+    (text,) = stored_as(load, moved)
+    assert "smoothed alike these agree within 0.5 %" in text
+    assert any("peak load of the raw channels is" in text for text in stored_as(0.9 * load, moved))
+    recorded = trace_peaks(plain.drops[0])
+    assert stored_as(recorded.load, recorded.displacements[0][1]) == []
