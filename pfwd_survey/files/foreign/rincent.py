@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pfwd_device import Drop
+from pfwd_device import Channel, Drop
 from pfwd_device.peaks import trace_peaks
 from pfwd_device.signals import displacement_of, remove_offset
 from pfwd_survey.errors import TraceError, quote, refusal
@@ -393,20 +393,22 @@ def compare_raw_peaks(
     if not any(" % off " in text for text in as_recorded):
         return as_recorded
     smoothed = [smoothed_as_stored(drop) for drop in drops]
-    if compare_peaks(smoothed, stored, where, "raw channels"):
+    left = compare_peaks(smoothed, stored, where, "raw channels")
+    if any(" % off " in text for text in left):
         return as_recorded
     return [
+        *left,
         f"{where}: peaks that the maker's software stored are those of smoothed channels (low-pass "
         f"of {SMOOTHING_HZ:g} Hz, {SMOOTHING_POLES} poles); smoothed alike these agree within "
-        f"{100 * PEAK_TOLERANCE:g} %, as recorded they do not"
+        f"{100 * PEAK_TOLERANCE:g} %, as recorded they do not",
     ]
 
 
 def smoothed_as_stored(drop: Drop) -> Drop:
     """A drop as the maker's software has it before it takes peaks.
 
-    The offset at rest goes, then load and sensor through one causal Butterworth filter. Found from
-    files with raw channels and stored peaks.
+    The offset at rest goes, then load and sensor through one causal Butterworth filter; a velocity
+    is then integrated. Found from files with raw channels and stored peaks.
     """
     from scipy.signal import butter, lfilter
 
@@ -416,7 +418,15 @@ def smoothed_as_stored(drop: Drop) -> Drop:
         rested = remove_offset(drop.time, values)
         return np.asarray(lfilter(numerator, denominator, rested), np.float64)
 
-    channels = tuple(replace(one, values=smooth(one.values)) for one in drop.channels)
+    def moved(channel: Channel) -> Channel:
+        values = smooth(channel.values)
+        if channel.quantity == "velocity":
+            # Its offset is gone: what the filter leaves of it is not taken off again.
+            steps = np.diff(drop.time) * (values[1:] + values[:-1]) / 2
+            values = np.concatenate([[0.0], np.cumsum(steps)])
+        return Channel(channel.offset, "displacement", values)
+
+    channels = tuple(moved(channel) for channel in drop.channels)
     return Drop(drop.number, drop.time, smooth(drop.load), channels)
 
 
