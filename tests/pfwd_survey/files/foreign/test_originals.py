@@ -163,7 +163,9 @@ def test_a_rig_is_a_stiffness_test(original: Callable[[str], Path], name: str) -
         assert escaped[0].startswith("rig-unescaped.dynz, database.xml, line 7: &")
     texts = said(found)
     assert any("smoothed alike these agree within 0.5 %" in text for text in texts)
-    assert not any(" % off " in text for text in texts)
+    # Three points of the one file have peaks that are not of their channels.
+    off = [p.setup.point for p in found if any(" % off " in text for text in p.warnings)]
+    assert off == ([] if name == "rig-no-plate.dynz" else ["4s1p 1", "4s1p 2", "4s1p 3"])
     stiffness = []
     for point in found:
         peaks = trace_peaks(point.drops[0])
