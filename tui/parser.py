@@ -45,6 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_import,
         _add_invert,
         _add_diagnose,
+        _add_calibrate,
         _add_edit,
         _add_report,
         _add_procedures,
@@ -339,6 +340,36 @@ def _add_diagnose(commands: "Commands") -> None:
     )
     _add_plot(diagnose)
     diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
+
+
+def _add_calibrate(commands: "Commands") -> None:
+    calibrate = commands.add_parser(
+        "calibrate",
+        help="load cell and geophone from a rig of known stiffness",
+        description="Fits gain, natural frequency, damping and delay to drops on a rig of springs, "
+        "with their intervals, or says why they do not repeat. A spring tells the ratio of the "
+        "gains of load cell and geophone: one of them is taken for right.",
+        allow_abbrev=False,
+    )
+    calibrate.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    calibrate.add_argument(
+        "--stiffness",
+        type=number,
+        metavar="N/m",
+        help="of the rig; wins over stiffness_n_per_m of the files",
+    )
+    calibrate.add_argument(
+        "--point", metavar="NAME", help="only points whose names begin so: those of one rig"
+    )
+    calibrate.add_argument(
+        "--gain-of",
+        choices=("sensor", "load"),
+        default="sensor",
+        help="which channel has the gain; the other is taken for right (default: sensor)",
+    )
+    calibrate.add_argument("-o", "--output", metavar="D.toml", help="keep it, for --device")
+    calibrate.add_argument("--header", metavar="FILE.toml", help="wins over what the files declare")
+    calibrate.add_argument("--json", action="store_true", help="one JSON object, SI units")
 
 
 def _add_edit(commands: "Commands") -> None:

@@ -13,6 +13,7 @@ from inversion.effects.bedrock import Bedrock
 from inversion.effects.geophone_response import GeophoneResponse
 from inversion.effects.hysteretic_unloading import HystereticUnloading
 from inversion.effects.layer import Layer
+from inversion.effects.load_gain import LoadGain
 from inversion.effects.load_shape import LoadShape
 from inversion.effects.mains_hum import MainsHum
 from inversion.effects.permanent_set import PermanentSet
@@ -21,6 +22,7 @@ from inversion.effects.rebound import Rebound
 from inversion.effects.rough_contact import RoughContact
 from inversion.effects.saturation import Saturation
 from inversion.effects.seating import Seating
+from inversion.effects.sensor_gain import SensorGain
 from inversion.effects.sensor_lag import SensorLag
 from inversion.effects.spring_rig import SpringRig
 from inversion.effects.stress_dependence import StressDependence
@@ -42,6 +44,8 @@ OWN: tuple[Effect, ...] = (
     PermanentSet(),
     Rebound(),
     # what sensor and processing make of it
+    LoadGain(),
+    SensorGain(),
     GeophoneResponse(),
     AcquisitionFilter(),
     SensorLag(),

@@ -5,6 +5,7 @@ import importlib.metadata
 import math
 import os
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from inversion.diagnosis import FoundEffect
 from inversion.effects import BY_NAME
@@ -50,19 +51,46 @@ def write_device_file(
             if effect.scope == "device" and point.diagnosis is not None:
                 effects.setdefault(effect.name, []).append(effect)
                 drops[effect.name] = drops.get(effect.name, 0) + len(point.diagnosis.numbers)
+    known = []
+    for name, found in effects.items():
+        best = min(found, key=lambda effect: effect.parameters[0].deviation)
+        values = [(p.name, p.unit, p.value, p.deviation) for p in best.parameters]
+        known.append(DeviceEffect(name, drops[name], values))
+    write_effects(path, device, known)
+
+
+class DeviceEffect(NamedTuple):
+    """An effect of a device as its file has it."""
+
+    name: str
+    drops: int
+    """That it was found with."""
+    values: Sequence[tuple[str, str, float, float]]
+    """Name, unit, value and standard deviation of each parameter."""
+
+
+def write_effects(
+    path: str | os.PathLike[str], device: str | None, effects: Sequence[DeviceEffect]
+) -> None:
+    """Keep effects of a device, for ``--device``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     lines = [
         toml_line("device", device or ""),
         toml_line("date", datetime.date.today().isoformat()),
         toml_line("software_version", importlib.metadata.version("pfwd")),
     ]
-    for name, found in effects.items():
-        best = min(found, key=lambda effect: effect.parameters[0].deviation)
-        lines += ["", f"[{name}]", toml_line("drops", drops[name])]
-        for p in best.parameters:
-            key = p.name + _SUFFIX.get(p.unit, "")
-            lines.append(toml_line(key, p.value))
-            if math.isfinite(p.deviation):
-                lines.append(toml_line(f"{p.name}_sd{_SUFFIX.get(p.unit, '')}", p.deviation))
+    for effect in effects:
+        lines += ["", f"[{effect.name}]", toml_line("drops", effect.drops)]
+        for name, unit, value, deviation in effect.values:
+            suffix = _SUFFIX.get(unit, "")
+            lines.append(toml_line(name + suffix, value))
+            if math.isfinite(deviation):
+                lines.append(toml_line(f"{name}_sd{suffix}", deviation))
     text = "\n".join(lines) + "\n"
     draft = f"{os.fspath(path)}.{os.getpid()}.tmp"
     with open(draft, "w", encoding="utf-8", newline="\n") as stream:
