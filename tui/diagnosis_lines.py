@@ -70,7 +70,7 @@ def _effect(effect: EffectResult) -> list[str]:
         value = f"{parameter.value:.4g}" if _is_finite(parameter.value) else "-"
         numbers.append(f"{clean(parameter.name).replace('_', ' ')}{drop} {value}{sd}{unit}")
     evidence = effect.evidence
-    shared = "shared by the device's points"
+    shared = "declared" if effect.scope == "point" else "shared by the device's points"
     strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
     lines = [f"  {clean(effect.name)}: {'; '.join(numbers)} [{strength}]"]
     if effect.alternatives:

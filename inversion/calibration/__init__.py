@@ -4,8 +4,18 @@ from inversion.calibration.rig import (
     Calibration,
     CalibrationError,
     Constant,
+    Rig,
     RigDrop,
     calibrate,
+    describe,
 )
 
-__all__ = ["Calibration", "CalibrationError", "Constant", "RigDrop", "calibrate"]
+__all__ = [
+    "Calibration",
+    "CalibrationError",
+    "Constant",
+    "Rig",
+    "RigDrop",
+    "calibrate",
+    "describe",
+]

@@ -164,9 +164,7 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
         raise CalibrationError(
             f"expected at least {FEWEST_DROPS} drops on rigs of known stiffness, came {len(drops)}"
         )
-    for drop in drops:
-        if not (drop.load.max() > 0 and np.abs(drop.velocity).max() > 0 and drop.stiffness > 0):
-            raise CalibrationError(f"{drop.name}: expected a pulse of load and velocity, came none")
+    _refuse_no_pulse(drops)
     fits = [_fit(drops, _start(drops, frequency, damping)) for frequency, damping in STARTS]
     best, jacobian = min(fits, key=lambda one: float(np.sum(_residual(one[0], drops) ** 2)))
     per_drop = np.array([_misfit(_residual_of(best, drop)) for drop in drops])
@@ -192,6 +190,49 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
         per_drop,
         _reasons(drops, best, constants, misfit, per_drop),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A rig as drops show it, the gains of the channels taken for right.
+
+    Parameters
+    ----------
+    stiffness, mass, damping_ratio : float, N/m, kg, -
+    deviation : float, standard deviation of the stiffness within the drops, N/m
+    residuals : tuple of ndarray of float, m/s, of each drop: fitted less measured
+    """
+
+    stiffness: float
+    mass: float
+    damping_ratio: float
+    deviation: float
+    residuals: tuple[FloatArray, ...]
+
+
+def describe(drops: Sequence[RigDrop]) -> Rig:
+    """The rig behind drops; their stiffness is where the search begins.
+
+    Raises
+    ------
+    CalibrationError
+        If a drop has no pulse.
+    """
+    _refuse_no_pulse(drops)
+    found, jacobian = _fit(drops, _start(drops, *STARTS[0]))
+    # A gain with a stiffness that is given is a stiffness with a gain of 1, and so is the mass.
+    gain, mass, ratio = np.exp([found[0], found[4], found[5]])
+    covariance = _covariance(_residual(found, drops), jacobian, drops)
+    stiffness = drops[0].stiffness / gain
+    residuals = tuple(_residual_of(found, drop) * np.abs(drop.velocity).max() for drop in drops)
+    deviation = float(stiffness * np.sqrt(max(covariance[0, 0], 0.0)))
+    return Rig(float(stiffness), float(mass / gain), float(ratio), deviation, residuals)
+
+
+def _refuse_no_pulse(drops: Sequence[RigDrop]) -> None:
+    for drop in drops:
+        if not (drop.load.max() > 0 and np.abs(drop.velocity).max() > 0 and drop.stiffness > 0):
+            raise CalibrationError(f"{drop.name}: expected a pulse of load and velocity, came none")
 
 
 def _start(drops: Sequence[RigDrop], frequency: float, damping: float) -> FloatArray:

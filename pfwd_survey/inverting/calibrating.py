@@ -11,14 +11,12 @@ from typing import Any, Literal
 import numpy as np
 
 from inversion import InversionError
-from inversion.calibration import Calibration, RigDrop, calibrate
-from pfwd_device import Drop
-from pfwd_device.signals import remove_offset
+from inversion.calibration import Calibration, calibrate
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.diagnosis.device_file import DeviceEffect, write_effects
-from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.rig_drops import rig_drop
 from pfwd_survey.peaks.stiffness import stiffness_of
 
 GainOf = Literal["sensor", "load"]
@@ -121,7 +119,7 @@ def calibrate_files(
     for (file, found), own in zip(points, known, strict=True):
         for drop in found.drops:
             name = f"{found.setup.point or os.path.basename(file)}, drop {drop.number}"
-            made = _rig_drop(drop, own, rigs.index(own), name)
+            made = rig_drop(drop, own, rigs.index(own), name)
             if made is None:
                 warnings.append(f"{name}: no trace of a sensor in the centre, left out")
             else:
@@ -186,19 +184,6 @@ def _stiffness(file: str, point: TracePoint, given: float | None) -> float:
         hint = "give --stiffness N/m, or declare stiffness_n_per_m"
         raise SurveyError(refusal(where, "the stiffness of the rig", "none", hint))
     return float(value)
-
-
-def _rig_drop(drop: Drop, stiffness: float, rig: int, name: str) -> RigDrop | None:
-    whole, reason, _ = whole_part(drop)
-    channel = next((one for one in whole.channels if abs(one.offset) < 1e-3), None)
-    if reason is not None or channel is None:
-        return None
-    values = remove_offset(whole.time, channel.values)
-    if channel.quantity == "displacement":
-        values = np.asarray(np.gradient(values, whole.time), np.float64)
-    # Some devices store a last sample of 0, which is no measurement.
-    load = remove_offset(whole.time, whole.load)[:-1]
-    return RigDrop(whole.time[:-1], load, values[:-1], stiffness, rig, name)
 
 
 def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:

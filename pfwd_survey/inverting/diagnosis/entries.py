@@ -23,6 +23,8 @@ class DiagnosisPoint:
     """None: no drop of it was measured."""
     rejected: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    rig: TracePoint | None = None
+    """The point, where it is known that the weight fell on a rig of springs."""
 
 
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
@@ -34,6 +36,8 @@ def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
 
 def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
     """A point that was read already, screened."""
+    if point.setup.is_stiffness_test:
+        return DiagnosisPoint(file, _device_of(point), None, (), point.warnings, point)
     screenings = leave_out_bad_sensors(point, screen_point(point))
     chosen = [
         (whole_part(drop)[0], found)
@@ -48,8 +52,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     # A bad sensor is the same in every drop: said once.
     every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
     warnings = tuple(dict.fromkeys(every))
-    device = point.setup.device
-    name = None if device is None else str(device)
+    name = _device_of(point)
     if not chosen:
         return DiagnosisPoint(file, name, None, rejected, warnings)
     left_out = {offset for _, found in chosen for offset in found.left_out}
@@ -64,3 +67,8 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         half_sine=options.load == "half-sine",
     )
     return DiagnosisPoint(file, name, made, rejected, warnings)
+
+
+def _device_of(point: TracePoint) -> str | None:
+    device = point.setup.device
+    return None if device is None else str(device)

@@ -11,10 +11,13 @@ from pfwd_survey.inverting.diagnosis.result import (
     FittedState,
     HeldOut,
 )
+from pfwd_survey.inverting.diagnosis.rig import rig_result
 
 
 def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
     """What is told of one point; `found` is None where no drop of it was measured."""
+    if entry.rig is not None:
+        return rig_result(entry, entry.rig)
     conditions: dict[str, Any] = {}
     if entry.records is not None:
         first = entry.records.records[0]

@@ -13,6 +13,7 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.calibrating import calibrate_files, write_calibration
 from pfwd_survey.inverting.diagnosis.device_file import read_device_file
+from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 from tests.inversion.calibration.test_rig import simulated
 from tui.cli import main
 
@@ -137,3 +138,33 @@ def test_records_of_gains() -> None:
     }  # type: ignore[arg-type]
     np.testing.assert_allclose(read["sensor_gain"], 1.25)
     np.testing.assert_allclose(read["load_gain"], 0.8)
+
+
+def test_diagnose_calls_a_rig_a_rig(rig: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The gain of the sensor stands in the stiffness: nobody declared which is right."""
+    assert main(["diagnose", rig, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["verdict"], said["corrected"]) == ("explained", False)
+    (effect,) = said["effects"]
+    assert effect["name"] == "spring_rig"
+    assert effect["value"] == pytest.approx(STIFFNESS / 1.03, rel=5e-3)
+    mass = {one["name"]: one["value"] for one in effect["parameters"]}["moving_mass"]
+    assert mass == pytest.approx(12.0 / 1.03, rel=0.05)
+    assert said["after"]["modulus_pa"] is None
+    assert said["drops"] == [1, 2, 3, 4]
+    assert main(["diagnose", rig]) == 0
+    text = capsys.readouterr().out
+    assert "this is a rig on springs, no ground: there is no modulus to report" in text
+
+
+def test_a_rig_without_traces_is_no_drop_to_diagnose(tmp_path: Path) -> None:
+    still = np.zeros(64)
+    time = (np.arange(64) - 16) / 15_000.0
+    drop = Drop(1, time, still, (Channel(0.0, "velocity", still),))
+    path = tmp_path / "a.csv"
+    setup = PointSetup(plate_radius=0.0, test="stiffness")
+    write_traces(path, TracePoint(str(path), setup, (drop,)))
+    (found,) = diagnose_files([str(path)])
+    assert found.result is not None
+    assert (found.result.verdict, found.result.effects) == ("unexplained", ())
+    assert found.result.rejected == ("drop 1: no trace of a sensor in the centre",)
