@@ -47,7 +47,7 @@ _AIR = re.compile(r"Air Temp \(F\):\s*(-?\d{1,4}(?:\.\d{1,4})?)")
 _TIME = re.compile(r"Completed Time:\s*(\d{1,2}:\d{2})")
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class PeaksStation:
     """A station with what the file says of it."""
 
@@ -140,9 +140,8 @@ def _take_facts(station: PeaksStation, line: str) -> None:
     if match := _GPS.search(line):
         north = int(match[1]) + float(match[2]) / 60
         east = int(match[4]) + float(match[5]) / 60
-        station.place = position_of(
-            -north if match[3] == "S" else north, -east if match[6] == "W" else east
-        )
+        sides = (-north if match[3] == "S" else north, -east if match[6] == "W" else east)
+        station.place.update(position_of(*sides))
         dilution = _DILUTION.search(line)
         station.noted["position_dop"] = float(dilution[1]) or None if dilution else None
     elif match := _AIR.search(line):

@@ -185,12 +185,12 @@ class _Reader:
         title = short_text(_plain(section, "TestComment"))
         found = Station(title or name.lower().replace("test ", ""))
         place = self._split(_plain(section, "GPSLocation"))
-        found.known |= position_of(*place[:2]) if len(place) >= 2 else {}
+        found.known.update(position_of(*place[:2]) if len(place) >= 2 else {})
         chainage = finite(next(iter(self._split(_plain(section, "TestLocation"))), None))
         if chainage is not None:
             unit = self._get("Units", "TestLocationUnits").split(",")[0].strip().lower()
             found.noted["chainage_m"] = chainage * (1.0 if self._viewer else LENGTHS.get(unit, 1.0))
-        found.noted |= self._temperatures(section)
+        found.noted.update(self._temperatures(section))
         found.noted["time_local"] = self._moment(section)
         found.noted["lane"] = short_text(_plain(section, "TestLane"))
         drops = [(int(match[1]), key) for key in section if (match := _DROP.fullmatch(key))]

@@ -31,7 +31,7 @@ PLATES = (0.02, 1.0)
 plates end at 0.4 m. What is outside was written in another unit."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Station:
     """A test point as it stands in a file."""
 

@@ -10,6 +10,7 @@ that may follow a drop are not read.
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from pfwd_survey.errors import TraceError, quote, refusal
@@ -69,7 +70,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
             stations.append(Station("?"))
             names = []
         elif text.startswith("Position of Drop") and stations:
-            stations[-1].known |= _position(text)
+            stations[-1].known.update(_position(text))
         elif text.startswith("Sequence:") and stations and (match := _TIME.search(text)):
             moment = local_moment(*reversed(date), int(match[1]), int(match[2])) if date else None
             stations[-1].noted["time_local"] = moment
@@ -93,7 +94,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
             elif key.startswith("Date") and (found := _DATE.search(value)):
                 date = [int(part) for part in found.groups()]
             elif key == "Chainage [m]" and stations:
-                stations[-1].name = f"chainage {value}"
+                stations[-1] = replace(stations[-1], name=f"chainage {value}")
                 stations[-1].noted["chainage_m"] = finite(value)
             elif key == "Remarks" and stations:
                 stations[-1].noted["comment"] = short_text(value)
