@@ -7,10 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pfwd_device import Drop
+from pfwd_device.peaks import trace_peaks
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.reading import read_points
+from pfwd_survey.peaks.basin import basin_of
 from tests.fuzz.outside_targets import memory_folder
 from tests.fuzz.targets import cuts, target
+from tests.pfwd_survey.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco
 
 HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3]\n"
 MAP = b"""plate_radius_m = 0.15
@@ -40,6 +44,15 @@ Time Force Disp1 Disp2
 Impact: 0    Number_of_samples: 16
 """
 
+DAT = """Weight/spring: 3
+Operator: A. B.
+1 1   0.000 1 10.05  5.83  4.91 71.3
+Drop Sequence Completed Time: 08:36    Air Temp (F): 71.3
+GPS: Quality : DGPS Fix   Latitude = 34 deg58.140780  N   Longitude = 89 deg49.0   W   PDOP = 0.00
+Note: retest
+"""
+F25, SWECO, DYNATEST, PDDX = (make(places()) for make in (f25, sweco, dynatest, pddx))
+
 
 def _read(
     data: bytes, name: str, *, header: bytes | None = None, map_: bytes | None = None
@@ -65,11 +78,22 @@ def _read(
             assert len(text) < 2000
             return
         for point in points:
-            assert point.setup.plate_radius > 0
+            assert point.setup.plate_radius > 0 or point.setup.is_stiffness_test
             for drop in point.drops:
+                if drop.only_peaks is not None:
+                    _check_peaks(drop)
                 assert np.isfinite(drop.load).all()
                 assert (np.diff(drop.time) > 0).all()
                 assert len({(c.quantity, c.offset) for c in drop.channels}) == len(drop.channels)
+
+
+def _check_peaks(drop: Drop) -> None:
+    """Finite numbers, each sensor once, and what is made of them is finite too."""
+    peaks = trace_peaks(drop)
+    offsets = [offset for offset, _ in peaks.displacements]
+    assert len(set(offsets)) == len(offsets) > 0
+    assert np.isfinite([peaks.load, *offsets, *(peak for _, peak in peaks.displacements)]).all()
+    basin_of(peaks, 0.15, 0.35)
 
 
 def _zip(**members: bytes) -> bytes:
@@ -145,6 +169,58 @@ def delimited_text(data: bytes) -> None:
     cells = [piece[:9].replace(b"\n", b" ") for piece in cuts(data)][:60]
     rows = b"".join(b"%d,%s,2\n" % (n, piece) for n, piece in enumerate(cells))
     _read(rows, "a.txt", map_=MAP)
+
+
+def _lines(data: bytes, head: str) -> bytes:
+    """A right head, then lines of the bytes."""
+    return head.encode() + b"".join(piece.replace(b"\n", b" ") + b"\r\n" for piece in cuts(data))
+
+
+def _changed(data: bytes, whole: str) -> bytes:
+    """A right text with bytes changed where the data say."""
+    text = bytearray(whole.encode())
+    for place, value in zip(data[::2], data[1::2], strict=False):
+        text[(place * 251 + value) % len(text)] = value
+    return bytes(text)
+
+
+def _peaks_text(data: bytes, name: str, whole: str) -> None:
+    _read(data, name)
+    _read(data, name, header=HEADER)
+    _read(_changed(data, whole), name)
+    _read(_lines(data, whole), name, header=HEADER)
+
+
+@target("foreign")
+def f25_file(data: bytes) -> None:
+    """Any bytes as an F25, behind one, and changes of one."""
+    _peaks_text(data, "a.f25", F25)
+
+
+@target("foreign")
+def dynatest_file(data: bytes) -> None:
+    """Any bytes as a Dynatest .fwd, behind one, and changes of one."""
+    _peaks_text(data, "a.fwd", DYNATEST)
+
+
+@target("foreign")
+def sweco_file(data: bytes) -> None:
+    """Any bytes as a Sweco .fwd, behind one, and changes of one."""
+    _peaks_text(b"ROAD SYSTEM" + data, "a.fwd", SWECO)
+
+
+@target("foreign")
+def pddx_file(data: bytes) -> None:
+    """Any bytes as a PDDX, behind one, and changes of one."""
+    _peaks_text(data, "a.pdx", PDDX)
+
+
+@target("foreign")
+def jils_peaks_file(data: bytes) -> None:
+    """Any bytes as a .DAT, and as its lines."""
+    _read(data, "a.dat", header=HEADER)
+    _read(_lines(data, DAT), "a.dat", header=HEADER)
+    _read(_changed(data, DAT), "a.dat", header=HEADER)
 
 
 @target("foreign")

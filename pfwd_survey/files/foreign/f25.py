@@ -8,8 +8,8 @@ than 5000 is a drop: its number, the pressure under the plate (kPa), deflections
 one file of Dynatest's own program and one of a viewer; lines of other numbers are not read.
 """
 
-import csv
 import os
+import re
 from collections.abc import Sequence
 
 from pfwd_survey.errors import TraceError, quote, refusal
@@ -36,6 +36,8 @@ from pfwd_survey.files.traces import TracePoint
 NONE = "N0"
 """What stands where nothing was measured."""
 
+_CELL = re.compile(r'((?:"[^"]*"|[^",]|"(?=[^"]*$))*),')
+
 DROPS_BELOW = 5000
 """Numbers of lines from here on are no drops."""
 
@@ -56,8 +58,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     reader = _Reader(file, request)
     for number, line in lines_of(file):
         if line.strip():
-            (cells,) = csv.reader([line], skipinitialspace=True)
-            reader.take([cell.strip() for cell in cells], number)
+            reader.take(_cells(line), number)
     return reader.points()
 
 
@@ -166,6 +167,11 @@ class _Reader:
         return points_of_stations(
             self._file, self._stations, self._offsets, common, self._request, [remark]
         )
+
+
+def _cells(line: str) -> list[str]:
+    """Fields of a line; a comma between quotation marks separates nothing."""
+    return [cell.replace('"', "").strip() for cell in _CELL.findall(line + ",")]
 
 
 def _text(cells: Sequence[str], index: int) -> str | None:
