@@ -19,6 +19,7 @@ from pfwd_survey.exporting.json_text import without_nan
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.files.columns import DROP, LOAD, TIME, sensor_name
 from pfwd_survey.files.header import PointSetup, declared_values
+from pfwd_survey.files.imported import Kind, kind_of
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import FEWEST_SAMPLES, STEP_TOLERANCE, TracePoint
 from pfwd_survey.inverting.options import OPTION_OF_KEY
@@ -108,6 +109,17 @@ class Drop(Shown):
         peaks = self._peaks()
         return None if peaks is None else peaks.centre
 
+    @property
+    def kind(self) -> Kind:
+        """``traces``; ``peaks``, without time histories; ``stiffness``, on a rig of springs."""
+        return kind_of(self._drop, self.declared)
+
+    @property
+    def peak_displacements(self) -> NDArray[np.float64] | None:
+        """(n_sensors,), m, as `peak_displacement`, of all sensors."""
+        peaks = self._peaks()
+        return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
+
     def _peaks(self) -> Peaks | None:
         return peaks_of(self._drop)
 
@@ -118,10 +130,12 @@ class Drop(Shown):
             "samples missing" if self.peak_load is None else f"peak {self.peak_load / 1e3:.3g} kN"
         )
         places = ", ".join(f"{offset:g}" for offset in self.offsets)
-        length = 1e3 * (drop.time[-1] - drop.time[0])
-        rate = drop.sampling_rate / 1e3
+        length = "no time history"
+        if drop.only_peaks is None:
+            duration = 1e3 * (drop.time[-1] - drop.time[0])
+            length = f"{duration:.3g} ms at {drop.sampling_rate / 1e3:.3g} kHz"
         return (
-            f"Drop({self.number}{where}: {peak}, {length:.3g} ms at {rate:.3g} kHz, "
+            f"Drop({self.number}{where}: {peak}, {length}, "
             f"{count(len(self.offsets), 'sensor')} at {places} m)"
         )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pfwd
 from pfwd_device.recording import check
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.export import export_survey
@@ -169,3 +170,15 @@ def test_results_of_a_jsonl_are_json(peaks: Path, tmp_path: Path) -> None:
     export_survey(peaks, "jsonl", tmp_path / "a.jsonl")
     for line in (tmp_path / "a.jsonl").read_text().splitlines():
         assert json.loads(line)["kind"] == "peaks"
+
+
+def test_scripts_see_what_kind_a_drop_is(peaks: Path, rig: Path) -> None:
+    first = pfwd.read(peaks)[0][0]
+    assert (first.kind, first.time.size) == ("peaks", 0)
+    assert first.peak_load == pytest.approx(70168, abs=1)
+    assert first.peak_displacements is not None
+    assert first.peak_displacements[2] == first.peak_displacement
+    assert "no time history, 11 sensors" in repr(first)
+    assert first.displacement.shape == (11, 0)
+    assert pfwd.read(rig)[0][0].kind == "stiffness"
+    assert pfwd.invert(peaks)[0].reason.startswith("peaks only")
