@@ -49,9 +49,13 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     numbered from 2.
     """
     rows = order.rows
+    # On a rig there is no pavement.
+    on_rig = sum(row.values["kind"] == "stiffness" for row in rows)
+    rows = [row for row in rows if row.values["kind"] != "stiffness"]
     used = [row for row in rows if row.used and row.peaks is not None]
     if not used:
-        raise SurveyError(refusal(order.content.path, "drops with peaks to export", "none"))
+        came = f"{on_rig} on a rig" if on_rig else "none"
+        raise SurveyError(refusal(order.content.path, "drops with peaks to export", came))
     alike: dict[tuple[float, tuple[float, ...]], list[Row]] = {}
     for row in used:
         alike.setdefault(_configuration(order.content.path, row), []).append(row)
@@ -70,6 +74,8 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
                 f"{file}: {len(some)} drops of the plate of {radius:g} m with "
                 f"{len(offsets)} sensor{'s' if len(offsets) > 1 else ''}; a file has one device"
             )
+    if on_rig:
+        notes.append(f"{on_rig} drops on a rig are left out")
     if len(used) < len(rows):
         notes.append(f"{len(rows) - len(used)} discarded or incomplete drops are left out")
     return notes
