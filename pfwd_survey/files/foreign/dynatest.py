@@ -88,8 +88,8 @@ def read(file: str, request: Request) -> list[TracePoint]:
     if declared is not None:
         offsets = _declared(declared.value, count, declared.where)
     elif count != len(offsets):
-        offsets, remark = _placed(stations, offsets, count, f"{name}, line 3")
-        remarks.append(remark)
+        offsets, remark = _placed(stations, offsets, count, where)
+        remarks.append(f"{name}, line 3: {remark}")
     common = {
         "source": "Dynatest .fwd (R80), as a viewer writes it",
         "site": short_text(lines[0][1][14:]),
@@ -152,7 +152,7 @@ def _placed(
     found = [float("nan")] * count
     found[first : first + len(offsets)] = offsets
     return found, (
-        f"{where}: positions of {len(offsets)} sensors, deflections of {count}: the largest was "
+        f"positions of {len(offsets)} sensors, deflections of {count}: the largest was "
         f"taken for the centre, {count - len(offsets)} without a position were left out; "
         f"{OFFSETS} in --header says where all stand"
     )

@@ -117,8 +117,9 @@ def test_columns_of_a_dynatest_file_are_not_guessed(read: Reader) -> None:
     found = places()
     for number, (_, moved) in enumerate(drop for place in found for drop in place.drops):
         moved[number % 4] = 999.0  # type: ignore[index]
-    with pytest.raises(TraceError, match=r"7 deflections.*came 11; declare sensor_offsets_m"):
+    with pytest.raises(TraceError, match=r"came 11; declare sensor_offsets_m") as caught:
         read("a.fwd", dynatest(found))
+    assert "/a.fwd, line 3: expected 7 deflections" in str(caught.value).replace("\\", "/")
 
 
 def test_the_viewers_pddx_is_told_from_a_sound_one(read: Reader) -> None:
