@@ -32,12 +32,12 @@ class Stiffness:
     peak_load_n: float
     peak_displacement_m: float
     secant_n_per_m: float
-    dynamic_n_per_m: float
-    """Over the band."""
+    dynamic_n_per_m: float | None
+    """Over the band; None: there is no time history."""
 
 
 def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
-    """Stiffness that a drop on a rig shows; None without traces of a sensor in the centre.
+    """Stiffness that a drop on a rig shows; None without a sensor in the centre.
 
     Parameters
     ----------
@@ -45,17 +45,23 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
     setup : PointSetup
         Its declared geophone response is taken out.
     """
+    if drop.only_peaks is not None:
+        moved, pressed = drop.only_peaks.centre, drop.only_peaks.load
+        if moved is None or moved <= 0 or pressed <= 0:
+            return None
+        return Stiffness(pressed, moved, pressed / moved, None)
     channel = next((one for one in drop.channels if abs(one.offset) < 1e-3), None)
-    if drop.only_peaks is not None or channel is None:
+    if channel is None:
         return None
     # Some devices store a last sample of 0, which is no measurement.
     time, load = drop.time[:-1], remove_offset(drop.time, drop.load)[:-1]
     velocity = _velocity(channel, drop, setup)[:-1]
-    moved = np.concatenate([[0.0], np.cumsum(np.diff(time) * (velocity[1:] + velocity[:-1]) / 2)])
+    steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
+    path = np.concatenate([[0.0], np.cumsum(steps)])
     top = int(np.argmax(load))
     # The peak that belongs to the load's; a trace that drifts is larger later.
     end = min(load.size, 2 * top - int(np.argmin(np.abs(time))) + 1)
-    peak_load, peak = float(load[top]), float(moved[:end].max())
+    peak_load, peak = float(load[top]), float(path[:end].max())
     if peak_load <= 0 or peak <= 0:
         return None
     frequencies = np.linspace(*BAND, FREQUENCIES)

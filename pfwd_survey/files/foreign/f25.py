@@ -73,13 +73,16 @@ class _Reader:
         self._radius: float | None = None
         self._stations: list[Station] = []
         self._place: dict[str, float] = {}
-        self._remarks: list[str] = []
+        self._strange: list[int] = []
+        """Lines that do not say what they are."""
 
     def take(self, cells: list[str], line: int) -> None:
         """One line."""
         where = f"{self._file}, line {line}"
-        kind = number_of(cells[0], "the number that says what the line is", where)
-        if kind < DROPS_BELOW:
+        kind = finite(cells[0])
+        if kind is None:
+            self._strange.append(line)
+        elif kind < DROPS_BELOW:
             self._drop(cells, line, where)
         elif kind == 5001:
             self._common["device"] = _text(cells, 6)
@@ -163,9 +166,15 @@ class _Reader:
             )
         common = {key: value for key, value in self._common.items() if value}
         name = os.path.basename(self._file)
-        remark = f"{name}: load from the pressure and a plate of radius {self._radius:g} m"
+        remarks = [f"{name}: load from the pressure and a plate of radius {self._radius:g} m"]
+        if self._strange:
+            count = len(self._strange)
+            remarks.append(
+                f"{name}, line {self._strange[0]}: no number at its beginning, it was not read"
+                + (f"; {count - 1} more of that kind" if count > 1 else "")
+            )
         return points_of_stations(
-            self._file, self._stations, self._offsets, common, self._request, [remark]
+            self._file, self._stations, self._offsets, common, self._request, remarks
         )
 
 

@@ -37,7 +37,7 @@ FEWEST_CELLS = 7
 """Of the line of a drop: four numbers, load, a deflection and a temperature."""
 
 _HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
-_DROP = re.compile(r"\s*\d{1,6}\s+\S+\s+-?\d{1,6}\.\d{1,6}\s")
+_DROP = re.compile(r"\s*[\d+.-]\S{0,15}\s+\S{1,16}\s+-?\d{1,6}\.\d{1,6}\s")
 _GPS = re.compile(
     r"GPS:.*?Latitude\s*=\s*(\d{1,2})\s*deg\s*(\d{1,2}(?:\.\d{1,9})?)\s*([NS])"
     r".*?Longitude\s*=\s*(\d{1,3})\s*deg\s*(\d{1,2}(?:\.\d{1,9})?)\s*([EW])"

@@ -96,7 +96,10 @@ def _sections(file: str) -> dict[str, Section]:
     entries = 0
     for number, line in lines_of(file):
         if match := _SECTION.fullmatch(line):
-            section = found.setdefault(match[1].strip(), {})
+            name = match[1].strip()
+            if _LOCATION.match(name) and name in found:
+                name = f"{name} in line {number}"  # another point under the same number
+            section = found.setdefault(name, {})
         elif match := _ENTRY.fullmatch(line):
             entries += 1
             if entries > MOST_ENTRIES:
@@ -140,7 +143,7 @@ class _Reader:
         stations = [
             self._station(name, section, count, per_load, moved)
             for name, section in self._sections.items()
-            if _LOCATION.fullmatch(name)
+            if _LOCATION.match(name)
         ]
         parts = ("DeviceDesignationName", "DeviceModelNumber", "DeviceSerialNumber")
         names = [self._get("Device Information", part) for part in parts]
@@ -183,7 +186,7 @@ class _Reader:
         self, name: str, section: Section, count: int, per_load: float, moved: float
     ) -> Station:
         title = short_text(_plain(section, "TestComment"))
-        found = Station(title or name.lower().replace("test ", ""))
+        found = Station(title or _LOCATION.sub(r"location \1", name.partition(" in line")[0]))
         place = self._split(_plain(section, "GPSLocation"))
         found.known.update(position_of(*place[:2]) if len(place) >= 2 else {})
         chainage = finite(next(iter(self._split(_plain(section, "TestLocation"))), None))

@@ -60,6 +60,8 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
+    # What ended a text under DOS.
+    text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > LONGEST_LINE:
             raise TraceError(refusal(f"{file}, line {number}", "a line of text", "one without end"))

@@ -309,7 +309,14 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:
     """Where database and traces do not say the same rate; who sampled wrote the traces."""
     facts, rate = source.facts, stored.rate
     said, samples = finite(facts.said_rate[0]), stored.drops[0].load.size
-    if source.rate is not None or rate is None or said is None:
+    if source.rate is not None or said is None:
+        return []
+    if rate is None and facts.samples not in (None, samples):
+        return [
+            f"{_short(where)}: {samples} samples, in the database {facts.samples} at {said:g} Hz; "
+            f"the traces say no rate, and that one was taken: declare {RATE} if it is another"
+        ]
+    if rate is None:
         return []
     if abs(rate - said) <= RATE_TOLERANCE * rate:
         return []

@@ -72,8 +72,14 @@ def test_a_drift_after_the_pulse_is_no_peak() -> None:
     assert found.secant_n_per_m == pytest.approx(SPRING, rel=0.1)
 
 
-def test_without_traces_in_the_centre_there_is_none() -> None:
-    assert stiffness_of(Drop.of_peaks(1, Peaks(1e3, ((0.0, 1e-4),))), SETUP) is None
+def test_peaks_alone_have_a_secant() -> None:
+    found = stiffness_of(Drop.of_peaks(1, Peaks(8e3, ((0.0, 4e-4),))), SETUP)
+    assert found is not None
+    assert (found.secant_n_per_m, found.dynamic_n_per_m) == (pytest.approx(2e7), None)
+
+
+def test_without_a_sensor_in_the_centre_there_is_none() -> None:
+    assert stiffness_of(Drop.of_peaks(1, Peaks(1e3, ((0.3, 1e-4),))), SETUP) is None
     time = np.arange(40) / RATE
     outside = Drop(1, time, time, (Channel(0.3, "velocity", time),))
     assert stiffness_of(outside, SETUP) is None

@@ -268,3 +268,18 @@ def test_a_file_cut_anywhere_is_read_in_part_or_refused(read: Reader, name: str)
     for end in np.linspace(3, len(text), 60).astype(int).tolist():
         with contextlib.suppress(TraceError):
             assert read(name, text[:end])
+
+
+def test_what_says_not_what_it_is_is_a_remark(read: Reader) -> None:
+    lines = ALL["a.F25"].split("\r\n")
+    lines.insert(12, "EOJ")
+    (first, second) = read("a.f25", "\r\n".join(lines) + "\x1a")
+    assert any("a.f25, line 13: no number at its beginning" in w for w in first.warnings)
+    assert len(first.drops) == len(second.drops) == 3
+
+
+def test_two_points_of_one_number_are_two(read: Reader) -> None:
+    text = pddx(places()).replace("[Test Location 1]", "[Test Location 0]")
+    points = read("a.pdx", text)
+    assert [point.setup.point for point in points] == ["location 0", "location 0 (2)"]
+    assert [len(point.drops) for point in points] == [3, 3]

@@ -224,3 +224,18 @@ def test_stored_peaks_of_smoothed_channels_are_known(
     assert any("peak load of the raw channels is" in text for text in stored_as(0.9 * load, moved))
     recorded = trace_peaks(plain.drops[0])
     assert stored_as(recorded.load, recorded.displacements[0][1]) == []
+
+
+def test_a_count_that_disagrees_without_a_rate_is_said(
+    read: Callable[..., list[TracePoint]],
+) -> None:
+    database = acquired(DROPS)
+    database["ParamsAcqu"]["NbSamples"] = 600
+    data = member(database, stored(DROPS["1F"], older=True))
+    (point,) = read(data, "a.dynz")
+    said = (
+        "a.dynz, rawdata/1f: 300 samples, in the database 600 at 15000 Hz; the traces say no rate"
+    )
+    assert any(text.startswith(said) for text in remarks(point))
+    (point,) = read(data, "a.dynz", "sampling_rate_hz = 7500.0")
+    assert not any("say no rate" in text for text in remarks(point))
