@@ -250,10 +250,11 @@ def _tables(value: object) -> list[Table]:
 
 
 def _labelled(value: object) -> dict[str, Any]:
-    """A list of label and value as a table."""
+    """A list of label and value as a table; the first of a label counts.
 
-    def pairs() -> Iterator[tuple[str, Any]]:
-        for one in _tables(value):
-            yield str(one.get("label")), one.get("value")
-
-    return dict(pairs())
+    What a viewer makes of a number (corrected for temperature, say) comes behind it.
+    """
+    found: dict[str, Any] = {}
+    for one in _tables(value):
+        found.setdefault(str(one.get("label")), one.get("value"))
+    return found

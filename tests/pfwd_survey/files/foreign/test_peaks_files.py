@@ -234,6 +234,8 @@ def test_a_viewers_project_names_its_sensors(tmp_path: Path) -> None:
     (point,) = report["zones"][0]["base"]["points"]
     values = {"PulseTime": 0.02, "Load": 5e4, "D-300": 1e-4, "D0": 5e-4, "D1200": 3e-5}
     data = [{"label": key, "value": value} for key, value in values.items()]
+    # As the viewer corrects it; what was measured stands before.
+    data.append({"label": "D0", "value": 9e-4})
     point["base"]["drops"] = [{"base": {"data": data}}]
     path = tmp_path / "a.mpvz"
     path.write_bytes(peaks_of_project(database))
