@@ -48,6 +48,9 @@ _BARE = re.compile(
 )
 """A sign of XML that can only be text: the maker's writer does not escape what a user typed."""
 
+MOST_BARE = 10_000
+"""Signs that are not escaped; people type them, a few to a point. Each takes five bytes for one."""
+
 _ENCODING = re.compile(rb"<\?xml[^>]{0,200}encoding")
 
 _ATTRIBUTE = re.compile(rb"=\s*[\"']")
@@ -89,8 +92,8 @@ def mended(data: bytes, where: str) -> tuple[bytes, list[str]]:
             line = data.count(b"\n", 0, err.start) + 1
             remarks.append(f"{where}, line {line}: it is not UTF-8, and was read as Windows-1252")
             data = data.decode("cp1252", errors="replace").encode()
-    bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_CELLS)]
-    if bare:
+    bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_BARE + 1)]
+    if 0 < len(bare) <= MOST_BARE:  # else it is refused as what it is: no XML
         line = data.count(b"\n", 0, bare[0]) + 1
         sign = chr(data[bare[0]])
         more = "" if len(bare) == 1 else f", as at {len(bare) - 1} more places"

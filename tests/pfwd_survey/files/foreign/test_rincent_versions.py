@@ -239,3 +239,16 @@ def test_a_count_that_disagrees_without_a_rate_is_said(
     assert any(text.startswith(said) for text in remarks(point))
     (point,) = read(data, "a.dynz", "sampling_rate_hz = 7500.0")
     assert not any("say no rate" in text for text in remarks(point))
+
+
+@pytest.mark.parametrize(("count", "read_it"), [(10_000, True), (10_001, False)])
+def test_no_end_of_signs_is_mended(
+    read: Callable[..., list[TracePoint]], count: int, read_it: bool
+) -> None:
+    data = dataset({"1": DROPS["1F"]}).decode().replace("a &amp; b", "&" * count)
+    archive = zipped({"database.xml": data.encode()})
+    if read_it:
+        assert len(read(archive, "a.dynz")) == 1
+        return
+    with pytest.raises(TraceError, match="whole XML"):
+        read(archive, "a.dynz")
