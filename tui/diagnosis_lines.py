@@ -3,21 +3,31 @@
 import math
 from typing import TypeGuard
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
+from pfwd_survey.inverting.diagnosis.result import (
+    DiagnosisResult,
+    EffectResult,
+    FittedState,
+    HeldOut,
+)
 from tui.output import clean
 
 _VERDICT = {
     "clean": "CLEAN: the base model leaves only noise",
     "explained": "EXPLAINED: the effects below bring the residual to the noise",
-    "unexplained": "NOT EXPLAINED, the warnings say why: do not take the modulus for corrected",
+    "unexplained": "NOT EXPLAINED: more than noise is left, the warnings say why",
 }
+# A spread with a first digit of this or more is told with that digit alone.
+_LARGE = 3
+# Moduli that differ by less than this part need not both be told.
+_SAME = 0.02
 
 
 def diagnosis_lines(result: DiagnosisResult) -> list[str]:
     """The result of ``pfwd diagnose`` as lines of text, SI made readable."""
     drops = ", ".join(map(str, result.drops or ())) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
-    lines = [f"{clean(result.file)}{device}, drops {drops}"]
+    point = "" if result.point is None else f", point {clean(result.point)}"
+    lines = [f"{clean(result.file)}{point}{device}, drops {drops}"]
     lines.append(f"  {_VERDICT.get(result.verdict or '', clean(result.verdict))}")
     if result.before is not None and result.after is not None:
         lines.append(
@@ -28,24 +38,78 @@ def diagnosis_lines(result: DiagnosisResult) -> list[str]:
         lines.append(f"  after   {_state(result.after)}")
         if result.effects:
             lines += _change(result.before.modulus_pa, result.after.modulus_pa)
+        lines += _advice(result)
     for effect in result.effects or ():
         lines += _effect(effect)
-    held = result.held_out
-    if held is not None:
-        lines.append(
-            f"  predicted from other drops or points: off by {_percent(held.before)} of the "
-            f"peak before, {_percent(held.after)} after"
-        )
+    lines += _held_out(result.held_out)
     lines += [f"  {clean(text)}" for text in result.rejected or ()]
     lines += [f"  warning: {clean(text)}" for text in result.warnings or ()]
     return lines
 
 
+def _advice(result: DiagnosisResult) -> list[str]:
+    """What an engineer may do with the number, in a sentence."""
+    after = result.after
+    if after is None or not _is_finite(after.modulus_pa) or after.modulus_interval_pa is None:
+        return []
+    low, high = after.modulus_interval_pa
+    wide = (high - low) / 1e6
+    between = f"{rounded(low / 1e6, wide)} and {rounded(high / 1e6, wide)} MPa"
+    if result.verdict == "clean":
+        return [f"  Nothing has to be corrected: E lies between {between}."]
+    if result.corrected:
+        text = f"  Use the modulus after, known to lie between {between}"
+    else:
+        text = f"  Do not take the modulus after for corrected: E lies between {between}"
+    if _is_finite(after.stress_pa):
+        text += f", secant at {after.stress_pa / 1e3:.0f} kPa"
+        other = after.modulus_100kpa_pa
+        if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _SAME:
+            text += f" ({rounded(other / 1e6, wide)} MPa at 100 kPa)"
+    return [f"{text}."]
+
+
+def _held_out(held: HeldOut | None) -> list[str]:
+    """How well what was left out is predicted from the rest."""
+    if held is None:
+        return []
+    what = {"drop": "other drops", "sensor": "other sensors", "point": "the device of other points"}
+    lines = [
+        f"  predicted from {what.get(held.mode or '', 'other drops or points')}: off by "
+        f"{_percent(held.before)} of the peak before, {_percent(held.after)} after"
+    ]
+    parts = held.by or ()
+    if len(parts) > 1:
+        each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
+        lines.append(f"    after: {each}")
+    return lines
+
+
+def rounded(value: float, spread: float) -> str:
+    """A number with no more digits than its spread supports.
+
+    Examples
+    --------
+    >>> rounded(45.4137, 8.1), rounded(1.15301, 0.04), rounded(2313.0, 950.0)
+    ('45', '1.15', '2300')
+    """
+    if not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
+        return f"{value:.4g}"
+    # The last digit that is told is a tenth of the spread or more.
+    exponent = math.floor(math.log10(spread))
+    place = exponent if spread >= _LARGE * 10.0**exponent else exponent - 1
+    return f"{round(value, -place):.{max(0, -place)}f}"
+
+
 def _state(state: FittedState) -> str:
-    modulus, deviation = state.modulus_pa, state.modulus_sd_pa
-    text = f"E {modulus / 1e6:.4g} MPa" if _is_finite(modulus) else "no ground"
-    if _is_finite(modulus) and _is_finite(deviation):
-        text += f" ± {deviation / 1e6:.2g}"
+    modulus, interval = state.modulus_pa, state.modulus_interval_pa
+    text = "no ground"
+    if _is_finite(modulus):
+        text = f"E {modulus / 1e6:.3g} MPa"
+        if interval is not None and all(map(math.isfinite, interval)):
+            low, high = (bound / 1e6 for bound in interval)
+            middle, wide = modulus / 1e6, high - low
+            text = f"E {rounded(middle, wide)} MPa ({rounded(low, wide)} to {rounded(high, wide)})"
     over_noise = state.residual_over_noise
     times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
     return (
@@ -66,12 +130,22 @@ def _effect(effect: EffectResult) -> list[str]:
     for parameter in effect.parameters or ():
         unit = "" if parameter.unit == "-" else f" {clean(parameter.unit)}"
         drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
-        sd = f" ± {parameter.sd:.2g}" if _is_finite(parameter.sd) else ""
-        value = f"{parameter.value:.4g}" if _is_finite(parameter.value) else "-"
-        numbers.append(f"{clean(parameter.name).replace('_', ' ')}{drop} {value}{sd}{unit}")
+        name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
+        if not _is_finite(parameter.value):
+            numbers.append(f"{name} -")
+        elif not _is_finite(parameter.sd):
+            given = not _is_finite(effect.probability)
+            numbers.append(f"{name} {parameter.value:.3g}{unit}" if given else f"{name} not fixed")
+        elif parameter.sd == 0.0:
+            numbers.append(f"{name} {parameter.value:.3g}{unit}")
+        else:
+            value = rounded(parameter.value, parameter.sd)
+            numbers.append(f"{name} {value} ± {rounded(parameter.sd, parameter.sd)}{unit}")
     evidence = effect.evidence
     shared = "declared" if effect.scope == "point" else "shared by the device's points"
     strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
+    if _is_finite(effect.probability) and _is_finite(evidence):
+        strength += f", probability {100 * effect.probability:.0f} %"
     lines = [f"  {clean(effect.name)}: {'; '.join(numbers)} [{strength}]"]
     if effect.alternatives:
         lines.append(f"    could as well be {', '.join(map(clean, effect.alternatives))}")

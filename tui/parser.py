@@ -332,6 +332,11 @@ def _add_diagnose(commands: "Commands") -> None:
     diagnose.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
     diagnose.add_argument("--device", metavar="D.toml", help="device effects that are known")
     diagnose.add_argument("--write-device", metavar="D.toml", help="keep the device effects found")
+    diagnose.add_argument(
+        "--leave-out",
+        choices=("drop", "sensor", "point"),
+        help="predict each from the others (points that share a device, else drops)",
+    )
     _add_jobs(diagnose)
     _add_known(diagnose)
     diagnose.add_argument("--elastic", action="store_true", help="a base model without dashpot")

@@ -7,8 +7,11 @@ from inversion.diagnosis.findings import (
     DropCurves,
     FoundEffect,
     FoundParameter,
+    HeldOutPart,
+    LeaveOut,
     ModelState,
     PointDiagnosis,
+    UnknownKey,
 )
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
@@ -18,9 +21,12 @@ __all__ = [
     "DropCurves",
     "FoundEffect",
     "FoundParameter",
+    "HeldOutPart",
+    "LeaveOut",
     "ModelState",
     "PointDiagnosis",
     "PointRecords",
+    "UnknownKey",
     "diagnose_point",
     "fit_device",
     "left_out_error",

@@ -54,16 +54,15 @@ class MotionChannel:
         self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
 
     def read(self, displacement: FloatArray) -> FloatArray:
-        """A displacement (m,) as it would come out: without its offset before the pulse, m."""
+        """Displacements (..., m) as they would come out: without the offset before the pulse, m."""
+        begin, end = self._quiet
+        first, last = (_value_at(self._time, displacement, time) for time in (begin, end))
         if self.ramps:
-            first, last = np.interp(self._quiet, self._time, displacement)
-            slope = (last - first) / (self._quiet[1] - self._quiet[0])
-            still = float(np.interp(0.0, self._time, displacement))
-            ramp: FloatArray = still + slope * self._time
-            return displacement - ramp
-        begin, end = np.interp(self._quiet, self._time, displacement)
-        result: FloatArray = displacement - 0.5 * (begin + end)
-        return result
+            slope = (last - first) / (end - begin)
+            still = _value_at(self._time, displacement, 0.0)
+            result: FloatArray = displacement - (still + slope * self._time)
+            return result
+        return displacement - 0.5 * (first + last)
 
     def whitener(self, part: slice, steady: FloatArray) -> FloatArray:
         """Inverse of the lower Cholesky factor of the covariance of some samples, 1/m.
@@ -80,6 +79,16 @@ class MotionChannel:
         covariance += _JITTER * float(np.trace(covariance)) / size * np.eye(size)
         lower = np.linalg.cholesky(covariance)
         return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
+
+
+def _value_at(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
+    """Rows (..., n) between samples, (..., 1); held at the ends."""
+    right = int(np.clip(np.searchsorted(times, time), 1, times.size - 1))
+    share = (time - times[right - 1]) / (times[right] - times[right - 1])
+    share = min(max(share, 0.0), 1.0)
+    before, after = rows[..., right - 1 : right], rows[..., right : right + 1]
+    found: FloatArray = (1.0 - share) * before + share * after
+    return found
 
 
 def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from inversion.diagnosis.findings import DeviceFindings, DeviceValues, PointDiagnosis
+from inversion.diagnosis.findings import (
+    DeviceFindings,
+    DeviceValues,
+    PointDiagnosis,
+    UnknownKey,
+)
 from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
@@ -38,10 +43,12 @@ def fit_device(
             [*chosen, *(BY_NAME[e.name] for e in diagnosis.effects if e.scope != "device")]
             for diagnosis in found
         ]
-        problem = Problem(made, _union(local), local=local)
+        left = [d.after.residual_over_noise for d in found]
+        weight = max(1.0, float(np.median(left)))
+        problem = Problem(made, _union(local), local=local, prior_weight=weight)
         device = np.array([_known_unit_value(unknown, found) for unknown in problem.device])
         owns = [
-            np.array([_own_unit_value(unknown, diagnosis) for unknown in own])
+            np.array([_own_unit_value(unknown, diagnosis.values) for unknown in own])
             for own, diagnosis in zip(problem.own, found, strict=True)
         ]
         result = fit(problem, device, owns, 12)
@@ -81,14 +88,7 @@ def _known_unit_value(unknown: Unknown, found: Sequence[PointDiagnosis]) -> floa
     )
 
 
-def _own_unit_value(unknown: Unknown, diagnosis: PointDiagnosis) -> float:
-    if unknown.effect is None:
-        return unknown.parameter.unit_value(unknown.parameter.starts[0])
-    for effect in diagnosis.effects:
-        if effect.name != unknown.effect.name:
-            continue
-        number = None if unknown.drop is None else diagnosis.numbers[unknown.drop]
-        for p in effect.parameters:
-            if p.name == unknown.parameter.name and p.drop == number:
-                return unknown.parameter.unit_value(p.value)
-    return unknown.parameter.unit_value(unknown.parameter.starts[0])
+def _own_unit_value(unknown: Unknown, values: Mapping[UnknownKey, float]) -> float:
+    name = "" if unknown.effect is None else unknown.effect.name
+    key = (0, name, unknown.parameter.name, unknown.drop)
+    return unknown.parameter.unit_value(values.get(key, unknown.parameter.starts[0]))

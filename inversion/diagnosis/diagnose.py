@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
 from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
+from inversion.diagnosis.averaging import Averaged, average
+from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import (
     DeviceValues,
     DropCurves,
     FoundEffect,
     FoundParameter,
+    LeaveOut,
     ModelState,
     PointDiagnosis,
+    UnknownKey,
     Verdict,
 )
 from inversion.diagnosis.model import PointRecords
-from inversion.diagnosis.prediction import held_out_errors, predict, residual_over_peak
+from inversion.diagnosis.prediction import (
+    held_out_drops,
+    held_out_sensors,
+    mean_error,
+    predict,
+    residual_over_peak,
+)
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import Candidate, Search
 from inversion.effects.base import Ground
@@ -26,8 +37,15 @@ from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
+# Pa: the stress at which moduli of different drops are compared.
+_REFERENCE_PA = 100e3
 # Times the noise up to which a model is nearly right.
 _NEARLY = 3.0
+# A parameter is not fixed by the records when its deviation is this part of its range, or this part
+# of what nature leaves open anyway.
+_NOT_FIXED, _NO_MORE_THAN_PRIOR = 0.25, 0.8
+# Deviation of a logarithm beyond which nothing is known.
+_UNKNOWN = 3.0
 # A range of moduli so wide is told.
 _WIDE = 1.1
 
@@ -37,6 +55,8 @@ def diagnose_point(
     library: SurrogateLibrary | None = None,
     device: DeviceValues | None = None,
     likely: Collection[str] = (),
+    begun: Sequence[Mapping[UnknownKey, float]] = (),
+    leave_out: LeaveOut = "drop",
 ) -> PointDiagnosis:
     """Which effects the residual of a point asks for, and what they change.
 
@@ -46,6 +66,8 @@ def diagnose_point(
     library : SurrogateLibrary
     device : values of device effects that are known from elsewhere, by effect and parameter
     likely : names of effects that were found before; tried first
+    begun : values from which they may begin, as `PointDiagnosis.values` has them
+    leave_out : what is predicted from the rest; a "point" takes others, and is left to the survey
 
     Raises
     ------
@@ -56,11 +78,13 @@ def diagnose_point(
         point = Point(records, library or SurrogateLibrary())
         base = Search([point], priors=False).base()
         search = Search([point], fixed=device)
-        best = search.run(likely)
-        return _report(point, search, base, best)
+        best = search.run(likely, begun)
+        return _report(point, search, base, best, leave_out)
 
 
-def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> PointDiagnosis:
+def _report(
+    point: Point, search: Search, base: Candidate, best: Candidate, leave_out: LeaveOut
+) -> PointDiagnosis:
     objections = reasons_to_reject(point, best)
     if objections and best.effects and not is_worth_reporting(point, base, best):
         names = " with ".join(effect.name for effect in best.effects)
@@ -76,17 +100,28 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
         for effect in best.effects
     }
+    averaged = None
+    if not any(effect.replaces_ground for effect in best.effects):
+        alike = [candidate for found in others.values() for candidate in found.values()]
+        averaged = average(
+            best,
+            [*search.fitted, *alike],
+            search.independent,
+            partial(_modulus, point),
+            partial(_model_error, point),
+        )
     before = _state(point, base)
     moduli = [
         _modulus(point, candidate) for found in others.values() for candidate in found.values()
     ]
-    after = _state(point, best, moduli)
-    effects = _effects(point, search, best, others)
+    after = _state(point, best, moduli, averaged)
+    effects = _effects(point, search, best, others, averaged)
     helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
     if not objections:
         verdict = "explained" if helped else "clean"
-    held_before, held_after = held_out_errors(point, base, best)
+    held_out = (held_out_sensors if leave_out == "sensor" else held_out_drops)(point, base, best)
+    held_before, held_after = mean_error(held_out)
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
@@ -99,12 +134,15 @@ def _report(point: Point, search: Search, base: Candidate, best: Candidate) -> P
         held_out_after=held_after,
         warnings=(*_warnings(best, effects, verdict, after), *objections),
         curves=_curves(point, base, best),
+        held_out_mode="sensor" if leave_out == "sensor" else "drop",
+        held_out_by=tuple(held_out),
+        values=search.values(best),
     )
 
 
 def _modulus(point: Point, candidate: Candidate) -> float:
-    """Of the ground under the last drop, Pa."""
-    return _ground(point, candidate).modulus
+    """Of the ground under the last drop, secant at its stress, Pa."""
+    return _ground(point, candidate).modulus * _bent(point, candidate, _stress(point))
 
 
 def _ground(point: Point, candidate: Candidate) -> Ground:
@@ -115,34 +153,62 @@ def _ground(point: Point, candidate: Candidate) -> Ground:
     return ground
 
 
-def _state(point: Point, candidate: Candidate, moduli: Sequence[float] = ()) -> ModelState:
+def _stress(point: Point) -> float:
+    """Mean contact pressure at the peak of the last drop, Pa."""
+    last = point.drops[-1].context
+    return last.peak_load / (math.pi * last.plate_radius**2)
+
+
+def _bent(point: Point, candidate: Candidate, stress: float) -> float:
+    """Secant modulus at a stress over that of the ground under the last drop, as it was fitted."""
+    found, last = candidate.fit, len(point.drops) - 1
+    values = found.problem.values(0, found.device, found.own[0], last)
+    context = point.drops[-1].context
+    return math.prod(effect.modulus_at(stress, numbers, context) for effect, numbers in values)
+
+
+def _state(
+    point: Point,
+    candidate: Candidate,
+    moduli: Sequence[float] = (),
+    averaged: Averaged | None = None,
+) -> ModelState:
     left = np.concatenate(
         [
             (predicted - model.observed).ravel()
             for model, predicted in zip(point.drops, predict(candidate), strict=True)
         ]
     )
-    found = candidate.fit
     ground = _ground(point, candidate)
     rig = any(effect.replaces_ground for effect in candidate.effects)
-    model = "half-space" if ground.inverse_depth == 0.0 else "layer"
-    index = len(found.problem.device)
-    relative = math.nan
+    model = "rig" if rig else "half-space" if ground.inverse_depth == 0.0 else "layer"
+    modulus, deviation, interval = math.nan, math.nan, (math.nan, math.nan)
     if not rig:
-        ratio, unit_value = found.problem.own[0][0].parameter, float(found.own[0][0])
-        deviation = ratio.deviation(unit_value, found.deviations()[index])
-        relative = deviation / float(ratio.value(unit_value))
+        modulus = _modulus(point, candidate)
+        if averaged is None:
+            place = len(candidate.fit.problem.device)
+            ratio = candidate.fit.problem.own[0][0].parameter
+            where = float(candidate.fit.own[0][0])
+            spread = ratio.deviation(where, float(candidate.fit.deviations()[place]))
+            relative = min(spread / float(ratio.value(where)), _UNKNOWN)
+            interval = _interval(modulus, relative, _model_error(point, candidate))
+        else:
+            relative = averaged.deviation
+            # Effects that cannot be told apart count in full, however heavy they weigh.
+            low, high = averaged.interval
+            interval = min(low, *moduli, modulus), max(high, *moduli, modulus)
+        deviation = modulus * relative
     return ModelState(
-        model="rig" if rig else model,
-        modulus=math.nan if rig else ground.modulus,
-        modulus_deviation=math.nan if rig else ground.modulus * relative,
-        modulus_interval=_interval(
-            math.nan if rig else ground.modulus, relative, _model_error(point, candidate), moduli
-        ),
+        model=model,
+        modulus=modulus,
+        modulus_deviation=deviation,
+        modulus_interval=interval,
         residual_rms=float(np.sqrt(np.mean(left**2))),
         residual_over_noise=candidate.over_noise,
         residual_rms_over_peak=residual_over_peak(point, candidate),
         contact_residual_rms_over_peak=residual_over_peak(point, candidate, contact_only=True),
+        stress=_stress(point),
+        modulus_100kpa=math.nan if rig else ground.modulus * _bent(point, candidate, _REFERENCE_PA),
     )
 
 
@@ -153,21 +219,22 @@ def _model_error(point: Point, candidate: Candidate) -> float:
     return math.hypot(0.0, *(effect.model_error(numbers) for effect, numbers in values))
 
 
-def _interval(
-    modulus: float, relative: float, model_error: float, others: Sequence[float]
-) -> tuple[float, float]:
-    """95 % of a modulus, Pa, by its relative deviation and the model's relative error, and all
-    that equally good sets of effects give.
-    """
-    noise = math.exp(NORMAL_95 * min(relative, 3.0)) if math.isfinite(relative) else math.inf
-    wide = noise * (1.0 + model_error)
-    return min(modulus / wide, *others, modulus), max(modulus * wide, *others, modulus)
+def _interval(modulus: float, relative: float, model_error: float) -> tuple[float, float]:
+    """95 % of a modulus, Pa, by its relative deviation and the model's relative error."""
+    wide = math.exp(NORMAL_95 * relative) * (1.0 + model_error)
+    return modulus / wide, modulus * wide
 
 
 def _effects(
-    point: Point, search: Search, best: Candidate, others: Mapping[str, Mapping[str, Candidate]]
+    point: Point,
+    search: Search,
+    best: Candidate,
+    others: Mapping[str, Mapping[str, Candidate]],
+    averaged: Averaged | None,
 ) -> tuple[FoundEffect, ...]:
-    deviations = best.fit.deviations()
+    discrepancy = averaged.discrepancy if averaged else Discrepancy.of(best.fit)
+    deviations = np.sqrt(np.maximum(np.diag(discrepancy.covariance), 0.0))
+    probabilities = averaged.probabilities if averaged else {}
     bounds = {id(unknown) for unknown in best.fit.at_bound()}
     found = []
     for effect in best.effects:
@@ -201,6 +268,7 @@ def _effects(
                 parameters=tuple(parameters),
                 evidence=search.without(best, effect).score - best.score,
                 alternatives=tuple(others[effect.name]),
+                probability=probabilities.get(effect.name, 1.0),
             )
         )
     return tuple(sorted(found, key=lambda effect: -effect.evidence))
@@ -211,9 +279,11 @@ def _parameter(
 ) -> FoundParameter:
     p, where = unknown.parameter, float(unit_value)
     number = None if unknown.drop is None else point.records.numbers[unknown.drop]
-    return FoundParameter(
-        p.name, p.unit, float(p.value(where)), p.deviation(where, deviation), number, at_bound
+    told = deviation < _NOT_FIXED and (
+        p.prior is None or deviation * p.from_prior(where)[1] < _NO_MORE_THAN_PRIOR
     )
+    spread = p.deviation(where, deviation) if told else math.nan
+    return FoundParameter(p.name, p.unit, float(p.value(where)), spread, number, at_bound)
 
 
 def _warnings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -9,6 +10,11 @@ from typing import Literal
 from inversion.arrays import FloatArray
 
 Verdict = Literal["clean", "explained", "unexplained"]
+LeaveOut = Literal["drop", "sensor", "point"]
+UnknownKey = tuple[int, str, str, int | None]
+"""Number of the point, effect ("": the ground), parameter, place of the drop (None: all)."""
+# Of the peak: a point of which no more is left may be corrected, though it is not explained.
+NEARLY_EXPLAINED = 0.02
 DeviceValues = dict[str, dict[str, float]]
 
 
@@ -19,7 +25,7 @@ class FoundParameter:
     Parameters
     ----------
     name, unit : str
-    value, deviation : float, SI
+    value, deviation : float, SI; a deviation that is NaN: the records do not fix it
     drop : int or None, number of the drop that it belongs to
     at_bound : bool
     """
@@ -41,6 +47,7 @@ class FoundEffect:
     name, scope, advice : str
     parameters : tuple of FoundParameter, the most telling first
     evidence : float, drop of the information criterion
+    probability : float, share of the sets that fit nearly as well which have it, by their weight
     alternatives : tuple of str, effects that would do in its place
     """
 
@@ -50,6 +57,7 @@ class FoundEffect:
     parameters: tuple[FoundParameter, ...]
     evidence: float
     alternatives: tuple[str, ...]
+    probability: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,11 @@ class ModelState:
     ----------
     model : "half-space" or "layer", or "rig" when there is no ground
     modulus, modulus_deviation : float, Pa; NaN for a rig
-    modulus_interval : (float, float), Pa: 95 %, and all that effects give which would do as well
+    modulus_interval : (float, float), Pa: 95 %, with what is left unexplained, over all sets of
+        effects that fit nearly as well
+    stress : float, Pa, mean contact pressure at the peak of the last drop: the modulus is the
+        secant one there
+    modulus_100kpa : float, Pa, the secant modulus at 100 kPa
     residual_rms : float, m
     residual_over_noise : float
     residual_rms_over_peak, contact_residual_rms_over_peak : float
@@ -74,6 +86,8 @@ class ModelState:
     residual_over_noise: float
     residual_rms_over_peak: float
     contact_residual_rms_over_peak: float
+    stress: float
+    modulus_100kpa: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +114,23 @@ class DropCurves:
     contact_end: float
 
 
+@dataclass(frozen=True)
+class HeldOutPart:
+    """How well a drop, a sensor or the records of a point are predicted that were not fitted.
+
+    Parameters
+    ----------
+    name : str, of the drop, sensor or point
+    before, after : float, residual over peak
+    contact_after : float, the same in the contact phase
+    """
+
+    name: str
+    before: float
+    after: float
+    contact_after: float
+
+
 @dataclass(frozen=True, eq=False)
 class PointDiagnosis:
     """What was found at one point.
@@ -115,6 +146,9 @@ class PointDiagnosis:
     held_out_before, held_out_after : float or None, residual over peak on what was not fitted
     warnings : tuple of str
     curves : tuple of DropCurves
+    held_out_mode : str, what was left out: drop, sensor or point
+    held_out_by : tuple of HeldOutPart
+    values : dict of all unknowns' values, from which a fit of the point may go on
     """
 
     name: str
@@ -128,11 +162,28 @@ class PointDiagnosis:
     held_out_after: float | None
     warnings: tuple[str, ...]
     curves: tuple[DropCurves, ...] = field(repr=False)
+    held_out_mode: LeaveOut = "drop"
+    held_out_by: tuple[HeldOutPart, ...] = ()
+    values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
 
     @property
     def corrected(self) -> bool:
-        """Whether the modulus after may be taken for corrected."""
-        return self.verdict == "explained"
+        """Whether the modulus after may be taken for corrected.
+
+        The point is explained, or to at most `NEARLY_EXPLAINED` of the peak; its modulus is known
+        better than it moved; and drops that were held out are predicted better than before.
+        """
+        if not self.effects or not math.isfinite(self.after.modulus):
+            return False
+        near = self.after.residual_rms_over_peak <= NEARLY_EXPLAINED
+        low, high = self.after.modulus_interval
+        moved = abs(self.after.modulus - self.before.modulus)
+        worse = (
+            self.held_out_before is not None
+            and self.held_out_after is not None
+            and self.held_out_after >= self.held_out_before
+        )
+        return (self.verdict == "explained" or near) and high - low < moved and not worse
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import DeviceValues, PointDiagnosis
+from inversion.diagnosis.findings import DeviceValues, HeldOutPart, PointDiagnosis
 from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem
@@ -34,23 +34,60 @@ def residual_over_peak(point: Point, candidate: Candidate, *, contact_only: bool
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def held_out_errors(
-    point: Point, base: Candidate, best: Candidate
-) -> tuple[float | None, float | None]:
-    """Residual over peak of each drop, predicted from the others; None with a single drop."""
+def held_out_drops(point: Point, base: Candidate, best: Candidate) -> list[HeldOutPart]:
+    """Each drop, predicted from the others; none with a single drop."""
     count = len(point.drops)
     if count < 2:
+        return []
+    found = []
+    for left_out, number in enumerate(point.records.numbers):
+        before, _ = _predict_left_out(base, left_out)
+        after, contact = _predict_left_out(best, left_out)
+        found.append(HeldOutPart(f"drop {number}", before, after, contact))
+    return found
+
+
+def held_out_sensors(point: Point, base: Candidate, best: Candidate) -> list[HeldOutPart]:
+    """Each sensor over its own peak, predicted from the others; none with a single sensor."""
+    positions = point.drops[0].drop.positions
+    if positions.size < 2:
+        return []
+    found = []
+    for sensor, position in enumerate(positions):
+        before, _ = _predict_silent(base, sensor)
+        after, contact = _predict_silent(best, sensor)
+        found.append(HeldOutPart(f"sensor at {position:g} m", before, after, contact))
+    return found
+
+
+def mean_error(parts: Sequence[HeldOutPart]) -> tuple[float | None, float | None]:
+    """Root mean squares of the errors before and after; None without any."""
+    if not parts:
         return None, None
-    errors: dict[str, list[float]] = {"before": [], "after": []}
-    for left_out in range(count):
-        for name, candidate in (("before", base), ("after", best)):
-            errors[name].append(_predict_left_out(candidate, left_out))
-    before, after = (float(np.sqrt(np.mean(np.square(e)))) for e in errors.values())
-    return before, after
+    squares = np.square([(part.before, part.after) for part in parts])
+    before, after = np.sqrt(np.mean(squares, axis=0))
+    return float(before), float(after)
 
 
-def _predict_left_out(candidate: Candidate, left_out: int) -> float:
-    """Error of a drop on the ground that the others gave.
+def _predict_silent(candidate: Candidate, sensor: int) -> tuple[float, float]:
+    """Errors of a sensor, whole record and contact, on the ground that the others gave."""
+    problem = candidate.fit.problem
+    others = _without(problem, (), (sensor,))
+    found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
+    predicted = problem.predict(0, found.device, found.own[0])
+    errors = [
+        [
+            model.residual_over_peak(record, contact_only=contact, sensors=(sensor,))
+            for model, record in zip(problem.points[0].drops, predicted, strict=True)
+        ]
+        for contact in (False, True)
+    ]
+    whole, contact = np.sqrt(np.mean(np.square(errors), axis=1))
+    return float(whole), float(contact)
+
+
+def _predict_left_out(candidate: Candidate, left_out: int) -> tuple[float, float]:
+    """Errors of a drop, whole record and contact, on the ground that the others gave.
 
     What belongs to a single drop (how it sat, what it left behind) cannot be known from others:
     that alone is taken from the drop itself.
@@ -68,20 +105,33 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> float:
             own[free] = unit_values
             return np.nan_to_num(alone.residual(0, device, own), nan=1e6, posinf=1e6, neginf=-1e6)
 
+        def jacobian(unit_values: FloatArray) -> FloatArray:
+            there = residual(unit_values)
+            slopes = alone.jacobian(0, device, own, there)[:, device.size :][:, free]
+            return np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
+
         start = np.clip(candidate.fit.own[0][free], 2e-3, 1.0 - 2e-3)
-        solved = least_squares(residual, start, bounds=(0.0, 1.0), max_nfev=_STEPS_OF_HELD_OUT)
+        solved = least_squares(
+            residual, start, jacobian, bounds=(0.0, 1.0), max_nfev=_STEPS_OF_HELD_OUT
+        )
         own[free] = solved.x
     predicted = problem.predict(0, device, own)[left_out]
-    return problem.points[0].drops[left_out].residual_over_peak(predicted, contact_only=False)
+    model = problem.points[0].drops[left_out]
+    return (
+        model.residual_over_peak(predicted, contact_only=False),
+        model.residual_over_peak(predicted, contact_only=True),
+    )
 
 
-def _without(problem: Problem, drops: Collection[int]) -> Problem:
+def _without(problem: Problem, drops: Collection[int], sensors: Collection[int] = ()) -> Problem:
     return Problem(
         problem.points,
         problem.effects,
         problem.fixed,
         scope=problem.scope,
         left_out={(0, drop) for drop in drops},
+        prior_weight=problem.prior_weight,
+        silent=sensors,
     )
 
 
@@ -90,8 +140,8 @@ def left_out_error(
     found: PointDiagnosis,
     device: DeviceValues,
     library: SurrogateLibrary | None = None,
-) -> float:
-    """Residual over peak of a point whose ground is fitted, with device effects from elsewhere.
+) -> HeldOutPart:
+    """A point whose ground is fitted, with device effects from elsewhere.
 
     Parameters
     ----------
@@ -104,4 +154,10 @@ def left_out_error(
         point = Point(records, library or SurrogateLibrary())
         search = Search([point], fixed=device)
         names = [effect.name for effect in found.effects if effect.name not in device]
-        return residual_over_peak(point, search.named(names))
+        after = search.named(names, found.values)
+        return HeldOutPart(
+            records.name,
+            found.before.residual_rms_over_peak,
+            residual_over_peak(point, after),
+            residual_over_peak(point, after, contact_only=True),
+        )

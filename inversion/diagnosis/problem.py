@@ -66,11 +66,6 @@ class Unknown:
     effect: Effect | None = None
     drop: int | None = None
 
-    @property
-    def moves_ground(self) -> bool:
-        """Whether it changes the parameters of the ground."""
-        return self.effect is None or type(self.effect).ground is not Effect.ground
-
 
 class Point:
     """A test point: its drops' models and the unknowns of its own.
@@ -203,6 +198,7 @@ class Problem:
     left_out : set of (point, drop), which count for nothing
     prior_weight : float, weighted residual that one standard deviation from a prior counts as; 0:
         priors do not count
+    silent : places of sensors that count for nothing
     """
 
     def __init__(
@@ -215,6 +211,7 @@ class Problem:
         local: Sequence[Sequence[Effect]] | None = None,
         left_out: Collection[tuple[int, int]] = (),
         prior_weight: float = 0.0,
+        silent: Collection[int] = (),
     ) -> None:
         self.prior_weight = prior_weight
         self.points = tuple(points)
@@ -222,6 +219,7 @@ class Problem:
         self.fixed = fixed or {}
         self.scope = scope
         self.left_out = frozenset(left_out)
+        self.silent = frozenset(silent)
         self.device = [
             Unknown(p, effect)
             for effect in effects
@@ -314,7 +312,8 @@ class Problem:
         if (index, number) in self.left_out:
             return np.empty(0)
         predicted = self.predict_drop(index, device, own, number)
-        return self.points[index].drops[number].weighted_residual(predicted, self.scope)
+        model = self.points[index].drops[number]
+        return model.weighted_residual(predicted, self.scope, self.silent)
 
     @property
     def independent(self) -> float:
@@ -344,50 +343,39 @@ class Problem:
 
         By differences; a unit_value that belongs to one drop moves that drop alone.
         """
-        count = len(self.points[index].drops)
-        self._prime(index, device, own)
-        rows = np.cumsum([0, *self._sizes(index)])
-        parts = np.split(there[: rows[-1]], rows[1:-1])
+        point = self.points[index]
+        rows = np.cumsum([0, *self.sizes(index)])
         result = np.zeros((there.size, device.size + own.size))
-        for column in range(device.size + own.size):
-            is_own = column >= device.size
-            unknown = self.own[index][column - device.size] if is_own else self.device[column]
-            moved_device, moved_own = device.copy(), own.copy()
-            moved = moved_own if is_own else moved_device
-            unit_value = column - device.size if is_own else column
-            step = _difference(moved[unit_value])
-            moved[unit_value] += step
-            for number in range(count) if unknown.drop is None else (unknown.drop,):
-                changed = self.residual_drop(index, moved_device, moved_own, number)
-                part = slice(rows[number], rows[number + 1])
-                result[part, column] = (changed - parts[number]) / step
+        unknowns = [*self.device, *self.own[index]]
+        here = np.concatenate([device, own])
+        for number, model in enumerate(point.drops):
+            if (index, number) in self.left_out:
+                continue
+            columns = [i for i, unknown in enumerate(unknowns) if unknown.drop in (None, number)]
+            steps = np.array([_difference(here[column]) for column in columns])
+            moved = []
+            for column, step in zip(columns, steps, strict=True):
+                unit_values = here.copy()
+                unit_values[column] += step
+                moved.append(self._there(index, unit_values, number))
+            predicted = model.predict_nearby(*self._there(index, here, number), moved)
+            self.solves += len(columns)
+            changed = model.weighted_residuals(predicted, self.scope, self.silent)
+            part = slice(rows[number], rows[number + 1])
+            result[part, columns] = ((changed - there[part]) / steps[:, None]).T
         slopes = self._from_priors(index, device, own)[1]
         result[rows[-1] :][np.diag_indices(slopes.size)] = slopes
         return result
 
-    def _prime(self, index: int, device: FloatArray, own: FloatArray) -> None:
-        """Have the responses of all grounds ready that the differences will ask for."""
-        point = self.points[index]
-        for number, model in enumerate(point.drops):
-            if (index, number) in self.left_out:
-                continue
-            moved = []
-            for column in range(device.size + own.size):
-                is_own = column >= device.size
-                unknown = self.own[index][column - device.size] if is_own else self.device[column]
-                if unknown.drop not in (None, number) or not unknown.moves_ground:
-                    continue
-                moved_device, moved_own = device.copy(), own.copy()
-                part, place = (
-                    (moved_own, column - device.size) if is_own else (moved_device, column)
-                )
-                part[place] += _difference(part[place])
-                values = self.values(index, moved_device, moved_own, number)
-                moved.append((point.ground(self.own[index], moved_own), values))
-            here = point.ground(self.own[index], own)
-            model.prime(here, self.values(index, device, own, number), moved)
+    def _there(
+        self, index: int, unit_values: FloatArray, number: int
+    ) -> tuple[Ground, list[tuple[Effect, dict[str, float]]]]:
+        """The ground and the effects of a drop at unit values of the device and the point."""
+        device, own = np.split(unit_values, [len(self.device)])
+        ground = self.points[index].ground(self.own[index], own)
+        return ground, self.values(index, device, own, number)
 
-    def _sizes(self, index: int) -> list[int]:
+    def sizes(self, index: int) -> list[int]:
         """Number of residuals of each drop of a point."""
         sizes = []
         for number, model in enumerate(self.points[index].drops):

@@ -1,9 +1,13 @@
-"""Which effects does the residual ask for? Singles, pairs and triples, chosen by evidence.
+"""Which effects does the residual ask for? All at once, then without those not asked for.
 
 Evidence is the Bayesian information criterion with a variance that is never taken for smaller than
 the noise's: :math:`N \\ln \\max(\\chi^2 / n, f) + k \\ln N`, N the number of independent samples,
-Schwarz (1978), Ann. Statist. 6(2), 461-464. Effects can hide behind each other, so that pairs are
-offered whether or not one of the two helps alone.
+Schwarz (1978), Ann. Statist. 6(2), 461-464.
+
+Effects can hide behind each other, so that growing a set one by one misses what helps only
+together.  Where no single effect explains the residual, all that the record could show are fitted
+at once, from several starts, held to what nature gives by their priors; then the effects that are
+worth the least are taken away one after another, as long as the evidence allows it.
 """
 
 from __future__ import annotations
@@ -16,7 +20,9 @@ from functools import cached_property
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.findings import UnknownKey
 from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.linear_gain import Tangent
 from inversion.diagnosis.model import WHOLE, FitScope
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
@@ -37,22 +43,35 @@ EXPLAINED = 1.5
 NOISE = 1.2
 # A weighted residual of so many times what noise leaves asks for no more effects.
 ENOUGH = 1.15
-_PAIRS_REFINED = 6
-_BEAM = 2
-_MOST_EFFECTS = 4
-# A set that the records tell of is built on when it leaves no more than this of the residual, and
-# up to so many effects, which several sensors and drops can tell.
-_LEADS, _MOST_EXTENDED = 0.7, 7
 _QUICK = 5
-# Forward solves of a drop after which no larger sets are begun: a few seconds. Nonlinear ground
-# takes so many more.
-_MOST_SOLVES, _NONLINEAR_SHARE = 50_000, 5
-_JOINT_SET_QUICK = 12
+# Effects that are fitted alone, of those that could take most of the residual to first order, and
+# the starts that each of them is fitted from.
+_SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 2, 5, 3
+# Of the full set: how many starts are kept after how many iterations each, and how heavily priors
+# weigh then, over what is left (first of the base model, then of the best start).
+_HALVING = ((24, 2), (8, 3), (6, 5))
+# After the step that keeps so many, effects of single drops begin anew, in so many of them, where
+# that could take most of what is left: in what order they came made no difference until then.
+_RESEEDED, _RESEEDS = 8, 3
+_FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
+# Ends of the full set that are followed, if they leave no more than so much more than the best,
+# and the distance in a unit value from which on two are not the same.
+_ENDS, _NEAR_END, _SAME_END = 2, 1.4, 0.03
+# A rig is tried with all that may be beside it when alone it leaves no more than this of the base's
+# cost: ground that is none may look as bad as ground.
+_RIG_LEADS = 1.1
+# So many of the effects that are worth the least are tried to be taken away, with so many
+# iterations.
+_WEAKEST, _SHRINK_ITERATIONS = 2, 12
+# Effects beside a set that are fitted, of those that could take most of what it leaves.
+_GROWN = 2
 # So many starts are followed to the end.
 _REFINED = 2
-# What is so much worse after a few steps will not catch up.
-_HOPELESS = 60.0
-_SHORTLIST = 6
+# What is so much worse after a few steps, and leaves more than so many times the noise, will not
+# catch up.
+_HOPELESS, _NEARLY = 60.0, 2.0
+# Others that are fitted in the place of an effect, and told.
+_OTHERS_FITTED, _OTHERS_TOLD = 4, 2
 # A set is expected to leave this part of what the best smaller one left; a fit is repeated when
 # the priors should have weighed so many times more or less.
 _EXPECTED, _SAME_WEIGHT = 0.3, 2.0
@@ -67,11 +86,13 @@ class Candidate:
     effects : tuple of Effect, in the order of the catalogue
     fit : Fit
     score : float, information criterion; smaller is better
+    refined : bool, whether the fit went on to its end
     """
 
     effects: tuple[Effect, ...]
     fit: Fit
     score: float
+    refined: bool = True
 
     @property
     def names(self) -> frozenset[str]:
@@ -126,8 +147,11 @@ class Search:
         )
         self._in_order = tuple(dict.fromkeys((*CATALOGUE, *catalogue)))
         self._given = tuple(effect for effect in self._in_order if effect.name in self.fixed)
-        self._joint_sets = _joint_sets((*self.catalogue, *self._given))
         self._known: dict[frozenset[str], Candidate] = {}
+        self._taken_away: dict[tuple[int, str], tuple[Candidate, Candidate]] = {}
+        self._ranked: tuple[Effect, ...] = self.catalogue
+        self.fitted: list[Candidate] = []
+        """All sets whose fits went on to their end, other ends of the same set among them."""
         self.solves = 0
         self._contact: dict[Key, float] | None = None
         self.independent = Problem(self.points, (), self.fixed, scope=scope).independent
@@ -141,22 +165,51 @@ class Search:
         ordered = self._ordered(effects)
         names = frozenset(effect.name for effect in ordered)
         known = self._known.get(names)
-        if known is not None and iterations <= 30 and known.fit is not None:
+        if known is not None and iterations <= 30 and (known.refined or iterations <= _QUICK):
             return known
+        if known is not None and iterations <= 30:
+            return self._fit(ordered, iterations, [_values_start(known)])
         return self._fit(ordered, iterations)
 
-    def named(self, names: Collection[str]) -> Candidate:
-        """The best fit of the effects of these names, whatever they are worth."""
+    def named(self, names: Collection[str], begun: Mapping[Key, float] | None = None) -> Candidate:
+        """The best fit of the effects of these names, whatever they are worth.
+
+        Parameters
+        ----------
+        begun : values to begin at, as another fit of the point found them
+        """
         self.base()
-        chosen = tuple(effect for effect in self.catalogue if effect.name in names)
+        chosen = self._beside((), (e for e in self.catalogue if e.name in names))
+        if begun:
+            start = _start_of_full(self._problem(chosen), begun, {})
+            return self._fit(chosen, 60, [start])
         return self._fit(chosen, 60) if chosen else self.base()
 
-    def _fit(self, ordered: tuple[Effect, ...], iterations: int) -> Candidate:
+    def values(self, candidate: Candidate) -> dict[Key, float]:
+        """Of all its unknowns."""
+        return _values_of(candidate.fit)
+
+    def _fit(
+        self,
+        ordered: tuple[Effect, ...],
+        iterations: int,
+        starts: Sequence[Start] | None = None,
+        weight: float | None = None,
+    ) -> Candidate:
+        """The best of the fits from some starts.
+
+        Parameters
+        ----------
+        starts : unit values; None: from smaller sets, see `_starts`
+        weight : float or None, of the priors, where what is left is known already
+        """
         names = frozenset(effect.name for effect in ordered)
-        active = self._ordered((*ordered, *self._given))
-        problem = Problem(self.points, active, self.fixed, scope=self.scope)
-        starts = self._starts(problem, names)
-        if self.priors:
+        problem = self._problem(ordered)
+        if starts is None:
+            starts = self._starts(problem, names)
+        if self.priors and weight is not None:
+            problem.prior_weight = max(1.0, weight)
+        elif self.priors:
             # Priors weigh against what is left; at first that is what a smaller set left, at most.
             problem.prior_weight = max(1.0, _EXPECTED * self._least_excess(names))
         if len(starts) > _REFINED and iterations > _QUICK:
@@ -165,13 +218,24 @@ class Search:
             starts = [(attempt.device, list(attempt.own)) for attempt in tried[:_REFINED]]
         fits = [fit(problem, device, own, iterations) for device, own in starts]
         best = min(fits, key=lambda attempt: attempt.cost)
-        if self.priors and iterations > _QUICK:
-            weight = max(1.0, best.excess)
-            if not 1.0 / _SAME_WEIGHT < weight / problem.prior_weight < _SAME_WEIGHT:
-                problem.prior_weight = weight
+        if self.priors and iterations > _QUICK and weight is None:
+            heavy = max(1.0, best.excess)
+            if not 1.0 / _SAME_WEIGHT < heavy / problem.prior_weight < _SAME_WEIGHT:
+                problem.prior_weight = heavy
                 best = fit(problem, best.device, list(best.own), iterations)
-        self.solves += problem.solves
-        return self._keep(Candidate(ordered, best, self._score(best)))
+        return self._made(ordered, best, iterations > _QUICK)
+
+    def _problem(self, effects: Iterable[Effect]) -> Problem:
+        """With the effects that are given among the others."""
+        active = self._ordered((*effects, *self._given))
+        return Problem(self.points, active, self.fixed, scope=self.scope)
+
+    def _made(self, ordered: tuple[Effect, ...], found: Fit, refined: bool) -> Candidate:
+        self.solves += found.problem.solves
+        candidate = Candidate(ordered, found, self._score(found), refined)
+        if refined:
+            self.fitted.append(candidate)
+        return self._keep(candidate)
 
     def _least_excess(self, names: frozenset[str]) -> float:
         """Of the sets within one that are known; 1 where none is."""
@@ -213,8 +277,6 @@ class Search:
         if len(names) == 1:
             # What comes after the pulse may have spoilt the ground of the base model.
             starts += [_start(problem, self._ground_of_contact(), i) for i in range(many)]
-        if len(names) > 1 and any(joint <= names | set(self.fixed) for joint in self._joint_sets):
-            starts = [starts[0], *self._joint_starts(problem, names)]
         told = self._told_by_records(problem, names | set(self.fixed))
         if told:
             # A look at the records tells better than any number of guesses.
@@ -232,29 +294,6 @@ class Search:
                 found |= {key: v for key, v in _of(problem, values).items() if key[0] == index}
         return found
 
-    def _joint_starts(
-        self, problem: Problem, names: frozenset[str]
-    ) -> list[tuple[FloatArray, list[FloatArray]]]:
-        """From the values that the effects of a joint set give for it.
-
-        What takes the place of the ground begins where it fits best alone.
-        """
-        drop = self.points[0].drops[0].context
-        alone = self._known.get(
-            frozenset(e.name for e in problem.effects if e.replaces_ground and e.name in names)
-        )
-        known = _values_of(alone.fit) if alone is not None and alone.effects else {}
-        offered = {effect.name: effect.joint_starts_for(drop) for effect in problem.effects}
-        found = []
-        for number in range(max(map(len, offered.values()))):
-            values = {
-                (name, parameter): value
-                for name, starts in offered.items()
-                for parameter, value in (starts[number].items() if number < len(starts) else ())
-            }
-            found.append(_start(problem, known | _of(problem, values), 0))
-        return found
-
     def _ground_of_contact(self) -> dict[Key, float]:
         """The base model's ground when the contact phase alone counts."""
         if self._contact is None:
@@ -265,39 +304,97 @@ class Search:
             self._contact = _values_of(min(found, key=lambda attempt: attempt.cost))
         return self._contact
 
-    def run(self, likely: Collection[str] = ()) -> Candidate:
+    def run(
+        self, likely: Collection[str] = (), begun: Sequence[Mapping[Key, float]] = ()
+    ) -> Candidate:
         """The best set of effects; the base model when nothing is worth its parameters.
 
         Parameters
         ----------
         likely : names of effects that are tried first, and taken when they explain all
+        begun : values from which these may begin, as other fits of the point or of others of the
+            same survey found them: then nothing else is looked for but what helps beside them
         """
         base = self.base()
         if base.over_noise <= NOISE:
             return base
-        expected = tuple(effect for effect in self.catalogue if effect.name in likely)
+        expected = self._beside((), (e for e in self.catalogue if e.name in likely))
+        if expected and begun:
+            problem = self._problem(self._ordered(expected))
+            starts = [_start_of_full(problem, values, {}) for values in begun]
+            fitted = self._fit(self._ordered(expected), _FULL_ITERATIONS, starts)
+            return self._shrink(self._grown(self._better(base, [self._shrink(fitted)])))
         if expected:
             first = self._better(base, [self._fit(expected, 40)])
-            if first is not base and (first.fit.excess <= ENOUGH or len(expected) > 2):
+            if first is not base and first.fit.excess <= ENOUGH:
                 return self._shrink(first)
-        singles = [self.candidate((effect,)) for effect in self.catalogue]
-        best = self._better(base, singles)
-        if best.fit.excess > ENOUGH:
-            led = self._better(best, self._led_by_records())
-            if led is not best and led.over_noise <= _LEADS * base.over_noise:
-                return self._shrink(self._extended(led))
-        if best.fit.excess > ENOUGH:
-            best = self._pairs(best)
-        if best.fit.excess > ENOUGH:
-            best = self._better(best, self._jointly(best))
-        level = 2
-        while level < _MOST_EFFECTS and best.fit.excess > ENOUGH and not self._spent:
-            grown = self._better(best, self._grow(level))
-            level += 1
-            if grown is best and level > len(best.effects):
-                break
-            best = grown
-        return self._shrink(best)
+        best = self._better(base, self._singles(base))
+        if _asks_for_more(best):
+            best = self._better(best, self._led_by_records())
+        if _asks_for_more(best):
+            best = self._better(best, map(self._shrink, self._full_sets(best)))
+        return self._shrink(self._grown(best))
+
+    def _singles(self, base: Candidate) -> list[Candidate]:
+        """Fits of the effects that could take most of the residual, alone."""
+        grounds = [_values_of(base.fit), self._ground_of_contact()]
+        promising = self._promising(base, self.catalogue, grounds)
+        self._ranked = tuple(effect for effect, _ in promising)
+        quick = [
+            (self._fit((effect,), _SINGLE_QUICK, starts[:_SINGLE_STARTS]), starts)
+            for effect, starts in promising[:_SINGLES]
+        ]
+        quick.sort(key=lambda item: item[0].score)
+        return [
+            self._fit(single.effects, 30, [_values_start(single), *starts[_SINGLE_STARTS:][:1]])
+            for single, starts in quick[:_SINGLES_REFINED]
+        ]
+
+    def _promising(
+        self,
+        beside: Candidate,
+        effects: Iterable[Effect],
+        grounds: Sequence[Mapping[Key, float]],
+    ) -> list[tuple[Effect, list[Start]]]:
+        """Effects that could stand beside a set, the most promising first, each with its starts.
+
+        Parameters
+        ----------
+        grounds : values of the set's unknowns from which an effect is looked at
+        """
+        smaller = self._problem(beside.effects)
+        tangents = []
+        for values in grounds:
+            device, own = _start(smaller, values, 0)
+            tangents.append((values, Tangent.of(_at(smaller, device, own))))
+        looked: list[tuple[float, int, Effect, list[Start]]] = []
+        for effect in effects:
+            if not self._fits(effect, beside.effects):
+                continue
+            ordered = self._ordered((*beside.effects, effect))
+            problem = self._problem(ordered)
+            own_size = problem.size - smaller.size
+            many = max((len(u.parameter.starts) for u in _of_effect(problem, effect)), default=1)
+            tried: list[tuple[float, int, Start]] = []
+            by_drop = effect.scope == "drop"
+            for values, tangent in tangents:
+                told = self._told_by_records(problem, {e.name for e in problem.effects})
+                ends = []
+                for choice in range(1 if told else many):
+                    start = _start(problem, {**values, **told}, choice)
+                    left = tangent.left(problem, start[0], start[1][0], by_drop)
+                    ends.append((left, start))
+                    tried.append((float(left.sum()), len(tried), start))
+                if by_drop and len(ends) > 1:
+                    least = min(item[0] for item in tried)
+                    tried.append((least, -1, _best_of_drops(problem, effect, ends)))
+            tried.sort(key=lambda item: item[:2])
+            excess = max(tried[0][0] / self.independent, _FLOOR)
+            score = self.independent * float(np.log(excess))
+            score += own_size * float(np.log(self.independent))
+            looked.append((score, len(looked), effect, [start for _, _, start in tried]))
+        looked.sort(key=lambda item: item[:2])
+        return [(effect, starts) for _, _, effect, starts in looked]
 
     def _led_by_records(self) -> list[Candidate]:
         """Sets of effects for which the records themselves tell where a fit begins.
@@ -312,41 +409,95 @@ class Search:
             if names <= offered
         ]
 
-    def _extended(self, best: Candidate) -> Candidate:
-        """A set with one effect more at a time, as long as that is worth it."""
-        while best.fit.excess > ENOUGH and len(best.effects) < _MOST_EXTENDED and not self._spent:
-            larger = [
-                (*best.effects, effect)
-                for effect in self.catalogue
-                if effect not in best.effects and _compatible((*best.effects, effect))
-            ]
-            quick = [self._fit(self._ordered(effects), _QUICK) for effects in larger]
-            chosen = sorted(quick, key=lambda c: c.score)[:_BEAM]
-            grown = self._better(best, [self._fit(c.effects, 30) for c in chosen])
-            if grown is best:
-                break
-            best = grown
-        return best
-
-    @property
-    def _spent(self) -> bool:
-        """Whether so much was computed that a user would have to wait."""
-        models = [model for point in self.points for model in point.drops]
-        nonlinear = sum(model.nonlinear_solves for model in models)
-        return self.solves + _NONLINEAR_SHARE * nonlinear > _MOST_SOLVES * len(models)
-
-    def _jointly(self, best: Candidate) -> list[Candidate]:
-        """Sets that only help together."""
+    def _full_sets(self, best: Candidate) -> list[Candidate]:
+        """All effects at once: on ground, beside what the records told, and on a rig."""
+        # Of two that exclude each other the one that promises more.
+        common = [effect for effect in self._ranked if effect.in_full_set]
         found = []
-        offered = {effect.name for effect in self.catalogue} | set(self.fixed)
-        for names in self._joint_sets:
-            if not names <= offered or self._spent:
+        led = best if any(effect.ground_is_below for effect in best.effects) else None
+        if led is not None:
+            chosen = self._ordered((*led.effects, *self._beside(led.effects, common)))
+            found += self._full(chosen, _values_of(led.fit))
+        else:
+            chosen = self._ordered(self._beside((), common))
+            found += self._full(chosen, self._ground_of_contact())
+        for effect in self.catalogue:
+            if not effect.replaces_ground:
                 continue
-            chosen = tuple(e for e in self.catalogue if e.name in names or e.in_every_joint_set)
-            quick = self._fit(chosen, _JOINT_SET_QUICK)
-            if self._misfit(quick.fit) < self._misfit(best.fit) + _HOPELESS:
-                found.append(self._fit(chosen, 40))
+            alone = self.candidate((effect,))
+            if alone.fit.cost < _RIG_LEADS * self.base().fit.cost:
+                chosen = self._ordered((effect, *self._beside((effect,), common)))
+                found += self._full(chosen, _values_of(alone.fit))
         return found
+
+    def _full(self, effects: tuple[Effect, ...], known: Mapping[Key, float]) -> list[Candidate]:
+        """A large set from many starts, of which the worse are given up early; the best ends.
+
+        Where two ends fit nearly as well, both are followed: ground, rock and instrument may share
+        a residual in more than one way, which the modulus has to tell.
+
+        Parameters
+        ----------
+        known : values of the ground, and of effects that are known to be there
+        """
+        problem = self._problem(effects)
+        starts = [
+            _start_of_full(problem, known, there) for there in self._presences(problem, known)
+        ]
+        weight = _FIRST_WEIGHT * self.base().fit.excess
+        for kept, iterations in _HALVING:
+            if self.priors:
+                problem.prior_weight = max(1.0, weight)
+            tried = [fit(problem, device, own, iterations) for device, own in starts[:kept]]
+            tried.sort(key=lambda attempt: attempt.cost)
+            starts = [(attempt.device, list(attempt.own)) for attempt in tried]
+            if kept == _RESEEDED:
+                starts = [s for attempt in tried[:_RESEEDS] for s in _with_other_starts(attempt)]
+            weight = min(weight, _LATER_WEIGHT * tried[0].excess)
+        if self.priors:
+            problem.prior_weight = max(1.0, weight)
+        ends = [fit(problem, *start, _FULL_ITERATIONS) for start in starts[:_ENDS]]
+        ends.sort(key=lambda attempt: attempt.cost)
+        return [
+            self._made(effects, end, True)
+            for end in ends
+            if end.excess <= _NEAR_END * ends[0].excess and not _same(end, ends[0])
+        ] + [self._made(effects, ends[0], True)]
+
+    def _presences(
+        self, problem: Problem, known: Mapping[Key, float]
+    ) -> list[Mapping[tuple[str, str], float]]:
+        """By effect and parameter: the ways in which effects may begin there, or absent."""
+        drop = self.points[0].drops[0].context
+        there = {name for _, name, _, _ in known}
+        ways = []
+        for effect in problem.effects:
+            if effect.name in there or effect.name in self.fixed:
+                continue
+            present = [
+                {(effect.name, name): value for name, value in values.items()}
+                for values in effect.present_for(drop)
+            ]
+            ways.append([{}, *present])
+        return [
+            {key: value for way in chosen for key, value in way.items()}
+            for chosen in itertools.product(*ways)
+        ]
+
+    def _grown(self, best: Candidate) -> Candidate:
+        """A set with one effect more at a time, as long as that is worth it."""
+        while _asks_for_more(best):
+            values = _values_of(best.fit)
+            offered = self._promising(best, self.catalogue, [values])[:_GROWN]
+            fits = [
+                self._fit(self._ordered((*best.effects, effect)), 20, starts[:1], best.fit.excess)
+                for effect, starts in offered
+            ]
+            larger = self._better(best, fits)
+            if larger is best:
+                break
+            best = larger
+        return best
 
     def _keep(self, candidate: Candidate) -> Candidate:
         """The better of a candidate and what is known of its effects."""
@@ -355,40 +506,17 @@ class Search:
             self._known[candidate.names] = candidate
         return self._known[candidate.names]
 
-    def _pairs(self, best: Candidate) -> Candidate:
-        if best.over_noise <= 1.0:
-            return best
-        offered = self._shortlist()
-        pairs = [pair for pair in itertools.combinations(offered, 2) if _compatible(pair)]
-        quick = [self._fit(pair, _QUICK) for pair in pairs]
-        chosen = sorted(quick, key=lambda c: c.score)[:_PAIRS_REFINED]
-        return self._better(best, [self._fit(c.effects, 30) for c in chosen])
+    def _fits(self, effect: Effect, beside: Collection[Effect]) -> bool:
+        """Whether an effect may stand beside others and those that are given."""
+        return effect not in beside and _compatible((effect, *beside, *self._given))
 
-    def _shortlist(self) -> list[Effect]:
-        """Effects that help most alone, and those that others may mask."""
-        alone = [self._known[frozenset({effect.name})] for effect in self.catalogue]
-        best = sorted(alone, key=lambda c: c.score)[:_SHORTLIST]
-        names: set[str] = set().union(*(c.names for c in best))
-        return [e for e in self.catalogue if e.name in names or e.may_be_masked]
-
-    def _grow(self, level: int) -> list[Candidate]:
-        """One effect more for the best sets of this size."""
-        beam = sorted(
-            (c for c in self._known.values() if len(c.effects) == level), key=lambda c: c.score
-        )[:_BEAM]
-        tried = set()
-        found = []
-        for smaller in beam:
-            for effect in self._shortlist():
-                names = smaller.names | {effect.name}
-                larger = (*smaller.effects, effect)
-                if effect in smaller.effects or names in tried or not _compatible(larger):
-                    continue
-                tried.add(names)
-                ordered = self._ordered(larger)
-                found.append(self._fit(ordered, _QUICK))
-        chosen = sorted(found, key=lambda c: c.score)[:_BEAM]
-        return [self._fit(c.effects, 30) for c in chosen]
+    def _beside(self, chosen: Sequence[Effect], offered: Iterable[Effect]) -> tuple[Effect, ...]:
+        """Of effects those that may stand beside some, and beside each other: the first ones."""
+        found: list[Effect] = []
+        for effect in offered:
+            if self._fits(effect, (*chosen, *found)):
+                found.append(effect)
+        return tuple(found)
 
     def _ordered(self, effects: Iterable[Effect]) -> tuple[Effect, ...]:
         """Effects in the order in which they act."""
@@ -404,54 +532,177 @@ class Search:
         return best
 
     def _shrink(self, best: Candidate) -> Candidate:
-        """Without effects that are not worth it beside the others."""
-        while len(best.effects) > 0:
-            smaller = [self.without(best, effect) for effect in best.effects]
-            least = min(smaller, key=lambda c: c.score)
-            if least.score > best.score + WORTH:
+        """Without effects that are not worth it beside the others, the weakest first."""
+        while best.effects:
+            weak = sorted(best.effects, key=lambda effect: _strength(best, effect))[:_WEAKEST]
+            for effect in weak:
+                smaller = self.without(best, effect)
+                if smaller.score <= best.score + WORTH:
+                    best = smaller
+                    break
+            else:
                 break
-            best = least
         return best
 
     def without(self, candidate: Candidate, effect: Effect) -> Candidate:
-        """The set without one effect, fitted whole."""
+        """The set without one effect, from where it was with it."""
         rest = tuple(e for e in candidate.effects if e is not effect)
-        return self._fit(rest, 30) if rest else self.base()
+        if not rest:
+            return self.base()
+        done = self._taken_away.get((id(candidate), effect.name))
+        if done is not None:
+            return done[1]
+        known = self._known.get(frozenset(e.name for e in rest))
+        if known is None or not known.refined or len(rest) > 1:
+            start = _start(self._problem(rest), _values_of(candidate.fit), 0)
+            known = self._fit(rest, _SHRINK_ITERATIONS, [start], candidate.fit.excess)
+        # The candidate is kept as well: another one may not get its identity.
+        self._taken_away[id(candidate), effect.name] = candidate, known
+        return known
 
     def alternatives(self, best: Candidate, effect: Effect) -> dict[str, Candidate]:
-        """Effects that would do in the unit_value of one, the best first, each with its fit."""
-        rest = tuple(e for e in best.effects if e is not effect)
-        found = []
+        """Effects that would do in the place of one, the best first, each with its fit."""
+        rest = self.without(best, effect)
         hidden = [other for other in self._imitators if effect.name in other.imitates]
-        for other in (*self.catalogue, *hidden):
-            if other in best.effects or not _compatible((*rest, other)):
+        others = [other for other in (*self.catalogue, *hidden) if other is not effect]
+        found = []
+        promising = self._promising(rest, others, [_values_of(rest.fit)])
+        for other, starts in promising[:_OTHERS_FITTED]:
+            ordered = self._ordered((*rest.effects, other))
+            candidate = self._fit(ordered, _QUICK, starts[:1])
+            hopeless = self._misfit(candidate.fit) > self._misfit(best.fit) + _HOPELESS
+            if hopeless and candidate.over_noise > _NEARLY:
                 continue
-            ordered = self._ordered((*rest, other))
-            candidate = self._fit(ordered, _QUICK)
-            if self._misfit(candidate.fit) > self._misfit(best.fit) + _HOPELESS:
-                continue
-            candidate = self._fit(ordered, 20)
-            # Fewer parameters decide between them, but do not tell them apart.
-            if self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE:
+            candidate = self._fit(ordered, 20, [_values_start(candidate)])
+            # Fewer parameters decide between them, but do not tell them apart; nor does a better
+            # fit, where both leave no more than noise, or the simpler one hardly more: what is
+            # taken for noise holds the model's own error, which is no exact figure.
+            alike = self._misfit(candidate.fit) < self._misfit(best.fit) + ALIKE
+            simpler = candidate.fit.problem.size < best.fit.problem.size
+            if alike or candidate.over_noise <= (_NEARLY if simpler else EXPLAINED):
                 found.append((other.name, candidate))
-        return dict(sorted(found, key=lambda named: named[1].score))
+        told = sorted(found, key=lambda named: named[1].score)[:_OTHERS_TOLD]
+        return dict(told)
+
+
+def _asks_for_more(best: Candidate) -> bool:
+    """Whether more is left than noise, as it is weighed and as it is."""
+    return best.fit.excess > ENOUGH and best.over_noise > 1.0
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:
     return not any(a.conflicts_with(b) for a, b in itertools.combinations(effects, 2))
 
 
-def _joint_sets(effects: Sequence[Effect]) -> tuple[frozenset[str], ...]:
-    """Those of all effects, the smallest first: larger ones begin where smaller ones ended."""
-    every = dict.fromkeys(names for effect in effects for names in effect.joint_sets)
-    return tuple(sorted(every, key=len))
+def _strength(candidate: Candidate, effect: Effect) -> float:
+    """Squared distance of an effect from where it is absent, in deviations (Wald's test).
+
+    What belongs to one fit alone counts: the others' parameters may follow.
+    """
+    found = candidate.fit
+    columns = [i for i, unknown in enumerate(found.unknowns) if unknown.effect is effect]
+    absent = [found.unknowns[i].parameter.absent for i in columns]
+    if not columns or all(value is None for value in absent):
+        return np.inf
+    away = np.array(
+        [
+            0.0
+            if value is None
+            else found.unit_values[i] - found.unknowns[i].parameter.unit_value(value)
+            for i, value in zip(columns, absent, strict=True)
+        ]
+    )
+    size = found.normal.shape[0]
+    covariance = np.linalg.pinv(found.normal + 1e-9 * np.eye(size), hermitian=True)
+    part = covariance[np.ix_(columns, columns)]
+    return float(away @ np.linalg.pinv(part, hermitian=True) @ away) / found.excess**2
 
 
 def _all_unknowns(problem: Problem) -> list[Unknown]:
     return [*problem.device, *itertools.chain.from_iterable(problem.own)]
 
 
-Key = tuple[int, str, str, int | None]
+Key = UnknownKey
+Start = tuple[FloatArray, list[FloatArray]]
+
+
+def _of_effect(problem: Problem, effect: Effect) -> list[Unknown]:
+    return [unknown for unknown in _all_unknowns(problem) if unknown.effect is effect]
+
+
+def _values_start(candidate: Candidate) -> Start:
+    """Where a fit ended."""
+    return candidate.fit.device, list(candidate.fit.own)
+
+
+def _with_other_starts(end: Fit) -> list[Start]:
+    """Where a fit ended, and there with the effect of single drops begun anew that could take most.
+
+    An effect like a second contact has many places in time, of which the first guess is one.
+    """
+    problem, here = end.problem, (end.device, list(end.own))
+    tangent = Tangent.of(end)
+    best: tuple[float, Start] | None = None
+    for effect in problem.effects:
+        many = max((len(u.parameter.starts) for u in _of_effect(problem, effect)), default=1)
+        if effect.scope != "drop" or many < 2:
+            continue
+        ends = []
+        for choice in range(many):
+            own = end.own[0].copy()
+            for place, unknown in enumerate(problem.own[0]):
+                starts = unknown.parameter.starts
+                if unknown.effect is effect:
+                    own[place] = unknown.parameter.unit_value(starts[choice % len(starts)])
+            left = tangent.left(problem, end.device, own, True)
+            ends.append((left, (end.device, [own, *end.own[1:]])))
+        least = float(np.sum(np.min([left for left, _ in ends], axis=0)))
+        if best is None or least < best[0]:
+            best = least, _best_of_drops(problem, effect, ends)
+    return [here] if best is None else [here, best[1]]
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    """Whether two fits ended on the same ground."""
+    places = [i for i, unknown in enumerate(one.unknowns) if unknown.effect is None]
+    apart = np.abs(one.unit_values[places] - other.unit_values[places])
+    return bool(np.all(apart < _SAME_END))
+
+
+def _best_of_drops(
+    problem: Problem, effect: Effect, ends: Sequence[tuple[FloatArray, Start]]
+) -> Start:
+    """Of several starts those that left each drop the least, for an effect of single drops."""
+    best = np.argmin([left for left, _ in ends], axis=0)
+    device, (own, *others) = ends[int(best[0])][1]
+    own = own.copy()
+    for place, unknown in enumerate(problem.own[0]):
+        if unknown.effect is effect and unknown.drop is not None:
+            own[place] = ends[int(best[unknown.drop])][1][1][0][place]
+    return device, [own, *others]
+
+
+def _at(problem: Problem, device: FloatArray, own: Sequence[FloatArray]) -> Fit:
+    """Unit values as if a fit had ended there."""
+    return Fit(problem, device, tuple(own), np.nan, problem.independent, np.zeros((0, 0)))
+
+
+def _start_of_full(
+    problem: Problem, known: Mapping[Key, float], there: Mapping[tuple[str, str], float]
+) -> Start:
+    """Known values; of the others those of effects that are there, the rest absent."""
+    values = dict(known)
+    for index, unknowns in ((0, problem.device), *enumerate(problem.own)):
+        for unknown in unknowns:
+            key = _key(unknown, index)
+            if unknown.effect is None or key in values:
+                continue
+            value = there.get((unknown.effect.name, unknown.parameter.name))
+            if value is None:
+                value = unknown.parameter.absent
+            if value is not None:
+                values[key] = value
+    return _start(problem, values, 0)
 
 
 def _key(unknown: Unknown, point: int) -> Key:
@@ -486,7 +737,7 @@ def _values_of(found: Fit) -> dict[Key, float]:
 
 
 def _start(
-    problem: Problem, known: dict[Key, float], choice: int
+    problem: Problem, known: Mapping[Key, float], choice: int
 ) -> tuple[FloatArray, list[FloatArray]]:
     def unit_value(unknown: Unknown, point: int) -> float:
         found = known.get(_key(unknown, point))

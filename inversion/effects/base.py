@@ -119,35 +119,33 @@ class Effect:
     """What to do in the field."""
     replaces_ground: ClassVar[bool] = False
     """Whether there is no ground where it is: then none is fitted."""
+    rows_alike: ClassVar[bool] = True
+    """Whether `record` treats every sensor alike: then it is given the rows of many at once."""
     ground_is_below: ClassVar[bool] = False
     """Whether the ground's modulus is that of what lies below, far from what the plate says."""
     excludes: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that are not tried together with it, because both would explain anything.
     It is enough that one of two names the other."""
-    may_be_masked: ClassVar[bool] = False
-    """Whether other effects can hide it: then it is tried in larger sets even if it explains
-    nothing alone."""
+    in_full_set: ClassVar[bool] = True
+    """Whether it is in the set of all effects at once from which those that are not asked for are
+    taken away; if not, it is tried alone, and beside those that stayed."""
+    present: ClassVar[tuple[Mapping[str, float], ...]] = ()
+    """Values from which the fits of the full set begin as well, because the way there from where
+    its parameters are `absent` leads over a hill. Those that are not named begin as if absent."""
     imitates: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that it looks like in records that cannot show it by itself: there it is
     named as their alternative, if it fits as well."""
-    joint_sets: ClassVar[tuple[frozenset[str], ...]] = ()
-    """Sets of effects, it among them, that explain a residual only together."""
     told_sets: ClassVar[tuple[frozenset[str], ...]] = ()
     """Sets of effects, it among them, for which `set_starts` tells where a fit begins: they are
     tried before anything is combined."""
-    in_every_joint_set: ClassVar[bool] = False
-    """Whether it is added to each joint set, its own and those of others."""
-    joint_starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
-    """Values of its parameters from which the fits of a joint set begin. The first of all effects
-    belong together, and so do the second: little damping and little nonlinearity, then more."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Whether records like these could show it."""
         return True
 
-    def joint_starts_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
-        """The joint starts that fit the plate."""
-        return self.joint_starts
+    def present_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
+        """`present`, as it fits the plate."""
+        return self.present
 
     def set_starts(
         self, drop: DropContext, names: frozenset[str]
@@ -181,6 +179,10 @@ class Effect:
     def model_error(self, values: Values) -> float:
         """Relative error (95 %) of the modulus that the effect's own simplification may leave."""
         return 0.0
+
+    def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
+        """Secant modulus at a mean contact pressure, Pa, over that of the ground of the drop."""
+        return 1.0
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with the effect."""

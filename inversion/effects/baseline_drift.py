@@ -11,8 +11,8 @@ class BaselineDrift(Effect):
     name = "baseline_drift"
     scope = "drop"
     parameters = (
-        Parameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,)),
-        Parameter("acceleration", "m/s2", -3.0, 3.0, (0.0,)),
+        Parameter("velocity_offset", "m/s", -0.03, 0.03, (5e-4,), prior=(0.0, 5e-3), absent=0.0),
+        Parameter("acceleration", "m/s2", -3.0, 3.0, (0.02,), prior=(0.0, 0.3), absent=0.0),
     )
     advice = "let the geophone settle before the drop; keep cable and connector still"
 

@@ -19,28 +19,20 @@ class Bedrock(Effect):
         "a rigid base lies below: the modulus belongs to the layer above it; a sounding or a "
         "second sensor tells the depth"
     )
-    # Rock may lie under ground that stiffens, recorded with roll-off of the sensor.
-    may_be_masked = True
-    joint_sets = (
-        frozenset({"bedrock", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
-        frozenset(
-            {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound", "geophone_response"}
-        ),
-    )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Only where none is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
-    def joint_starts_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
-        """Depths in plate radii."""
-        return tuple({"depth": radii * drop.plate_radius} for radii in (6.0, 4.0))
+    def present_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
+        """Rock six plate radii down."""
+        return ({"depth": 6.0 * drop.plate_radius},)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Depths that the tables cover, with starts over all of them."""
         depth = depth_parameter(drop.plate_radius)
         starts = tuple(float(d) for d in np.geomspace(depth.lower, depth.upper, 8)[1:-1])
-        return (replace(depth, name="depth", starts=starts),)
+        return (replace(depth, name="depth", starts=starts, absent=depth.upper),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with its base."""

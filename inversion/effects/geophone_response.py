@@ -16,7 +16,14 @@ class GeophoneResponse(Effect):
         # Those of deflectometers have 4.5 Hz and more.  Below some 2 Hz a pulse and its tail feel
         # no more of the response than a slow creep, which much else leaves as well.
         Parameter(
-            "natural_frequency", "Hz", 0.5, 30.0, (4.5, 10.0), logarithmic=True, usual=(2.0, 30.0)
+            "natural_frequency",
+            "Hz",
+            0.5,
+            30.0,
+            (4.5, 10.0),
+            logarithmic=True,
+            usual=(2.0, 30.0),
+            absent=0.5,
         ),
         # Open ones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical damping.
         Parameter(
@@ -31,11 +38,9 @@ class GeophoneResponse(Effect):
         ),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
-    # Roll-off of the sensor and ground that stiffens explain a record only together.
-    may_be_masked = True
-    joint_starts = (
-        {"natural_frequency": 11.0, "damping": 0.15},
-        {"natural_frequency": 14.0, "damping": 0.3},
+    present = (
+        {"natural_frequency": 6.0, "damping": 0.5},
+        {"natural_frequency": 12.0, "damping": 0.2},
     )
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

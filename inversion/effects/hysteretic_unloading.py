@@ -16,16 +16,14 @@ class HystereticUnloading(Effect):
     name = "hysteretic_unloading"
     scope = "drop"
     parameters = (
-        Parameter("exponent", "-", 0.3, 6.0, (1.4, 0.8), logarithmic=True),
-        Parameter("unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True),
+        Parameter(
+            "exponent", "-", 0.3, 6.0, (1.4, 0.8), logarithmic=True, prior=(0.0, 0.5), absent=1.0
+        ),
+        Parameter(
+            "unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True, prior=(0.0, 0.25), absent=0.0
+        ),
     )
     advice = "the ground yields: drop again until nothing is left behind"
-    # Like the stiffening it may be hidden behind roll-off of the sensor.
-    may_be_masked = True
-    joint_starts = (
-        {"exponent": 1.5, "unrecovered": 0.2},
-        {"exponent": 1.5, "unrecovered": 0.4},
-    )
 
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext

@@ -44,6 +44,7 @@ class Layer(Effect):
     name = "layer"
     scope = "point"
     parameters = (_RATIO, _THICKNESS, _RELAXATION, _DENSITY)
+    in_full_set = False
     advice = (
         "the top differs from what is below: look into a trial pit, or measure on what is below"
     )

@@ -13,10 +13,13 @@ class MainsHum(Effect):
     name = "mains_hum"
     scope = "drop"
     parameters = (
-        Parameter("amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True),
+        Parameter(
+            "amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True, prior=(0.0, 0.02), absent=0.0
+        ),
         Parameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
     )
+    in_full_set = False
     advice = "keep the cable away from mains and generators"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

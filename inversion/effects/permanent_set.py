@@ -17,12 +17,15 @@ class PermanentSet(Effect):
     name = "permanent_set"
     scope = "drop"
     parameters = (
-        Parameter("displacement", "m", 0.0, 1e-2, (5e-5,), natural=True),
-        Parameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True),
+        Parameter(
+            "displacement", "m", 0.0, 1e-2, (5e-5,), natural=True, prior=(0.0, 2e-4), absent=0.0
+        ),
+        Parameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True, prior=(1.2, 0.6)),
     )
     advice = "seat the plate with more drops before measuring"
     # Both leave displacement behind.
     excludes = frozenset({"hysteretic_unloading"})
+    in_full_set = False
 
     def motion(
         self,

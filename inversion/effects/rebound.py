@@ -5,6 +5,7 @@ From the time of lift-off on the plate is a thrown body on which the load may st
 plate as an impulse.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from inversion.effects.base import (
 from inversion.fitting.parameters import Parameter
 
 GRAVITY = 9.80665
+# Logarithm; of the mass in flight about that of the plate.
+_MASS_SPREAD = 0.7
 
 
 class Rebound(Effect):
@@ -28,16 +31,27 @@ class Rebound(Effect):
     name = "rebound"
     scope = "drop"
     parameters = (
-        Parameter("lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.008)),
-        Parameter("mass", "kg", 1.0, 300.0, (20.0,), logarithmic=True, natural=True),
+        Parameter(
+            "lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.004, 0.008), absent=0.02
+        ),
+        Parameter(
+            "mass",
+            "kg",
+            1.0,
+            300.0,
+            (20.0,),
+            logarithmic=True,
+            natural=True,
+            prior=(math.log(20.0), _MASS_SPREAD),
+        ),
     )
     advice = "the plate jumps: level it, seat it, or drop from lower down"
-    joint_starts = ({"lift_off": -8e-4}, {"lift_off": -1.5e-3})
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The mass in flight is about that of the plate, where that is known."""
         time, mass = self.parameters
-        return time, replace(mass, starts=(drop.plate_mass or mass.starts[0],))
+        known = drop.plate_mass or mass.starts[0]
+        return time, replace(mass, starts=(known,), prior=(math.log(known), _MASS_SPREAD))
 
     def motion(
         self,

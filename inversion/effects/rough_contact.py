@@ -10,7 +10,12 @@ class RoughContact(Effect):
 
     name = "rough_contact"
     scope = "point"
-    parameters = (Parameter("factor", "-", 0.6, 1.6, (1.05, 0.95), logarithmic=True),)
+    parameters = (
+        Parameter(
+            "factor", "-", 0.6, 1.6, (1.05, 0.95), logarithmic=True, prior=(0.0, 0.15), absent=1.0
+        ),
+    )
+    in_full_set = False
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

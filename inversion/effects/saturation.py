@@ -29,6 +29,8 @@ class Saturation(Effect):
         Parameter("level", "m/s", 1e-6, 100.0, (0.1,), logarithmic=True),
         Parameter("cap", "N", 0.0, 1.0, (0.1,), natural=True),
     )
+    # Each sensor has a level of its own.
+    rows_alike = False
     advice = "lower the gain or the drop height: the channel reached the end of its range"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:

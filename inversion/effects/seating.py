@@ -11,9 +11,12 @@ class Seating(Effect):
 
     name = "seating"
     scope = "drop"
-    parameters = (Parameter("modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True),)
+    parameters = (
+        Parameter(
+            "modulus_ratio", "-", 0.1, 3.0, (0.9,), logarithmic=True, prior=(0.0, 0.4), absent=1.0
+        ),
+    )
     advice = "drop again until two drops agree; the modulus is that of the last drop"
-    in_every_joint_set = True
 
     def acts_on(self, drop: DropContext) -> bool:
         """On all but the last drop, with which the others are compared."""

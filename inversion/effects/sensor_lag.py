@@ -10,7 +10,9 @@ class SensorLag(Effect):
 
     name = "sensor_lag"
     scope = "device"
-    parameters = (Parameter("delay", "s", -3e-3, 3e-3, (4e-4, -4e-4), prior=(0.0, 5e-4)),)
+    parameters = (
+        Parameter("delay", "s", -3e-3, 3e-3, (4e-4, -4e-4), prior=(0.0, 5e-4), absent=0.0),
+    )
     advice = "have the instrument's channels checked against each other; declare load_delay_s"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

@@ -22,9 +22,7 @@ class SpringRig(Effect):
     excludes = frozenset(
         {"bedrock", "rough_contact", "plate_inertia", "layer", "seating", "sensor_lag"}
     )
-    joint_sets = (
-        frozenset({"spring_rig", "stress_dependence", "hysteretic_unloading", "geophone_response"}),
-    )
+    in_full_set = False
     advice = "this is a rig on springs, no ground: there is no modulus to report"
 
     def compliance(

@@ -11,7 +11,9 @@ class Viscosity(Effect):
 
     name = "viscosity"
     scope = "point"
-    parameters = (Parameter("viscosity", "Pa s", 100.0, 3e6, (3e4, 1e5), logarithmic=True),)
+    parameters = (
+        Parameter("viscosity", "Pa s", 100.0, 3e6, (3e4, 1e5), logarithmic=True, absent=100.0),
+    )
     advice = "the ground damps: do not ask for an elastic one"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

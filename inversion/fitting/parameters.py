@@ -46,6 +46,7 @@ class Parameter:
         stands for something else that looks alike
     prior : (float, float) or None, what nature gives: centre and standard deviation, of the natural
         logarithm where it is logarithmic
+    absent : float or None, value at which the effect that it belongs to changes nothing, or nearly
     """
 
     name: str
@@ -57,6 +58,7 @@ class Parameter:
     natural: bool = False
     usual: tuple[float, float] | None = None
     prior: tuple[float, float] | None = None
+    absent: float | None = None
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Physical value of points (...,) of the unit interval."""

@@ -15,10 +15,12 @@ Newton's method on all samples at once; the system is lower triangular.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import next_fast_len
 from scipy.linalg import solve_triangular
 
 from inversion.arrays import FloatArray
@@ -102,6 +104,57 @@ def effective_force(
         w = _march(plate, load, law, stiffness, reference)
     force, _, _ = _resistance(w, _turning_point(w, load), law, stiffness, reference)
     return load - force + stiffness * w, w
+
+
+def forces_nearby(
+    plate: FloatArray,
+    load: FloatArray,
+    there: tuple[NonlinearStiffness, float, float],
+    displacement: FloatArray,
+    nearby: Sequence[tuple[FloatArray, NonlinearStiffness, float, float]],
+) -> FloatArray:
+    """`effective_force` of grounds a small step away, (m, n), N: one Newton step for all.
+
+    Parameters
+    ----------
+    plate : (n,) ndarray, hat response of the plate, m/N
+    load : (n,) ndarray, N
+    there : law, static stiffness (N/m) and reference (m) of the ground that was solved for
+    displacement : (n,) ndarray, m, its solution
+    nearby : hat response, law, stiffness and reference of each of the m grounds
+    """
+    w, turn = displacement, _turning_point(displacement, load)
+
+    def left(hats: FloatArray, forces: FloatArray) -> FloatArray:
+        return w - convolve_rows(hats, load - forces)
+
+    force, slope, in_peak = _resistance(w, turn, *there)
+    toeplitz = _lower_toeplitz(plate)
+    system = toeplitz * (slope - there[1])
+    system[np.diag_indices(load.size)] += 1.0
+    if in_peak is not None:
+        assert turn is not None
+        system[:, turn] += toeplitz @ in_peak
+    extra = np.stack(
+        [_resistance(w, turn, law, k, reference)[0] - k * w for _, law, k, reference in nearby]
+    )
+    hats = np.stack([hat for hat, *_ in nearby])
+    # What the solution itself leaves is no step.
+    moved = left(hats, extra) - left(plate[None], (force - there[1] * w)[None])
+    steps = solve_triangular(system, moved.T, lower=True, check_finite=False).T
+    found = np.empty_like(extra)
+    for row, step, (_, law, k, reference) in zip(found, steps, nearby, strict=True):
+        row[:] = load - _resistance(w - step, turn, law, k, reference)[0] + k * (w - step)
+    return found
+
+
+def convolve_rows(kernels: FloatArray, rows: FloatArray) -> FloatArray:
+    """Causal convolution of rows (..., n) with kernels (..., n), row by row."""
+    n = rows.shape[-1]
+    size = next_fast_len(2 * n - 1, real=True)
+    spectrum = np.fft.rfft(kernels, size, axis=-1) * np.fft.rfft(rows, size, axis=-1)
+    result: FloatArray = np.fft.irfft(spectrum, size, axis=-1)[..., :n]
+    return result
 
 
 def _solve(

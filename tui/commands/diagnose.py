@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     device = read_device_file(args.device) if args.device else None
-    found = list(diagnose_files(args.files, options, device, args.jobs))
+    found = list(diagnose_files(args.files, options, device, args.jobs, args.leave_out))
     name = device_of(found) if args.write_device else None
     for diagnosed in found:
         if diagnosed.error is not None:

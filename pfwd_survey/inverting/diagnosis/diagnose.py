@@ -11,8 +11,11 @@ from inversion.diagnosis import (
     DeviceFindings,
     FoundEffect,
     FoundParameter,
+    HeldOutPart,
+    LeaveOut,
     PointDiagnosis,
     PointRecords,
+    UnknownKey,
     diagnose_point,
     fit_device,
     left_out_error,
@@ -26,6 +29,8 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.spawning import worker_pool
 
 DeviceValues = dict[str, dict[str, float]]
+# Part of a survey's points that show an effect, from which on the others are looked at for it.
+_COMMON = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,7 @@ def diagnose_files(
     options: AnalysisOptions | None = None,
     device: DeviceValues | None = None,
     jobs: int = 1,
+    leave_out: LeaveOut | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point, in their order.
 
@@ -56,6 +62,9 @@ def diagnose_files(
         Values of device effects that are known, by effect and parameter.
     jobs : int
         Processes.
+    leave_out : "drop", "sensor", "point" or None
+        What is predicted from the rest, to be told how well. None: points where those of one
+        device share something, else drops.
     """
     options = options or AnalysisOptions()
     entries: list[DiagnosisPoint | Diagnosed] = []
@@ -64,25 +73,30 @@ def diagnose_files(
             entries += entries_of(file, options)
         except (SurveyError, InversionError) as err:
             entries.append(Diagnosed(file, error=str(err)))
-    yield from diagnose_entries(entries, device, jobs)
+    yield from diagnose_entries(entries, device, jobs, leave_out)
 
 
 def diagnose_entries(
-    entries: Sequence[DiagnosisPoint | Diagnosed], device: DeviceValues | None = None, jobs: int = 1
+    entries: Sequence[DiagnosisPoint | Diagnosed],
+    device: DeviceValues | None = None,
+    jobs: int = 1,
+    leave_out: LeaveOut | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point that was read, in their order; refused files go through.
 
     Parameters
     ----------
-    entries, device, jobs : as for :func:`diagnose_files`
+    entries, device, jobs, leave_out : as for :func:`diagnose_files`
     """
     work = [
         entry
         for entry in entries
         if isinstance(entry, DiagnosisPoint) and entry.records is not None
     ]
-    found = dict(zip(map(id, work), _diagnose_all(work, device, jobs), strict=True))
-    found |= _shared_device(work, found, device, jobs)
+    within: LeaveOut = leave_out or "drop"
+    first = _diagnose_all(work, device, jobs, within)
+    found = dict(zip(map(id, work), first, strict=True))
+    found |= _shared_device(work, found, device, jobs, leave_out)
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry
@@ -100,30 +114,37 @@ def _diagnose_all(
     work: Sequence[DiagnosisPoint],
     device: DeviceValues | Sequence[DeviceValues] | None,
     jobs: int,
+    leave_out: LeaveOut,
     likely: Sequence[Sequence[str]] = (),
+    begun: Sequence[Sequence[Mapping[UnknownKey, float]]] = (),
 ) -> list[PointDiagnosis | str]:
     """Diagnoses in order; device values are alike for all, or one set a point."""
     records = [point.records for point in work if point.records is not None]
     devices = device if isinstance(device, Sequence) else [device] * len(records)
     first = likely or [()] * len(records)
+    starts = begun or [()] * len(records)
     if jobs <= 1 or len(records) < 2:
         library = SurrogateLibrary()
         return [
-            _diagnose(record, values, names, library)
-            for record, values, names in zip(records, devices, first, strict=True)
+            _diagnose(record, values, names, there, leave_out, library)
+            for record, values, names, there in zip(records, devices, first, starts, strict=True)
         ]
     with worker_pool(min(jobs, len(records))) as pool:
-        return list(pool.map(_diagnose, records, devices, first))
+        return list(
+            pool.map(_diagnose, records, devices, first, starts, [leave_out] * len(records))
+        )
 
 
 def _diagnose(
     records: PointRecords,
     device: DeviceValues | None = None,
     likely: Sequence[str] = (),
+    begun: Sequence[Mapping[UnknownKey, float]] = (),
+    leave_out: LeaveOut = "drop",
     library: SurrogateLibrary | None = None,
 ) -> PointDiagnosis | str:
     try:
-        return diagnose_point(records, library, device, likely)
+        return diagnose_point(records, library, device, likely, begun, leave_out)
     except InversionError as err:
         return str(err)
 
@@ -133,6 +154,7 @@ def _shared_device(
     found: Mapping[int, PointDiagnosis | str],
     given: DeviceValues | None,
     jobs: int,
+    leave_out: LeaveOut | None,
 ) -> dict[int, PointDiagnosis | str]:
     """Diagnoses anew of the points whose device has effects that most of its points show."""
     if given:
@@ -148,22 +170,60 @@ def _shared_device(
         if findings is None:
             continue
         first = [found[id(point)] for point in points]
-        likely = [
-            [e.name for e in d.effects if e.name not in findings.values]
-            if isinstance(d, PointDiagnosis)
-            else []
-            for d in first
-        ]
-        anew = _diagnose_all(points, findings.values, jobs, likely)
-        errors = _left_out_errors(points, first, anew, findings, jobs)
-        for point, diagnosis, error in zip(points, anew, errors, strict=True):
-            if isinstance(diagnosis, PointDiagnosis):
-                diagnosis = with_device(diagnosis, findings)
-                if error is not None:
-                    before = diagnosis.before.residual_rms_over_peak
-                    diagnosis = replace(diagnosis, held_out_before=before, held_out_after=error)
+        likely, begun = _of_survey(first, findings)
+        within: LeaveOut = leave_out or "drop"
+        anew = _diagnose_all(points, findings.values, jobs, within, likely, begun)
+        errors: list[HeldOutPart | None] = [None] * len(points)
+        if leave_out in (None, "point"):
+            errors = _left_out_errors(points, first, anew, findings, jobs)
+        for point, found_anew, error in zip(points, anew, errors, strict=True):
+            if isinstance(found_anew, str):
+                again[id(point)] = found_anew
+                continue
+            diagnosis = with_device(found_anew, findings)
+            if error is not None:
+                diagnosis = replace(
+                    diagnosis,
+                    held_out_before=error.before,
+                    held_out_after=error.after,
+                    held_out_mode="point",
+                    held_out_by=(error,),
+                )
             again[id(point)] = diagnosis
     return again
+
+
+def _of_survey(
+    first: Sequence[PointDiagnosis | str], findings: DeviceFindings
+) -> tuple[list[list[str]], list[list[Mapping[UnknownKey, float]]]]:
+    """Effects that each point is looked at for again, and where their fit begins.
+
+    Its own effects and those of several points of the survey: from its own values, and from what
+    the survey shows in the middle, for a point alone may have ended in the wrong place. What it
+    does not have is taken away again by the evidence.
+    """
+    sound = [d for d in first if isinstance(d, PointDiagnosis)]
+    named = [{e.name for e in d.effects if e.name not in findings.values} for d in sound]
+    counts = {name: sum(name in own for own in named) for name in set().union(*named)}
+    common = {name for name, count in counts.items() if count >= max(2, _COMMON * len(named))}
+    shown: dict[UnknownKey, list[float]] = {}
+    for diagnosis in sound:
+        for key, value in diagnosis.values.items():
+            if key[1]:
+                shown.setdefault(key, []).append(value)
+    middle = {key: _median(values) for key, values in shown.items()}
+    likely: list[list[str]] = []
+    begun: list[list[Mapping[UnknownKey, float]]] = []
+    for shown_first in first:
+        if isinstance(shown_first, str):
+            likely.append([])
+            begun.append([])
+            continue
+        own = {e.name for e in shown_first.effects if e.name not in findings.values}
+        ground = {key: value for key, value in shown_first.values.items() if not key[1]}
+        likely.append(sorted(own | common))
+        begun.append([shown_first.values, middle | ground])
+    return likely, begun
 
 
 def _left_out_errors(
@@ -172,7 +232,7 @@ def _left_out_errors(
     anew: Sequence[PointDiagnosis | str],
     findings: DeviceFindings,
     jobs: int,
-) -> list[float | None]:
+) -> list[HeldOutPart | None]:
     """What each point leaves when its device is what the other points show in the middle."""
     shown = [
         _device_values(diagnosis, findings) if isinstance(diagnosis, PointDiagnosis) else None
@@ -187,7 +247,7 @@ def _left_out_errors(
                 for name, parameters in findings.values.items()
             }
             work.append((index, entry.records, diagnosis, values))
-    errors: list[float | None] = [None] * len(points)
+    errors: list[HeldOutPart | None] = [None] * len(points)
     indices, *columns = zip(*work, strict=True) if work else ((), (), (), ())
     if jobs <= 1 or len(work) < 2:
         found = list(map(left_out_error, *columns))
@@ -255,6 +315,7 @@ def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDia
             ),
             evidence=math.nan,
             alternatives=(),
+            probability=math.nan,
         )
         for name, values in findings.values.items()
     )

@@ -25,6 +25,8 @@ class DiagnosisPoint:
     warnings: tuple[str, ...] = ()
     rig: TracePoint | None = None
     """The point, where it is known that the weight fell on a rig of springs."""
+    point: str | None = None
+    """Name of the test point."""
 
 
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
@@ -37,7 +39,8 @@ def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
 def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
     """A point that was read already, screened."""
     if point.setup.is_stiffness_test:
-        return DiagnosisPoint(file, _device_of(point), None, (), point.warnings, point)
+        device, called = _text(point.setup.device), _text(point.setup.point)
+        return DiagnosisPoint(file, device, None, (), point.warnings, point, called)
     screenings = leave_out_bad_sensors(point, screen_point(point))
     chosen = [
         (whole_part(drop)[0], found)
@@ -52,23 +55,23 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     # A bad sensor is the same in every drop: said once.
     every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
     warnings = tuple(dict.fromkeys(every))
-    name = _device_of(point)
+    name = _text(point.setup.device)
+    called = _text(point.setup.point)
     if not chosen:
-        return DiagnosisPoint(file, name, None, rejected, warnings)
+        return DiagnosisPoint(file, name, None, rejected, warnings, point=called)
     left_out = {offset for _, found in chosen for offset in found.left_out}
     records = tuple(record_of(drop, point.setup, options, left_out) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
     # Only what was declared is held; the search for effects needs the rest free.
     made = PointRecords(
-        file,
+        file if called is None else called,
         records,
         numbers,
         elastic=options.elastic,
         half_sine=options.load == "half-sine",
     )
-    return DiagnosisPoint(file, name, made, rejected, warnings)
+    return DiagnosisPoint(file, name, made, rejected, warnings, point=called)
 
 
-def _device_of(point: TracePoint) -> str | None:
-    device = point.setup.device
-    return None if device is None else str(device)
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)

@@ -10,6 +10,7 @@ from pfwd_survey.inverting.diagnosis.result import (
     EffectResult,
     FittedState,
     HeldOut,
+    HeldOutOne,
 )
 from pfwd_survey.inverting.diagnosis.rig import rig_result
 
@@ -29,6 +30,7 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
     if found is None:
         return DiagnosisResult(
             file=entry.file,
+            point=entry.point,
             device=entry.device,
             drops=(),
             rejected=entry.rejected,
@@ -40,9 +42,18 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
         )
     held = None
     if found.held_out_before is not None:
-        held = HeldOut(before=found.held_out_before, after=found.held_out_after)
+        held = HeldOut(
+            mode=found.held_out_mode,
+            before=found.held_out_before,
+            after=found.held_out_after,
+            by=tuple(
+                HeldOutOne(name=part.name, before=part.before, after=part.after)
+                for part in found.held_out_by
+            ),
+        )
     return DiagnosisResult(
         file=entry.file,
+        point=entry.point,
         device=entry.device,
         drops=tuple(found.numbers),
         rejected=entry.rejected,
@@ -52,7 +63,7 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
         noise_rms_m=found.noise_rms,
         before=_state(found.before),
         effects=tuple(_effect(effect) for effect in found.effects),
-        after=_state(found.after),
+        after=_state(found.after, stress=True),
         held_out=held,
         warnings=(*entry.warnings, *found.warnings),
     )
@@ -62,12 +73,14 @@ def _false_trigger() -> EffectResult:
     return EffectResult(name="false_trigger", unit="-", parameters=(), alternatives=())
 
 
-def _state(state: ModelState) -> FittedState:
+def _state(state: ModelState, *, stress: bool = False) -> FittedState:
     return FittedState(
         model=state.model,
         modulus_pa=state.modulus,
         modulus_sd_pa=state.modulus_deviation,
         modulus_interval_pa=state.modulus_interval,
+        stress_pa=state.stress if stress else None,
+        modulus_100kpa_pa=state.modulus_100kpa if stress else None,
         residual_rms_m=state.residual_rms,
         residual_over_noise=state.residual_over_noise,
         residual_rms_over_peak=state.residual_rms_over_peak,
@@ -90,6 +103,7 @@ def _effect(effect: FoundEffect) -> EffectResult:
             for p in effect.parameters
         ),
         evidence=effect.evidence,
+        probability=effect.probability,
         alternatives=tuple(effect.alternatives),
         advice=effect.advice,
     )

@@ -10,6 +10,8 @@ from pfwd_survey.inverting.stored import Interval, StoredRecord
 class FittedState(StoredRecord):
     """The point before or after the effects were added."""
 
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"stress_pa", "modulus_100kpa_pa"})
+
     model: str | None = None
     """half-space or layer; rig where there is no ground."""
     modulus_pa: float | None = None
@@ -17,7 +19,12 @@ class FittedState(StoredRecord):
     modulus_sd_pa: float | None = None
     """Pa."""
     modulus_interval_pa: Interval | None = None
-    """95 %, and all that effects give which would do as well, Pa."""
+    """95 %, with what is left unexplained, over all sets of effects that fit nearly as well, Pa."""
+    stress_pa: float | None = None
+    """Mean contact pressure at the peak of the last drop, Pa: the modulus is the secant one there;
+    of the point after the effects were added."""
+    modulus_100kpa_pa: float | None = None
+    """The secant modulus at 100 kPa, Pa; of the point after the effects were added."""
     residual_rms_m: float | None = None
     """m."""
     residual_over_noise: float | None = None
@@ -48,7 +55,7 @@ class EffectParameter(StoredRecord):
 class EffectResult(StoredRecord):
     """An effect that the residual asks for."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"scope", "advice"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"scope", "probability", "advice"})
 
     name: str | None = None
     scope: str | None = None
@@ -62,27 +69,47 @@ class EffectResult(StoredRecord):
     parameters: tuple[EffectParameter, ...] | None = None
     evidence: float | None = None
     """Drop of the Bayesian information criterion; None: shared by the points of the device."""
+    probability: float | None = None
+    """Share of the sets of effects that fit nearly as well which have it, by their weight."""
     alternatives: tuple[str, ...] | None = None
-    """Effects that would do in its place."""
+    """Effects that would do in its place, at most two."""
     advice: str | None = None
     """What to do in the field."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut(StoredRecord):
-    """How well drops or points are predicted that were not fitted; residual over peak."""
+class HeldOutOne(StoredRecord):
+    """A drop, a sensor or a point that was not fitted; residual over its peak."""
 
+    name: str | None = None
     before: float | None = None
     after: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut(StoredRecord):
+    """How well drops, sensors or points are predicted that were not fitted; residual over peak."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "by"})
+
+    mode: str | None = None
+    """drop, sensor or point."""
+    before: float | None = None
+    after: float | None = None
+    by: tuple[HeldOutOne, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisResult(StoredRecord):
     """What is behind the residual of a point: the keys of ``pfwd diagnose --json``, in order."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"plate", "plate_radius_m", "poisson_ratio"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+        {"point", "plate", "plate_radius_m", "poisson_ratio", "elapsed_s"}
+    )
 
     file: str | None = None
+    point: str | None = None
+    """Name of the test point."""
     device: str | None = None
     """Name of the device that measured it."""
     drops: tuple[int, ...] | None = None
@@ -105,4 +132,6 @@ class DiagnosisResult(StoredRecord):
     after: FittedState | None = None
     held_out: HeldOut | None = None
     """None: nothing was held out."""
+    elapsed_s: float | None = None
+    """s, without start-up."""
     warnings: tuple[str, ...] | None = None

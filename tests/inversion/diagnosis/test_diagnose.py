@@ -1,4 +1,6 @@
-"""The diagnosis on drops of finite elements whose effects nobody declared."""
+"""The diagnosis of points, and on drops of finite elements whose effects nobody declared."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,10 +9,18 @@ from scipy.stats import norm
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
-from inversion.diagnosis.diagnose import _interval
+from inversion.diagnosis.averaging import Averaged
+from inversion.diagnosis.diagnose import _interval, _modulus, _state, _warnings
+from inversion.diagnosis.discrepancy import Discrepancy
+from inversion.diagnosis.findings import FoundEffect
+from inversion.diagnosis.fit import Fit
+from inversion.diagnosis.problem import Problem
+from inversion.diagnosis.search import Candidate
+from inversion.effects import BY_NAME, Effect
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
+from tests.inversion.diagnosis.toys import Toy, ToyPoint, toy_point
 
 MODULUS = 45e6
 RADIUS, MASS = 0.15, 12.0
@@ -112,9 +122,107 @@ def test_a_response_that_no_geophone_has_is_no_explanation(
 
 @pytest.mark.parametrize("model_error", [0.0, 0.3])
 def test_an_interval_holds_95_percent_and_the_models_own_error(model_error: float) -> None:
-    low, high = _interval(4e7, 0.05, model_error, ())
+    low, high = _interval(4e7, 0.05, model_error)
     reach = norm.ppf(0.975) * 0.05 + np.log(1 + model_error)
     assert np.log([low / 4e7, high / 4e7]) == pytest.approx([-reach, reach], rel=1e-4)
-    # So do all that fit as well.
-    assert _interval(4e7, 0.05, model_error, (1e7, 9e7)) == (1e7, 9e7)
-    assert _interval(4e7, np.inf, model_error, ()) == (0.0, np.inf)
+    assert _interval(4e7, np.inf, model_error) == (0.0, np.inf)
+
+
+# --- what is told of a set of effects ------------------------------------------------------------
+
+AREA = np.pi * RADIUS**2
+
+
+def point_of_heights(*peaks: float) -> ToyPoint:
+    """Drops of these peak loads, N."""
+    point = toy_point(*({} for _ in peaks))
+    for drop, peak in zip(point.drops, peaks, strict=True):
+        drop.context = replace(drop.context, peak_load=peak, largest_load=max(peaks))
+    return point
+
+
+def ended(point: ToyPoint, *effects: Effect, **values: float) -> Candidate:
+    """A set of effects whose fit ended at these values."""
+    problem = Problem([point], effects)
+    own = np.array([u.parameter.unit_value(values[u.parameter.name]) for u in problem.own[0]])
+    size = own.size
+    return Candidate(
+        effects, Fit(problem, np.empty(0), (own,), 80.0, 80.0, 400.0 * np.eye(size)), 0.0
+    )
+
+
+STRESS = {"exponent": 0.4, "within": 0.7}
+
+
+def test_the_modulus_is_the_secant_one_under_the_last_drop() -> None:
+    """By the power law, whose reference is the largest drop; the toy's modulus is its ratio."""
+    point = point_of_heights(4000.0, 8000.0, 6000.0)
+    found = ended(point, BY_NAME["stress_dependence"], modulus_ratio=2.0, **STRESS)
+    assert _modulus(point, found) == pytest.approx(2.0 * (6.0 / 8.0) ** 0.4)
+    # The toy's record knows nothing of the exponent: what it says of it is not asked.
+    state = _state(point, found, (), told((1.0, 3.0)))
+    assert state.stress == pytest.approx(6000.0 / AREA)
+    assert state.modulus == pytest.approx(2.0 * (6.0 / 8.0) ** 0.4)
+    assert state.modulus_100kpa == pytest.approx(2.0 * (100e3 * AREA / 8000.0) ** 0.4)
+
+
+def test_ground_that_does_not_bend_has_one_modulus() -> None:
+    point = point_of_heights(8000.0, 6000.0)
+    state = _state(point, ended(point, modulus_ratio=2.0))
+    assert state.modulus == pytest.approx(2.0)
+    assert state.modulus_100kpa == pytest.approx(2.0)
+    assert state.model == "half-space"
+
+
+def test_an_effect_of_earlier_drops_is_not_in_the_modulus() -> None:
+    point = point_of_heights(8000.0, 8000.0)
+    problem = Problem([point], (BY_NAME["seating"],))
+    ratios = [u.parameter.unit_value(v) for u, v in zip(problem.own[0], (2.0, 0.5), strict=True)]
+    found = Fit(problem, np.empty(0), (np.array(ratios),), 1.0, 1.0, np.eye(2))
+    assert _modulus(point, Candidate((BY_NAME["seating"],), found, 0.0)) == pytest.approx(2.0)
+
+
+def told(interval: tuple[float, float]) -> Averaged:
+    return Averaged(interval, {}, 0.05, Discrepancy(0.0, 0.0, 80.0, np.eye(1)))
+
+
+def test_effects_that_cannot_be_told_apart_count_in_full() -> None:
+    point = point_of_heights(8000.0)
+    found = ended(point, modulus_ratio=2.0)
+    averaged = told((1.9, 2.1))
+    assert _state(point, found, (), averaged).modulus_interval == pytest.approx((1.9, 2.1))
+    assert _state(point, found, (1.5, 2.0), averaged).modulus_interval == pytest.approx((1.5, 2.1))
+    assert _state(point, found, (3.0,), averaged).modulus_interval == pytest.approx((1.9, 3.0))
+    # The modulus itself lies in it, whatever the others say.
+    low, high = _state(point, found, (), told((2.2, 2.4))).modulus_interval
+    assert (low, high) == pytest.approx((2.0, 2.4))
+    assert _state(point, found, (), averaged).modulus_deviation == pytest.approx(0.05 * 2.0)
+
+
+def test_a_rig_has_no_modulus_and_no_interval() -> None:
+    point = point_of_heights(8000.0)
+    state = _state(point, ended(point, Toy("a", replaces_ground=True), size=0.0))
+    assert state.model == "rig"
+    assert np.isnan([state.modulus, state.modulus_deviation, state.modulus_100kpa]).all()
+    assert np.isnan(state.modulus_interval).all()
+    assert state.stress == pytest.approx(8000.0 / AREA)
+
+
+@pytest.mark.parametrize(("high", "told_so"), [(1.09, False), (1.11, True)])
+def test_a_wide_range_of_moduli_is_told_where_a_point_is_explained(
+    high: float, told_so: bool
+) -> None:
+    point = point_of_heights(8000.0)
+    found = ended(point, modulus_ratio=1.05)
+    after = replace(_state(point, found), modulus=1.05e7, modulus_interval=(1.0e7, 1.0e7 * high))
+    texts = _warnings(found, (), "explained", after)
+    assert any("10 to 11.1 MPa" in text for text in texts) == told_so
+    assert not any("MPa" in text for text in _warnings(found, (), "unexplained", after))
+
+
+def test_what_cannot_be_told_apart_is_named() -> None:
+    point = point_of_heights(8000.0)
+    found = ended(point, modulus_ratio=1.05)
+    effect = FoundEffect("bedrock", "point", "dig", (), 50.0, ("sensor_lag", "rebound"))
+    texts = _warnings(found, (effect,), "explained", _state(point, found))
+    assert "bedrock cannot be told from sensor_lag, rebound" in texts

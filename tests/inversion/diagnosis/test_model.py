@@ -64,7 +64,7 @@ def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
 
 def test_a_motion_under_a_force_is_that_of_impulses(model: DropModel) -> None:
     # The load itself, applied sample by sample, moves the plate as the model says.
-    impulse_motion = model._impulse_response(GROUND, [])
+    impulse_motion = model._impulse_response(model._stages(GROUND, []))
     found = forced_motion(impulse_motion, model.context.load, model.context.step)
     expected = model.predict(GROUND, [])[:, model.before :]
     assert found == pytest.approx(expected, abs=0.01 * expected.max())

@@ -1,9 +1,10 @@
-"""Which sets of effects the search tries and takes, on fits whose outcome is given."""
+"""Which sets of effects the search tries and takes, on records that are sums of what acts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,125 +13,25 @@ import pytest
 from inversion import Sensor, SurrogateLibrary
 from inversion.diagnosis import search as module
 from inversion.diagnosis.model import PointRecords
-from inversion.diagnosis.problem import Point, Unknown
-from inversion.diagnosis.search import ALIKE, WORTH, Candidate, Search
+from inversion.diagnosis.problem import Point
+from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, NOISE, WORTH, Search
 from inversion.effects import CATALOGUE, DropContext, Effect, Parameter
 from inversion.effects.base import ImpulseResponse, Values
-from inversion.fitting.parameters import soil_parameters
-from tests.inversion.effects.test_effects import context
+from tests.inversion.diagnosis.toys import (
+    GROUND,
+    SAMPLES,
+    SIZE,
+    Bench,
+    Names,
+    Toy,
+    direction,
+    found_values,
+    worth,
+)
 from tests.inversion.synthetic import Array, Scene, record
 
-INDEPENDENT = 100.0
-Names = frozenset[str]
-
-
-class Toy(Effect):
-    """An effect with one parameter, as another module would bring it."""
-
-    scope = "point"
-    advice = "none"
-    parameters = (Parameter("size", "-", 0.0, 1.0, (0.5,)),)
-
-    def __init__(self, name: str, **attributes: Any) -> None:
-        self.name = name  # type: ignore[misc]
-        for key, value in attributes.items():
-            setattr(self, key, value)
-
-
-@dataclass
-class GivenProblem:
-    """Unknowns of a ground and of effects; nothing is computed."""
-
-    points: Sequence[Any]
-    effects: Sequence[Effect]
-    fixed: dict[str, dict[str, float]]
-    scope: Any
-    solves: int = 0
-    device: list[Unknown] = field(default_factory=list)
-    independent: float = INDEPENDENT
-
-    @property
-    def own(self) -> list[list[Unknown]]:
-        of_effects = [
-            Unknown(p, e) for e in self.effects if e.name not in self.fixed for p in e.parameters
-        ]
-        return [[*(Unknown(p) for p in soil_parameters(40e6)[2:]), *of_effects]]
-
-    @property
-    def size(self) -> int:
-        return len(self.own[0])
-
-    @property
-    def names(self) -> Names:
-        return frozenset(effect.name for effect in self.effects)
-
-
-@dataclass
-class GivenFit:
-    """What a table says of a set of effects."""
-
-    problem: GivenProblem
-    device: Array
-    own: tuple[Array, ...]
-    excess: float
-    bounds: int
-
-    @property
-    def cost(self) -> float:
-        return self.excess**2 * INDEPENDENT
-
-    def at_bound(self) -> list[Unknown]:
-        effects = [unknown for unknown in self.problem.own[0] if unknown.effect is not None]
-        return effects[: self.bounds]
-
-
-@dataclass
-class GivenDrop:
-    context: DropContext
-    nonlinear_solves: int = 0
-
-
-@dataclass
-class GivenPoint:
-    drops: tuple[GivenDrop, ...]
-
-
-class Bench:
-    """A search over toys with the misfit of each set given; remembers what was tried."""
-
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.left: dict[Names, float] = {}
-        self.on_bound: dict[Names, int] = {}
-        self.otherwise: Callable[[Names], float] = lambda names: 5.0
-        self.tried: list[Names] = []
-        self.starts: dict[Names, list[dict[str, float]]] = {}
-        patch.setattr(module, "Problem", self._problem)
-        patch.setattr(module, "fit", self._fit)
-        patch.setattr(Candidate, "over_noise", property(lambda self: self.fit.excess))
-
-    @staticmethod
-    def _problem(points, effects, fixed, *, scope) -> GivenProblem:
-        return GivenProblem(points, effects, fixed, scope)
-
-    def _fit(self, problem: GivenProblem, device, own, iterations: int = 30) -> GivenFit:
-        names = problem.names
-        self.tried.append(names)
-        values = {
-            f"{u.effect.name}.{u.parameter.name}": float(u.parameter.value(unit))
-            for u, unit in zip(problem.own[0], own[0], strict=True)
-            if u.effect is not None
-        }
-        self.starts.setdefault(names, []).append(values)
-        left = self.left.get(names, self.otherwise(names))
-        return GivenFit(problem, device, tuple(own), left, self.on_bound.get(names, 0))
-
-    def search(self, *effects: Effect, drops: int = 1, fixed=None) -> Search:
-        models = tuple(GivenDrop(context(index=i, count=drops)) for i in range(drops))
-        point: Any = GivenPoint(models)
-        return Search([point], effects, fixed)
-
-    def found(self, *effects: Effect, **options: Any) -> Names:
-        return self.search(*effects, **options).run().names
+# So much of a direction is plain to see.
+MUCH = 60.0
 
 
 @pytest.fixture
@@ -142,203 +43,732 @@ def names(*found: str) -> Names:
     return frozenset(found)
 
 
-def left_by(gain: float, before: float = 5.0) -> float:
-    """Residual over noise after a drop of the criterion, the cost of one parameter paid."""
-    gain += np.log(INDEPENDENT)
-    return float(before * np.exp(-gain / (2 * INDEPENDENT)))
+A, B, C, D = (Toy(letter) for letter in "abcd")
 
 
-A, B, C = Toy("a"), Toy("b"), Toy("c")
+# --- what is worth being taken -------------------------------------------------------------------
 
 
-def test_where_noise_is_left_nothing_is_tried(bench: Bench) -> None:
-    bench.left[names()] = 1.19
-    assert bench.found(A, B) == names()
-    assert set(bench.tried) == {names()}
-    bench.left[names()] = 1.21
-    bench.found(A, B)
-    assert names("a") in bench.tried
+@pytest.mark.parametrize(("more", "asked"), [(-0.01, False), (0.01, True)])
+def test_where_noise_is_left_nothing_is_tried(more: float, asked: bool, bench: Bench) -> None:
+    search = bench.search((A, B), {}, rest=NOISE + more)
+    assert search.run().names == names()
+    assert (names("a") in bench.tried) == asked
+
+
+def test_what_is_left_counts_over_the_noise_and_not_as_it_is_weighed(bench: Bench) -> None:
+    for noise, taken in ((1.0, names("a")), (7.0, names())):
+        search = bench.search((A,), {"a": MUCH}, rest=1.0)
+        search.points[0].drops[0].noise[:] = noise
+        assert search.run().names == taken
+
+
+def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:
+    """From half the noise on, less is no better."""
+
+    def score(rest: float) -> float:
+        return bench.search((), {}, rest=rest).base().score
+
+    assert score(0.1) == pytest.approx(score(0.45))
+    assert score(0.55) > score(0.45) + 0.1 * SAMPLES
 
 
 @pytest.mark.parametrize(("more", "taken"), [(0.5, True), (-0.5, False)])
 def test_an_effect_has_to_be_worth_more_than_its_parameters(
     more: float, taken: bool, bench: Bench
 ) -> None:
-    bench.left[names("a")] = left_by(WORTH + more)
-    assert bench.found(A, B) == (names("a") if taken else names())
+    amount = worth(WORTH + more, rest=2.0)
+    search = bench.search((A, B), {"a": amount}, rest=2.0)
+    assert search.run().names == (names("a") if taken else names())
+
+
+def test_two_effects_have_to_be_worth_twice_as_much(bench: Bench) -> None:
+    """Both lie between two directions, so that either alone says little."""
+    for more, taken in ((1.0, names("a", "b")), (-1.0, names())):
+        amount = worth(2 * WORTH + more, unknowns=2, rest=2.0)
+        search = bench.search(hidden_pair(), {"a": amount}, rest=2.0)
+        assert search.run().names == taken
+
+
+def test_of_several_that_are_worth_it_the_best_is_taken_whatever_their_order(
+    bench: Bench,
+) -> None:
+    between = 0.9 * direction("a") + np.sqrt(0.19) * direction("b")
+    search = bench.search((A, Toy("b", between)), {"a": MUCH})
+    base, (a, b) = search.base(), search.catalogue
+    best, good = search.candidate((a,)), search.candidate((b,))
+    for others in ([best, good], [good, best]):
+        assert search._better(base, others) is best
+    assert search._better(base, []) is base
 
 
 def test_of_two_effects_the_better_is_taken(bench: Bench) -> None:
-    bench.left |= {names("a"): 1.1, names("b"): 1.05, names("a", "b"): 1.04}
-    assert bench.found(A, B) == names("b")
+    between = 0.9 * direction("a") + np.sqrt(0.19) * direction("b")
+    for other in (Toy("b", between), Toy("z", between)):
+        assert bench.search((A, other), {"a": MUCH}).run().names == names("a")
+        assert bench.search((other, A), MUCH * between).run().names == {other.name}
 
 
 @pytest.mark.parametrize(("more", "taken"), [(1.0, True), (-1.0, False)])
 def test_a_parameter_on_its_bound_costs(more: float, taken: bool, bench: Bench) -> None:
-    # Fifteen, as much again as an effect has to be worth.
-    bench.left[names("a")] = left_by(WORTH + 15.0 + more)
-    bench.on_bound[names("a")] = 1
-    assert bench.found(A) == (names("a") if taken else names())
+    amount = worth(WORTH + module._BOUND_COST + more, rest=2.0)
+    # It would go on a little: what that leaves is a tenth of the criterion's margin.
+    within = replace(SIZE, upper=amount - 0.2)
+    toy = Toy("a", parameters=(within,))
+    search = bench.search((toy,), {"a": amount}, rest=2.0)
+    assert search.run().names == (names("a") if taken else names())
+    free = Toy("a", parameters=(replace(within, natural=True),))
+    assert bench.search((free,), {"a": amount}, rest=2.0).run().names == names("a")
 
 
-def test_of_two_that_fit_alike_the_one_within_its_bounds_is_taken(bench: Bench) -> None:
-    bench.left |= {names("a"): 1.0, names("b"): 1.05}
-    assert bench.found(A, B) == names("a")
-    bench.on_bound[names("a")] = 1
-    assert bench.found(A, B) == names("b")
+def test_a_bound_costs_an_effect_and_not_the_ground(bench: Bench) -> None:
+    stiff = 50.0 * np.log(10.0) * GROUND
+    search = bench.search((A,), stiff + MUCH * direction("a"), ground=False)
+    best = search.run()
+    assert best.fit.at_bound()
+    assert best.score == pytest.approx(
+        SAMPLES * np.log(best.fit.excess**2) + 2 * np.log(SAMPLES), rel=1e-6
+    )
 
 
-def test_pairs_are_tried_where_singles_do_not_do(bench: Bench) -> None:
-    bench.left |= {names("a"): 4.5, names("b"): 4.5, names("a", "b"): 1.0}
-    assert bench.found(A, B, C) == names("a", "b")
+# --- which are tried -----------------------------------------------------------------------------
+
+
+def test_effects_are_fitted_alone_in_the_order_of_what_they_could_take(bench: Bench) -> None:
+    many = [Toy(f"b{number}", in_full_set=False) for number in range(20)]
+    amounts = {toy.name: 2.0 + 0.5 * number for number, toy in enumerate(many)}
+    search = bench.search([*many, Toy("a", in_full_set=False)], amounts | {"a": MUCH}, rest=0.5)
+    assert search.run().names >= names("a")
+    tried = list(dict.fromkeys(next(iter(found)) for found in bench.tried if len(found) == 1))
+    assert tried[0] == "a"
+    # The others as far as they were tried, the largest first, and by no means all.
+    largest = [toy.name for toy in reversed(many)]
+    assert tried[1:] == largest[: len(tried) - 1]
+    assert len(tried) < len(many) / 2
+
+
+class Bump(Toy):
+    """Fits where its place is, and nowhere else, with a wide flat land between."""
+
+    parameters = (
+        Parameter("place", "-", 0.0, 1.0, (0.1, 0.5, 0.9)),
+        Parameter("size", "-", -100.0, 100.0, (30.0,)),
+    )
+
+    def record(self, record: Array, values: Values, drop: DropContext) -> Array:
+        result: Array = record + values["size"] * bump(values["place"])
+        return result
+
+
+def bump(place: float) -> Array:
+    found: Array = np.exp(-(((np.arange(SAMPLES) / SAMPLES - place) / 0.05) ** 2))
+    return found
+
+
+def test_the_start_that_could_take_most_is_where_a_fit_begins(bench: Bench) -> None:
+    best = bench.search((Bump("a"), B), 40.0 * bump(0.88)).run()
+    assert best.names == names("a")
+    assert found_values(best.fit)["a.place"] == pytest.approx(0.88, abs=0.01)
+    assert bench.starts[names("a")][0]["a.place"] == pytest.approx(0.9)
+
+
+def test_of_two_that_could_take_as_much_the_one_of_fewer_numbers_comes_first(
+    bench: Bench,
+) -> None:
+    idle = tuple(replace(SIZE, name=f"idle {number}") for number in range(2))
+    many = Toy("a", parameters=(SIZE, *idle))
+    near = 0.999 * direction("a") + np.sqrt(1 - 0.999**2) * direction("b")
+    few = Toy("b", near)
+    search = bench.search((many, few), {"a": 30.0}, rest=2.0)
+    base = search.base()
+    looked = search._promising(base, (many, few), [module._values_of(base.fit)])
+    assert [effect for effect, _ in looked] == [few, many]
+
+
+def test_what_promises_much_and_fits_badly_does_not_take_the_place_of_others(
+    bench: Bench,
+) -> None:
+    """A straight line knows of no bounds; a few steps of a fit do."""
+    short = (replace(SIZE, lower=-0.5, upper=0.5, starts=(0.4,)),)
+    near = 0.98 * direction("b1") + np.sqrt(1 - 0.98**2) * direction("j")
+    deceivers = [
+        Toy(f"c{n}", direction("b1"), parameters=short, in_full_set=False) for n in range(4)
+    ]
+    true = Toy("a", near, in_full_set=False)
+    best = bench.search((*deceivers, true), MUCH * direction("b1")).run()
+    assert "a" in best.names
+
+
+def hidden_pair(**attributes: Any) -> tuple[Toy, Toy]:
+    """Two that take an eighth of direction a each when they are alone, together all of it."""
+    near = 0.35
+    rest = np.sqrt(1.0 - near**2)
+    first = Toy("a", near * direction("a") + rest * direction("c"), **attributes)
+    return first, Toy("b", near * direction("a") - rest * direction("c"), **attributes)
+
+
+def test_what_helps_only_together_is_found(bench: Bench) -> None:
+    search = bench.search((*hidden_pair(), D), {"a": MUCH / 2}, rest=1.0)
+    best = search.run()
+    for effect in best.effects:
+        assert search.candidate((effect,)).score > search.base().score - WORTH
+    assert best.names == names("a", "b")
+    assert best.fit.excess == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_helps_only_together_needs_both_in_the_full_set(bench: Bench) -> None:
+    """Else each is tried alone, and beside what stayed."""
+    search = bench.search(hidden_pair(in_full_set=False), {"a": MUCH / 2})
+    assert search.run().names == names()
+    assert names("a", "b") not in bench.tried
+
+
+def test_what_is_not_in_the_full_set_is_tried_beside_what_stayed(bench: Bench) -> None:
+    """Beside the pair it takes what is left; alone it is not seen for what the pair hides."""
+    lone = Toy("d", in_full_set=False)
+    amounts = {"a": MUCH, "d": worth(WORTH + 6.0)}
+    search = bench.search((*hidden_pair(), lone), amounts)
+    assert search.run().names == names("a", "b", "d")
+    assert search.candidate((lone,)).score > search.base().score - WORTH
+
+
+def test_a_search_ends_where_nothing_is_left_to_explain(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"a": MUCH}, rest=ENOUGH - 0.05)
+    assert search.run().names == names("a")
+    assert max(map(len, bench.tried)) == 1
+    bench.tried.clear()
+    bench.search((A, B, C), {"a": MUCH}, rest=ENOUGH + 0.05).run()
+    assert max(map(len, bench.tried)) == 3
+
+
+def starts_of(bench: Bench, *found: str) -> set[tuple[float, ...]]:
+    """Where fits of a set began, by effect in the order of the names."""
+    return {
+        tuple(round(values[f"{name}.size"], 3) for name in found)
+        for values in bench.starts[names(*found)]
+    }
+
+
+def test_the_full_set_begins_absent_and_present_in_every_way(bench: Bench) -> None:
+    a = Toy("a", present=({"size": 30.0},))
+    b = Toy("b", present=({"size": -20.0}, {"size": 40.0}), scope="device")
+    c = Toy("c", parameters=(replace(SIZE, absent=None),))
+    d = Toy("d", parameters=(replace(SIZE, absent=-5.0),))
+    search = bench.search((a, b, c, d), {"i": MUCH})
+    search.run()
+    ways = itertools.product((0.0, 30.0), (0.0, -20.0, 40.0), (10.0,), (-5.0,))
+    assert starts_of(bench, *"abcd") >= set(ways)
+
+
+def test_an_effect_behind_a_hill_is_found_from_where_it_is_present(bench: Bench) -> None:
+    class Hill(Toy):
+        """Small values make it worse, large ones better."""
+
+        parameters = (Parameter("size", "-", 0.0, 1.0, (0.02,), absent=0.0, natural=True),)
+
+        def record(self, record: Array, values: Values, drop: DropContext) -> Array:
+            x = values["size"]
+            result: Array = record + MUCH * x * (2.5 * x - 1.25) * self.along
+            return result
+
+    near, rest = 0.1, np.sqrt(0.99)
+    b = Toy("b", near * direction("a") - rest * direction("c"))
+    along = near * direction("a") + rest * direction("c")
+    amount = MUCH * 0.8 * (2.5 * 0.8 - 1.25)
+    recorded = amount * (along + b.along)
+    for present, taken in (({"size": 0.7},), names("a", "b")), ((), None):
+        search = bench.search((Hill("a", along, present=present), b), recorded)
+        best = search.run()
+        if taken is not None:
+            assert best.names == taken
+            assert found_values(best.fit)["a.size"] == pytest.approx(0.8, abs=0.02)
+        else:
+            assert best.names != names("a", "b")
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_two_ends_of_the_full_set_are_followed_when_they_fit_nearly_alike(
+    alike: bool, bench: Bench
+) -> None:
+    class Either(Toy):
+        """Explains with one sign as with the other, on another ground."""
+
+        parameters = (Parameter("size", "-", -1.5, 1.5, (-0.8,)),)
+        present = ({"size": 0.8},)
+        worse = 0.0
+
+        def record(self, record: Array, values: Values, drop: DropContext) -> Array:
+            x = values["size"]
+            moved = MUCH * x**2 * direction("a") + 5.0 * x * GROUND
+            result: Array = record + moved + self.worse * (x - 1.0) * direction("e")
+            return result
+
+    either = Either("a", worse=0.3 if alike else 20.0)
+    search = bench.search((either, B), MUCH * direction("a") + 5.0 * GROUND, rest=1.3)
+    ends = search._full_sets(search.base())
+    assert all(c in search.fitted and c.names == names("a", "b") for c in ends)
+    grounds = sorted(found_values(c.fit)[".modulus_ratio"] for c in ends)
+    if alike:
+        assert len(ends) == 2
+        expected = 2.0 * np.exp([0.0, 10.0 / 20.0])
+        assert grounds == pytest.approx(list(expected), rel=0.02)
+    else:
+        assert grounds == pytest.approx([2.0], rel=0.02)
+    assert all(found_values(c.fit)["b.size"] == pytest.approx(0.0, abs=0.5) for c in ends)
+
+
+def test_ends_on_the_same_ground_are_told_once(bench: Bench) -> None:
+    a = Toy("a", present=({"size": 30.0}, {"size": -30.0}))
+    search = bench.search((a, B), {"e": MUCH})
+    search.run()
+    assert sum(c.names == names("a", "b") for c in search.fitted) == 1
+
+
+# --- what nature gives ---------------------------------------------------------------------------
+
+
+def held(letter: str, along: Array | None = None, **attributes: Any) -> Toy:
+    """An effect of which nature gives 0 with a deviation of 4."""
+    return Toy(letter, along, parameters=(replace(SIZE, prior=(0.0, 4.0)),), **attributes)
+
+
+def test_what_nature_gives_weighs_against_what_is_left(bench: Bench) -> None:
+    """As if what is left were the noise."""
+    search = bench.search((held("a"),), {"a": 20.0}, rest=4.0)
+    found = search.candidate(search.catalogue)
+    weight = found.fit.problem.prior_weight
+    assert found.fit.excess / 2 < weight < 2 * found.fit.excess
+    expected = 20.0 / (1.0 + (weight / 4.0) ** 2)
+    assert found_values(found.fit)["a.size"] == pytest.approx(expected, rel=0.01)
+
+
+def test_where_priors_do_not_count_the_records_alone_do(bench: Bench) -> None:
+    search = bench.search((held("a"),), {"a": 20.0}, rest=4.0)
+    without = Search(search.points, search.catalogue, priors=False)
+    found = without.candidate(without.catalogue).fit
+    assert found.problem.prior_weight == 0.0
+    assert found_values(found)["a.size"] == pytest.approx(20.0, rel=1e-3)
+
+
+def test_what_the_records_do_not_tell_is_what_nature_gives(bench: Bench) -> None:
+    """An effect that the ground imitates: all of it is the ground's."""
+    search = bench.search((held("a", GROUND), B), {"b": MUCH})
+    found = found_values(search.candidate(search.catalogue).fit)
+    assert found["a.size"] == pytest.approx(0.0, abs=0.1)
+    assert found[".modulus_ratio"] == pytest.approx(2.0, rel=0.01)
+
+
+def test_the_full_set_is_held_more_lightly_and_as_much_as_what_it_leaves(bench: Bench) -> None:
+    amounts = {"a": 4.0, "b": 400.0}
+    wide = Toy("b", parameters=(replace(SIZE, lower=-900.0, upper=900.0),))
+    for rest in (40.0, 1.0):
+        search = bench.search((held("a"), wide), amounts, rest=rest)
+        (end,) = search._full_sets(search.base())
+        weight = end.fit.problem.prior_weight
+        assert weight >= 1.0
+        if rest > 1.0:
+            assert 1.5 < weight < end.fit.excess
+        else:
+            # What it left at first is no measure of what it leaves.
+            assert search.base().fit.excess > 40.0
+            assert weight < 2.0
+
+
+# --- what goes again -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("more", "stays"), [(1.0, False), (-1.0, True)])
+def test_effects_that_are_worth_nothing_beside_the_others_go(
+    more: float, stays: bool, bench: Bench
+) -> None:
+    # Without an effect the criterion may rise by what it has to be worth.
+    search = bench.search((A, B, C, D), {"a": MUCH, "b": 0.3, "d": worth(WORTH - more)})
+    best = search.candidate((A, B, C, D))
+    assert search._shrink(best).names == (names("a", "d") if stays else names("a"))
+
+
+def test_a_large_set_is_compared_when_it_has_shrunk(bench: Bench) -> None:
+    """All that is worth nothing in it would cost more than the rest is worth."""
+    idle = [Toy(f"b{number}") for number in range(8)]
+    amount = worth(2 * WORTH + 8.0, unknowns=2, rest=2.0)
+    search = bench.search((*hidden_pair(), *idle), {"a": amount}, rest=2.0)
+    assert search.run().names == names("a", "b")
+
+
+def test_what_came_last_may_make_another_go(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    search = bench.search((A, B), {"a": MUCH})
+    monkeypatch.setattr(search, "_grown", lambda best: search.candidate((A, B)))
+    assert search.run().names == names("a")
+
+
+def test_a_set_without_an_effect_is_fitted_once(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"a": MUCH, "b": MUCH})
+    best = search.candidate((A, B, C))
+    first = search.without(best, C)
+    count = len(bench.tried)
+    assert search.without(best, C) is first
+    assert len(bench.tried) == count
+    assert search.without(search.candidate((A,)), A) is search.base()
+
+
+def test_a_worse_end_of_the_same_set_does_not_take_the_place_of_the_better(bench: Bench) -> None:
+    search = bench.search((Bump("a"),), 40.0 * bump(0.88))
+    good = search.candidate((search.catalogue[0],))
+    problem = search._problem(search.catalogue)
+    bad = module._start(problem, {}, 0)
+    assert search._fit(search.catalogue, 3, [bad]) is good
+    assert search.candidate((search.catalogue[0],)) is good
+
+
+def test_the_weakest_goes_first_and_the_strongest_is_not_asked(bench: Bench) -> None:
+    effects = [Toy(letter) for letter in "abcdef"]
+    amounts = {letter: 1.0 + number for number, letter in enumerate("abc")}
+    search = bench.search(effects, amounts | {"d": 30.0, "e": 40.0, "f": 50.0})
+    best = search.candidate(effects)
+    bench.tried.clear()
+    assert search._shrink(best).names == names("d", "e", "f")
+    sizes = [len(found) for found in bench.tried]
+    assert sizes == sorted(sizes, reverse=True)
+    # The weakest of each: a, then b, then c; the strongest was never tried to be left out.
+    assert {found for found in bench.tried if len(found) > 2} == {
+        names(*"bcdef"),
+        names(*"cdef"),
+        names(*"def"),
+    }
+    assert all("f" in found for found in bench.tried)
+
+
+def test_strength_is_a_distance_from_absent_in_deviations(bench: Bench) -> None:
+    absent = Toy("b", parameters=(replace(SIZE, absent=4.0),))
+    two = Toy(
+        "c",
+        parameters=(SIZE, replace(SIZE, name="free", absent=None)),
+        record=lambda r, v, d: r + v["size"] * direction("c") + v["free"] * direction("d"),
+    )
+    never = Toy("e", parameters=(replace(SIZE, absent=None),))
+    amounts = {"a": 20.0, "b": 9.0, "c": 7.0, "d": 3.0}
+    search = bench.search((A, absent, two, never), amounts, rest=2.0)
+    best = search.candidate((A, absent, two, never))
+    excess = best.fit.excess
+    assert excess == pytest.approx(2.0, rel=1e-3)
+    # Of an orthonormal direction the deviation is 1, times what is left over noise.
+    assert module._strength(best, A) == pytest.approx((20.0 / excess) ** 2, rel=1e-3)
+    assert module._strength(best, absent) == pytest.approx((5.0 / excess) ** 2, rel=1e-3)
+    # What has no absent value counts as where it is.
+    assert module._strength(best, two) == pytest.approx((7.0 / excess) ** 2, rel=1e-3)
+    assert module._strength(best, never) == np.inf
+
+
+def test_others_may_follow_when_an_effect_is_weighed(bench: Bench) -> None:
+    """Two of nearly one direction: each alone is weak, because the other could do."""
+    beside = 0.995 * direction("a") + np.sqrt(1 - 0.995**2) * direction("b")
+    search = bench.search((A, Toy("b", beside)), {"a": 20.0})
+    best = search.candidate(search.catalogue)
+    first = module._strength(best, A)
+    assert first == pytest.approx((20.0 / best.fit.excess) ** 2 * (1 - 0.995**2), rel=0.05)
+
+
+# --- what never stands together ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("other", [False, True])
-def test_effects_that_exclude_each_other_are_never_tried_together(
-    other: bool, bench: Bench
+@pytest.mark.parametrize("in_full_set", [False, pytest.param(True)])
+def test_effects_that_exclude_each_other_are_never_fitted_together(
+    other: bool, in_full_set: bool, bench: Bench
 ) -> None:
-    a, b = Toy("a", excludes=names("b")), B
-    if other:
-        a, b = A, Toy("b", excludes=names("a"))
-    bench.otherwise = lambda tried: 1.0 if {"a", "b"} <= tried else 4.0 - 0.5 * len(tried)
-    assert not names("a", "b") <= bench.found(a, b, C)
+    a, b = Toy("a", in_full_set=in_full_set), Toy("b", in_full_set=True)
+    excluding = Toy("b", excludes=names("a")) if other else b
+    excluded = a if other else Toy("a", excludes=names("b"), in_full_set=in_full_set)
+    amounts = {"a": MUCH, "b": MUCH + 2.0, "c": 45.0}
+    search = bench.search((excluded, excluding, C), amounts)
+    best = search.run()
+    for effect in best.effects:
+        search.alternatives(best, effect)
     assert not any({"a", "b"} <= tried for tried in bench.tried)
-    assert {"a", "b"} <= bench.found(A, B, C)
+    assert best.names == names("b", "c")
+    assert bench.search((a, b, C), amounts).run().names == names("a", "b", "c")
 
 
-def test_an_effect_that_others_exclude_does_not_stand_in_for_them(bench: Bench) -> None:
-    bench.left |= {names("a"): 1.0, names("b"): 1.0, names("c"): 1.0}
-    for effects, expected in (((A, B, C), {"b", "c"}), ((A, Toy("b"), C), {"b", "c"})):
-        search = bench.search(*effects)
-        best = search.candidate((effects[0],))
-        assert set(search.alternatives(best, effects[0])) == expected
-    a, b, c = Toy("a"), Toy("b", excludes=names("c")), C
-    bench.left |= {names("a", "b"): 1.0, names("b", "c"): 1.0}
-    search = bench.search(a, b, c)
-    assert search.alternatives(search.candidate((a, b)), a) == {}
+def test_likely_effects_that_exclude_each_other_are_not_fitted_together(bench: Bench) -> None:
+    a = Toy("a", excludes=names("b"))
+    search = bench.search((a, B), {"a": MUCH, "b": MUCH})
+    search.run(likely=["a", "b"])
+    assert names("a", "b") not in bench.tried
+
+
+def test_no_effect_stands_beside_a_given_one_that_excludes_it(bench: Bench) -> None:
+    given = Toy("a", scope="device", excludes=names("b"))
+    search = bench.search((given, B, C), {"a": 10.0, "b": MUCH}, fixed={"a": {"size": 10.0}})
+    assert search.run().names == names()
+    assert not any("b" in tried for tried in bench.tried)
+
+
+# --- given and likely effects --------------------------------------------------------------------
+
+
+def test_given_effects_act_and_are_not_looked_for(bench: Bench) -> None:
+    given = Toy("a", scope="device")
+    search = bench.search((given, B), {"a": 30.0, "b": MUCH}, fixed={"a": {"size": 30.0}})
+    assert [effect.name for effect in search.catalogue] == ["b"]
+    best = search.run()
+    assert best.names == names("b")
+    assert all("a" in tried for tried in bench.tried)
+    assert best.fit.excess == pytest.approx(1.0, abs=1e-3)
+    assert {unknown.effect for unknown in best.fit.unknowns} == {None, search.catalogue[0]}
+
+
+def test_a_given_value_is_taken_as_it_is(bench: Bench) -> None:
+    given = Toy("a", scope="device")
+    base = bench.search((given,), {"a": 30.0}, fixed={"a": {"size": 20.0}}).base()
+    assert base.fit.excess == pytest.approx(np.sqrt(1.0 + 100.0 / SAMPLES), rel=1e-4)
+
+
+def test_likely_effects_are_tried_first_and_taken_when_they_do(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"b": MUCH})
+    assert search.run(likely=["b"]).names == names("b")
+    assert set(bench.tried) == {names(), names("b")}
+
+
+def test_of_likely_effects_those_that_are_worth_nothing_go(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"b": MUCH})
+    assert search.run(likely=["a", "b"]).names == names("b")
+    assert names("c") not in bench.tried
+
+
+def test_likely_effects_that_do_not_explain_all_are_no_more_than_others(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"b": MUCH, "c": MUCH})
+    assert search.run(likely=["b"]).names == names("b", "c")
+
+
+def test_likely_names_that_are_not_offered_are_passed_over(bench: Bench) -> None:
+    search = bench.search((A, B), {"b": MUCH})
+    assert search.run(likely=["nothing known"]).names == names("b")
+
+
+def test_effects_by_their_names_whatever_they_are_worth(bench: Bench) -> None:
+    search = bench.search((A, B, C), {"b": MUCH})
+    assert search.named(["a", "c"]).names == names("a", "c")
+    assert search.named([]) is search.base()
+
+
+# --- what the records themselves tell ------------------------------------------------------------
+
+
+class Told(Toy):
+    """Knows from the records where a fit of it beside another begins."""
+
+    told_sets = (names("a", "b"),)
+    in_full_set = False
+    parameters = (replace(SIZE, starts=(-90.0,)),)
+
+    def set_starts(
+        self, drop: DropContext, found: frozenset[str]
+    ) -> Mapping[tuple[str, str], float]:
+        """The ground and the effects of the set, if both are in it."""
+        if not {"a", "b"} <= found:
+            return {}
+        return {("a", "size"): 41.0, ("b", "size"): -21.0, ("", "modulus_ratio"): 2.5}
+
+
+def test_sets_that_the_records_tell_begin_there(bench: Bench) -> None:
+    first, second = hidden_pair(in_full_set=False)
+    told = Told("a", first.along)
+    search = bench.search((told, second), {"a": MUCH / 2})
+    assert search.run().names == names("a", "b")
+    assert (41.0, -21.0) in starts_of(bench, "a", "b")
+
+
+def test_a_given_effect_may_be_one_of_a_told_set(bench: Bench) -> None:
+    given = Toy("b", scope="device")
+    search = bench.search((Told("a"), given), {"a": 30.0, "b": 7.0}, fixed={"b": {"size": 7.0}})
+    (found,) = search._led_by_records()
+    assert found.names == names("a")
+    assert any(start["a.size"] == pytest.approx(41.0) for start in bench.starts[names("a", "b")])
+
+
+def test_a_told_set_needs_all_its_effects(bench: Bench) -> None:
+    search = bench.search((Told("a"), C), {"i": MUCH})
+    search.run()
+    assert search._led_by_records() == []
+
+
+# --- without ground ------------------------------------------------------------------------------
+
+
+class Rig(Toy):
+    """Stands in the ground's place."""
+
+    replaces_ground = True
+    in_full_set = False
+
+
+@pytest.mark.parametrize("leads", [True, False])
+def test_on_a_rig_all_the_others_are_tried_when_it_leads(leads: bool, bench: Bench) -> None:
+    rig = Rig("e")
+    pair = hidden_pair()
+    amounts = {"a": MUCH, "e": 90.0} if leads else {"a": 0.5 * MUCH}
+    search = bench.search((rig, *pair), amounts, ground=not leads, rest=1.0)
+    best = search.run()
+    assert (names("a", "b", "e") in bench.tried) == leads
+    assert best.names == (names("a", "b", "e") if leads else names("a", "b"))
+    assert all((unknown.effect is None) != leads for unknown in best.fit.unknowns[:1])
+
+
+def test_what_a_rig_excludes_is_not_on_it(bench: Bench) -> None:
+    rig = Rig("e", excludes=names("b"))
+    search = bench.search((rig, A, B, C), {"a": 9.0, "c": 9.0, "e": 90.0, "i": 20.0}, ground=False)
+    search.run()
+    assert names("a", "c", "e") in bench.tried
+    assert not any({"b", "e"} <= tried for tried in bench.tried)
+
+
+# --- what would do in its place ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("more", "alike"), [(-0.5, True), (0.5, False)])
 def test_alternatives_fit_as_well_but_for_a_little(more: float, alike: bool, bench: Bench) -> None:
-    bench.left[names("a")] = 1.0
-    bench.left[names("b")] = float(np.exp((ALIKE + more) / (2 * INDEPENDENT)))
-    search = bench.search(A, B)
-    assert ("b" in search.alternatives(search.candidate((A,)), A)) == alike
+    rest, amount = 2 * EXPLAINED, 80.0
+    # What b leaves of a's direction costs just so much of the criterion.
+    left = rest**2 * SAMPLES * (np.exp((ALIKE + more) / SAMPLES) - 1.0)
+    share = np.sqrt(1.0 - left / amount**2)
+    b = Toy("b", share * direction("a") + np.sqrt(1.0 - share**2) * direction("b"))
+    search = bench.search((A, b), {"a": amount}, rest=rest)
+    best = search.candidate((A,))
+    assert ("b" in search.alternatives(best, A)) == alike
 
 
-def test_an_effect_that_is_worth_nothing_beside_the_others_goes(bench: Bench) -> None:
-    bench.left |= {names("a"): 4.0, names("b"): 2.0, names("a", "b"): 1.3}
-    bench.left |= {names("a", "b", "c"): 1.0, names("a", "c"): 1.001}
-    assert bench.found(A, B, C) == names("a", "c")
+@pytest.mark.parametrize(("more", "told"), [(-0.02, True), (0.02, False)])
+def test_where_both_leave_noise_the_better_is_not_told(
+    more: float, told: bool, bench: Bench
+) -> None:
+    amount = 80.0
+    left = SAMPLES * ((EXPLAINED + more) ** 2 - 1.0)
+    share = np.sqrt(1.0 - left / amount**2)
+    b = Toy("b", share * direction("a") + np.sqrt(1.0 - share**2) * direction("b"))
+    search = bench.search((A, b), {"a": amount})
+    best = search.candidate((A,))
+    assert ("b" in search.alternatives(best, A)) == told
 
 
-def test_what_may_be_masked_is_tried_in_pairs_even_if_it_is_the_worst(bench: Bench) -> None:
-    many = [Toy(f"e{n}") for n in range(6)]
-    bench.left |= {names(toy.name): 4.0 for toy in many}
-    hidden = {names("a"): 5.0, names("a", "e0"): 1.0}
-    bench.left |= hidden
-    assert bench.found(*many, A) == names("e0")
-    assert names("a", "e0") not in bench.tried
-    assert bench.found(*many, Toy("a", may_be_masked=True)) == names("a", "e0")
+def test_at_most_two_are_told_the_best_first(bench: Bench) -> None:
+    shares = {"b": 0.999, "c": 0.9999, "d": 0.9995, "e": 0.5}
+    others = [
+        Toy(name, share * direction("a") + np.sqrt(1 - share**2) * direction(name))
+        for name, share in shares.items()
+    ]
+    search = bench.search((A, *others), {"a": 30.0})
+    best = search.run()
+    assert best.names == names("a")
+    found = search.alternatives(best, A)
+    assert list(found) == ["c", "d"]
+    assert [candidate.names for candidate in found.values()] == [names("c"), names("d")]
 
 
-def joint(*found: str, **attributes: Any) -> tuple[Toy, ...]:
-    """Effects that help only together: the first says so."""
-    first, *others = found or ("a", "b", "c")
-    return (
-        Toy(first, joint_sets=(names(first, *others),), **attributes),
-        *(Toy(other) for other in others),
-    )
+def test_the_best_is_told_first_though_another_promised_more(bench: Bench) -> None:
+    """A straight line knows of no bounds."""
+    near = Toy("c", 0.9999 * direction("a") + np.sqrt(1 - 0.9999**2) * direction("c"))
+    short = Toy("d", direction("a"), parameters=(replace(SIZE, upper=29.0, natural=True),))
+    search = bench.search((A, short, near), {"a": 30.0})
+    assert list(search.alternatives(search.candidate((A,)), A)) == ["c", "d"]
 
 
-def test_sets_that_help_only_together_are_tried_as_such(bench: Bench) -> None:
-    bench.left[names(*"abcd")] = 1.0
-    assert bench.found(A, B, C, Toy("d")) == names()
-    assert bench.found(*joint(*"abcd")) == names(*"abcd")
+def test_an_alternative_stands_beside_the_others_of_its_set(bench: Bench) -> None:
+    b = Toy("b", 0.9999 * direction("a") + np.sqrt(1 - 0.9999**2) * direction("b"))
+    search = bench.search((A, b, C), {"a": 30.0, "c": 30.0})
+    best = search.run()
+    assert best.names == names("a", "c")
+    assert {n: c.names for n, c in search.alternatives(best, A).items()} == {"b": names("b", "c")}
+    assert search.alternatives(best, C) == {}
 
 
-def test_a_joint_set_needs_all_its_effects(bench: Bench) -> None:
-    bench.otherwise = lambda tried: 1.0 if len(tried) > 1 else 5.0
-    a, b, _ = joint()
-    search = bench.search(a, b)
-    assert search._jointly(search.base()) == []
+def test_an_effect_that_another_of_the_set_excludes_does_not_stand_in(bench: Bench) -> None:
+    b = Toy("b", direction("a"), excludes=names("c"))
+    search = bench.search((A, b, C), {"a": 30.0, "c": 30.0})
+    best = search.candidate((A, C))
+    assert search.alternatives(best, A) == {}
 
 
-def test_what_goes_with_every_joint_set_is_in_each(bench: Bench) -> None:
-    effects = (*joint(), Toy("d", in_every_joint_set=True), Toy("e"))
-    search = bench.search(*effects)
-    search._jointly(search.base())
-    assert set(bench.tried) == {names(), names("a", "b", "c", "d")}
+def test_an_imitator_that_records_do_not_show_is_told(bench: Bench) -> None:
+    def hidden(**attributes: Any) -> Toy:
+        return Toy("b", direction("a"), offered=lambda drops: False, **attributes)
+
+    for imitator, told in ((hidden(imitates=names("a")), ["b"]), (hidden(), [])):
+        search = bench.search((A, imitator), {"a": 30.0})
+        assert [effect.name for effect in search.catalogue] == ["a"]
+        assert list(search.alternatives(search.run(), A)) == told
+        assert search.run().names == names("a")
 
 
-def test_joint_sets_begin_where_their_effects_say(bench: Bench) -> None:
-    a, b, c = joint(joint_starts=({"size": 0.11}, {"size": 0.22}))
-    b.joint_starts = ({"size": 0.33}, {"size": 0.44})  # type: ignore[misc]
-    search = bench.search(a, b, c)
-    search._jointly(search.base())
-    starts = [tuple(start.values()) for start in bench.starts[names("a", "b", "c")]]
-    assert starts[0] == pytest.approx((0.5, 0.5, 0.5))
-    assert any(start == pytest.approx((0.11, 0.33, 0.5)) for start in starts)
-    assert any(start == pytest.approx((0.22, 0.44, 0.5)) for start in starts)
+# --- the ground of the contact -------------------------------------------------------------------
 
 
-def test_what_replaces_the_ground_begins_where_it_fits_alone(bench: Bench) -> None:
-    a, b, c = joint()
-    b.replaces_ground = True  # type: ignore[misc]
-    b.parameters = (Parameter("size", "-", 0.0, 1.0, (0.9,)),)  # type: ignore[misc]
-    c.joint_starts = ({"size": 0.2}, {"size": 0.3})  # type: ignore[misc]
-    search = bench.search(a, b, c)
-    search.base()
-    search.candidate((b,))
-    search.candidate((a, b, c))
-    assert all(
-        start["b.size"] == pytest.approx(0.9) for start in bench.starts[names("a", "b", "c")]
-    )
+def test_what_comes_after_the_pulse_does_not_spoil_the_ground_of_the_contact(bench: Bench) -> None:
+    late = np.where(np.arange(SAMPLES) < SAMPLES // 2, 0.0, MUCH * GROUND)
+    search = bench.search((A,), late, rest=0.0)
+    (contact,) = search._ground_of_contact().values()
+    assert contact == pytest.approx(2.0, rel=1e-3)
+    assert found_values(search.base().fit)[".modulus_ratio"] > 3.0
 
 
-def test_smaller_joint_sets_are_tried_first(bench: Bench) -> None:
-    small, large = names("a", "b"), names("a", "b", "c")
-    effects = (Toy("a", joint_sets=(large,)), Toy("b", joint_sets=(small,)), C)
-    search = bench.search(*effects)
-    search._jointly(search.base())
-    assert [tried for tried in dict.fromkeys(bench.tried) if tried] == [small, large]
+# --- several drops -------------------------------------------------------------------------------
 
 
-def test_the_whole_catalogues_joint_sets() -> None:
-    found = module._joint_sets(CATALOGUE)
-    bent = {"stress_dependence", "geophone_response"}
-    back = bent | {"hysteretic_unloading"}
-    assert set(found) == {
-        frozenset(bent),
-        frozenset(back),
-        frozenset(back | {"bedrock"}),
-        frozenset(back | {"spring_rig"}),
-        frozenset(back | {"bedrock", "rebound"}),
+def test_an_effect_of_single_drops_has_a_value_for_each(bench: Bench) -> None:
+    toy = Toy("a", scope="drop")
+    search = bench.search((toy, B), {"a": 30.0}, {"a": -20.0})
+    best = search.run()
+    assert best.names == names("a")
+    sizes = [
+        float(unknown.parameter.value(unit))
+        for unknown, unit in zip(best.fit.unknowns, best.fit.unit_values, strict=True)
+        if unknown.effect is toy
+    ]
+    assert sizes == pytest.approx([30.0, -20.0], abs=0.05)
+
+
+def test_each_drop_begins_where_it_could_take_most(bench: Bench) -> None:
+    toy = Bump("a", scope="drop")
+    search = bench.search((toy, B), 40.0 * bump(0.12), 40.0 * bump(0.88), 40.0 * bump(0.51))
+    best = search.run()
+    assert best.names == names("a")
+    places = [
+        float(unknown.parameter.value(unit))
+        for unknown, unit in zip(best.fit.unknowns, best.fit.unit_values, strict=True)
+        if unknown.parameter.name == "place"
+    ]
+    assert places == pytest.approx([0.12, 0.88, 0.51], abs=0.01)
+
+
+def test_an_effect_that_is_not_offered_for_every_point_is_left_out(bench: Bench) -> None:
+    several = Toy("a", offered=lambda drops: len(drops) > 1)
+    assert bench.search((several,), {}, {}).catalogue == (several,)
+    assert bench.search((several,), {}).catalogue == ()
+
+
+def test_the_order_of_the_catalogue_does_not_matter(bench: Bench) -> None:
+    effects = (*hidden_pair(), D, Toy("e", in_full_set=False), Toy("f"))
+    amounts = {"a": MUCH, "e": 30.0, "f": 1.0}
+    found = {
+        bench.search(order, amounts).run().names for order in (effects, tuple(reversed(effects)))
     }
-    assert list(map(len, found)) == sorted(map(len, found))
+    assert found == {names("a", "b", "e")}
 
 
-def test_given_effects_are_not_looked_for_but_act(bench: Bench) -> None:
-    bench.otherwise = lambda tried: 1.0 if tried == names("a", "b") else 5.0
-    search = bench.search(A, B, fixed={"a": {"size": 0.3}})
-    assert [effect.name for effect in search.catalogue] == ["b"]
-    assert search.run().names == names("b")
-    assert names("a", "b") in bench.tried
-
-
-def test_likely_effects_are_tried_first_and_taken_when_they_do(bench: Bench) -> None:
-    bench.left |= {names("b"): 1.0}
-    search = bench.search(A, B, C)
-    assert search.run(likely=["b"]).names == names("b")
-    assert names("a") not in bench.tried
+def test_the_same_search_finds_the_same(bench: Bench) -> None:
+    effects = (*hidden_pair(), D)
+    first, second = (bench.search(effects, {"a": MUCH, "d": 20.0}).run() for _ in range(2))
+    assert first.names == second.names
+    assert first.score == second.score
 
 
 # --- with real fits ------------------------------------------------------------------------------
 
 
-class Slip(Toy):
+class Slip(Effect):
     """A new effect: one class, and nothing else knows of it."""
 
+    name = "slip"
+    scope = "point"
     parameters = (Parameter("size", "m", -1e-3, 1e-3, (1e-5,)),)
 
     def motion(
@@ -349,15 +779,17 @@ class Slip(Toy):
         return result
 
 
-def test_a_new_effect_needs_no_more_than_its_class(library: SurrogateLibrary) -> None:
-    drop = record(library, Scene())
+# Without noise the model's own error alone is left, far below what it is granted.
+@pytest.mark.parametrize("noise", [1e-6, 0.0])
+def test_a_new_effect_needs_no_more_than_its_class(library: SurrogateLibrary, noise: float) -> None:
+    drop = record(library, Scene(sensor_noise=noise))
     slip = 2e-5 * np.sin(4 * np.pi * drop.load / drop.load.max())
     sensor = Sensor(0.0, "displacement", drop.sensors[0].values + slip)
     point = Point(
         PointRecords("toy", (replace(drop, sensors=(sensor,), bedrock_depth=1.1),), (1,)), library
     )
     lag = next(effect for effect in CATALOGUE if effect.name == "sensor_lag")
-    best = Search([point], (lag, Slip("slip"))).run()
+    best = Search([point], (lag, Slip())).run()
     assert best.names == names("slip")
     found = float(best.fit.unknowns[-1].parameter.value(best.fit.unit_values[-1]))
     assert found == pytest.approx(2e-5, rel=0.05)

@@ -142,6 +142,59 @@ def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
     )
 
 
+PLATE = np.pi * 0.15**2
+
+
+@pytest.mark.parametrize("within", [1.0, 0.6, 0.0])
+@pytest.mark.parametrize("peak", [8000.0, 5000.0])
+def test_the_secant_modulus_at_a_stress_is_that_of_the_power_law(
+    within: float, peak: float
+) -> None:
+    """E = E_ref (s / s_ref)^n, whatever part of it acts within a drop, and under every drop."""
+    effect, n = BY_NAME["stress_dependence"], 0.4
+    drop = context(peak_load=peak, largest_load=8000.0, count=3)
+    reference = Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
+    values = {"exponent": n, "within": within}
+    of_drop = effect.ground(reference, values, drop).modulus
+    for stress in (peak / PLATE, 100e3, 8000.0 / PLATE, 20e3):
+        found = of_drop * effect.modulus_at(stress, values, drop)
+        assert found == pytest.approx(4e7 * (stress * PLATE / 8000.0) ** n)
+
+
+def test_a_single_drop_has_the_whole_power_law_within_it() -> None:
+    effect, drop = BY_NAME["stress_dependence"], context(count=1)
+    values = {"exponent": -0.25}
+    assert effect.modulus_at(8000.0 / PLATE, values, drop) == pytest.approx(1.0)
+    assert effect.modulus_at(100e3, values, drop) == pytest.approx(
+        (100e3 * PLATE / 8000.0) ** -0.25
+    )
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_no_other_effect_makes_the_modulus_one_of_the_stress(effect: Effect) -> None:
+    drop = context()
+    values = {p.name: p.starts[0] for p in effect.parameters_for(drop)}
+    same = effect.modulus_at(10e3, values, drop) == effect.modulus_at(500e3, values, drop) == 1.0
+    assert same == (effect.name != "stress_dependence")
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_what_treats_rows_alike_may_see_those_of_many_records(effect: Effect) -> None:
+    """Records one below the other come out as one by one."""
+    drop = context(flat=(0.02, None), load_left=0.0 * TIME)
+    parameters = [p for p in effect.parameters_for(drop) if p.name != "cap"]
+    values = {p.name: p.starts[-1] for p in parameters}
+    many = np.stack([MOTION, 1.7 * MOTION, MOTION[::-1]])
+    each = np.stack([effect.record(record, values, drop) for record in many])
+    if effect.rows_alike:
+        together = effect.record(many.reshape(6, -1), values, drop)
+        np.testing.assert_allclose(together.reshape(many.shape), each, atol=1e-15)
+    else:
+        # It does not: the sensor that the level belongs to is another one.
+        assert effect.name == "saturation"
+        assert not np.allclose(each[0][0], each[2][1])
+
+
 def test_permanent_set_stays_under_the_plate() -> None:
     values = {"displacement": 1e-4, "exponent": 1.5}
     record = BY_NAME["permanent_set"].motion(MOTION, values, context(), no_impulse)

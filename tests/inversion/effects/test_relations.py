@@ -1,5 +1,6 @@
 """What effects say of each other, written out once more."""
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -37,13 +38,24 @@ def test_a_conflict_holds_both_ways() -> None:
         assert a.conflicts_with(b) == b.conflicts_with(a)
 
 
-def test_effects_that_others_may_mask() -> None:
-    found = {effect.name for effect in CATALOGUE if effect.may_be_masked}
-    assert found == {
-        "geophone_response",
+def test_no_two_of_the_full_set_exclude_each_other() -> None:
+    full = [effect for effect in CATALOGUE if effect.in_full_set]
+    assert not any(a.conflicts_with(b) for a, b in combinations(full, 2))
+
+
+def test_the_full_set() -> None:
+    """What bends, hides or imitates others; the rest is plain to see alone or beside them."""
+    assert {effect.name for effect in CATALOGUE if effect.in_full_set} == {
+        "bedrock",
+        "viscosity",
+        "seating",
         "stress_dependence",
         "hysteretic_unloading",
-        "bedrock",
+        "rebound",
+        "geophone_response",
+        "sensor_lag",
+        "saturation",
+        "baseline_drift",
     }
 
 
@@ -51,32 +63,93 @@ def test_effects_that_others_may_mask() -> None:
 def test_what_an_effect_names_is_there(effect: Effect) -> None:
     assert effect.excludes <= set(BY_NAME)
     assert effect.name not in effect.excludes
-    for names in effect.joint_sets:
+    assert effect.imitates <= set(BY_NAME) - {effect.name}
+    for names in effect.told_sets:
         assert effect.name in names
         assert names <= set(BY_NAME)
-        # Every member says where it begins, but for a rig, which begins where it fits alone.
-        assert all(
-            BY_NAME[name].joint_starts_for(context()) or BY_NAME[name].replaces_ground
-            for name in names
-        )
+        assert not any(a.conflicts_with(b) for a, b in combinations([BY_NAME[n] for n in names], 2))
+
+
+def drops_of_all_kinds() -> list[DropContext]:
+    """Plates, drops and declarations with which parameters and starts differ."""
+    clipped = np.minimum(context().load, 6400.0)
+    return [
+        context(),
+        context(count=1),
+        context(plate_radius=0.1, plate_mass=16.0),
+        context(plate_radius=0.225, plate_mass=250.0),
+        context(quantities=("velocity", "velocity"), flat=(0.05, None)),
+        context(load=clipped, flat_load=6400.0, peak_load=6400.0),
+        context(elastic=True, density_given=True),
+    ]
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
-def test_joint_starts_lie_between_the_bounds(effect: Effect) -> None:
-    drop = context(count=1)
-    bounds = {p.name: (p.lower, p.upper) for p in effect.parameters_for(drop)}
-    starts = effect.joint_starts_for(drop)
-    assert len(starts) in (0, 2)
-    for values in starts:
-        for name, value in values.items():
-            low, high = bounds[name]
-            assert low < value < high
+def test_present_starts_lie_between_the_bounds_of_the_effects_own_parameters(
+    effect: Effect,
+) -> None:
+    for drop in drops_of_all_kinds():
+        own = {p.name: p for p in effect.parameters_for(drop)}
+        for values in effect.present_for(drop):
+            assert values
+            for name, value in values.items():
+                assert own[name].lower < value < own[name].upper
+                # It is another start than where it is absent, and far from it.
+                absent = own[name].absent
+                if absent is not None:
+                    away = own[name].unit_value(value) - own[name].unit_value(absent)
+                    assert abs(away) > 0.1
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_absent_values_lie_between_the_bounds(effect: Effect) -> None:
+    for drop in drops_of_all_kinds():
+        for p in effect.parameters_for(drop):
+            assert p.absent is None or p.lower <= p.absent <= p.upper
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_what_is_in_the_full_set_can_be_absent(effect: Effect) -> None:
+    """Else it would begin there with all its strength; a flat top is seen, not guessed."""
+    if effect.in_full_set and effect.name != "saturation":
+        for drop in drops_of_all_kinds():
+            assert any(p.absent is not None for p in effect.parameters_for(drop))
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_priors_are_centred_between_the_bounds_and_leave_room(effect: Effect) -> None:
+    for drop in drops_of_all_kinds():
+        for p in effect.parameters_for(drop):
+            if p.prior is None:
+                continue
+            centre, deviation = p.prior
+            low, high = (p.lower, p.upper)
+            if p.logarithmic:
+                low, high = math.log(low), math.log(high)
+            assert low <= centre <= high
+            assert 0.0 < deviation < high - low
+            # At its centre it pulls nowhere.
+            middle = math.exp(centre) if p.logarithmic else centre
+            assert p.from_prior(p.unit_value(middle))[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_plate_in_flight_is_about_as_heavy_as_the_declared_one() -> None:
+    for declared, expected in ((0.0, 20.0), (16.0, 16.0), (250.0, 250.0)):
+        _, mass = BY_NAME["rebound"].parameters_for(context(plate_mass=declared))
+        assert mass.prior is not None
+        assert math.exp(mass.prior[0]) == pytest.approx(expected)
+        assert mass.starts == (expected,)
 
 
 def test_rock_begins_at_so_many_plate_radii() -> None:
     for radius in (0.1, 0.15):
-        starts = BY_NAME["bedrock"].joint_starts_for(context(plate_radius=radius))
-        assert [start["depth"] for start in starts] == pytest.approx([6 * radius, 4 * radius])
+        (start,) = BY_NAME["bedrock"].present_for(context(plate_radius=radius))
+        assert start["depth"] == pytest.approx(6 * radius)
+
+
+def test_rock_is_absent_where_it_sends_no_echo() -> None:
+    (depth,) = BY_NAME["bedrock"].parameters_for(context(plate_radius=0.1))
+    assert depth.absent == depth.upper == pytest.approx(6.0)
 
 
 def test_declared_rock_is_not_looked_for() -> None:
@@ -93,10 +166,6 @@ def test_the_last_drop_is_the_one_that_others_are_compared_with() -> None:
     assert [seating.acts_on(drop(index, 3)) for index in range(3)] == [True, True, False]
     assert not seating.acts_on(drop(0, 1))
     assert all(e.acts_on(drop(0, 1)) for e in CATALOGUE if e is not seating)
-
-
-def test_only_seating_goes_with_every_joint_set() -> None:
-    assert [e.name for e in CATALOGUE if e.in_every_joint_set] == ["seating"]
 
 
 def test_a_depth_of_rock_is_the_inversions() -> None:

@@ -23,6 +23,7 @@ from pfwd_survey.inverting.diagnosis.result import (
     EffectResult,
     FittedState,
     HeldOut,
+    HeldOutOne,
 )
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import (
@@ -111,6 +112,9 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
         tuple[int, ...] | None: st.lists(st.integers(0, 99), max_size=3).map(tuple),
         tuple[LayerResult, ...] | None: st.lists(
             st.builds(LayerResult, modulus_pa=numbers, thickness_m=st.none() | numbers), max_size=3
+        ).map(tuple),
+        tuple[HeldOutOne, ...] | None: st.lists(
+            st.builds(HeldOutOne, name=texts, before=numbers, after=numbers), max_size=3
         ).map(tuple),
     }
 

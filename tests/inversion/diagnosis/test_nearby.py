@@ -1,0 +1,288 @@
+"""Predictions a small step away, all at once, against each of them by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion import SurrogateLibrary
+from inversion.diagnosis.channel import MotionChannel
+from inversion.diagnosis.model import DropModel, PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.effects import BY_NAME, CATALOGUE, Effect, Ground
+from inversion.forward.nonlinear_stiffness import (
+    NonlinearStiffness,
+    convolve_rows,
+    effective_force,
+    forces_nearby,
+)
+from inversion.measured.record import ChannelNoise, NoiseModel, Record, Sensor
+from tests.inversion.forward.test_nonlinear_stiffness import PULSE, rod
+from tests.inversion.synthetic import TRUTH, Array, Scene, record
+
+GROUND = Ground(
+    TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 1 / TRUTH["bedrock_depth"], 10.0
+)
+# Unit values, as the Jacobian takes them.
+STEP = 1e-4
+# Derivatives of layered ground are right to 0.6 % of the largest (docs/layers.md).
+RIGHT = 0.015
+BENT: Any = [
+    (BY_NAME["stress_dependence"], {"exponent": 0.35, "within": 0.8}),
+    (BY_NAME["hysteretic_unloading"], {"exponent": 1.4, "unrecovered": 0.1}),
+]
+Active = Sequence[tuple[Effect, dict[str, float]]]
+
+
+def clipped(drop: Record) -> Record:
+    """With flat tops in the load and in every velocity."""
+    sensors = tuple(
+        Sensor(s.offset, s.quantity, np.clip(s.values, -level, level))
+        for s in drop.sensors
+        for level in [0.7 * float(np.abs(s.values).max())]
+    )
+    return replace(drop, sensors=sensors, load=np.minimum(drop.load, 0.85 * drop.load.max()))
+
+
+def made(library: SurrogateLibrary, offsets: tuple[float, ...], effect: Effect) -> DropModel:
+    """The first of two drops that could show an effect."""
+    quantity: Any = "velocity" if effect.name == "saturation" else "displacement"
+    drops = tuple(
+        record(library, Scene(quantity, peak=peak, offsets=offsets)) for peak in (6000.0, 8000.0)
+    )
+    if effect.name == "saturation":
+        drops = tuple(map(clipped, drops))
+    if effect.name == "load_shape":
+        drops = tuple(
+            replace(drop, load=drop.load * (drop.load / drop.load.max()) ** 0.5) for drop in drops
+        )
+    options = {"elastic": effect.name == "viscosity", "half_sine": effect.name == "load_shape"}
+    return Point(PointRecords("a", drops, (1, 2), **options), library).drops[0]
+
+
+def in_order(active: Active) -> Active:
+    return sorted(active, key=lambda item: CATALOGUE.index(item[0]))
+
+
+def steps_of(
+    effect: Effect, values: dict[str, float], beside: Active, model: DropModel
+) -> tuple[list[str], list[tuple[Ground, Active]]]:
+    """Grounds and effects a step away, one for each number."""
+    there = in_order([*beside, (effect, values)])
+    names = ["modulus", "viscosity", "density", "plate_mass"]
+    moved: list[tuple[Ground, Active]] = [
+        (replace(GROUND, **{name: getattr(GROUND, name) * (1 + STEP)}), there) for name in names
+    ]
+    names.append("inverse_depth")
+    moved.append((replace(GROUND, inverse_depth=GROUND.inverse_depth * (1 + STEP)), there))
+    for own, now in there:
+        for parameter in own.parameters_for(model.context):
+            unit_value = parameter.unit_value(now[parameter.name])
+            step = -STEP if unit_value > 0.5 else STEP
+            other = now | {parameter.name: float(parameter.value(unit_value + step))}
+            others = [(e, other if e is own else v) for e, v in there]
+            names.append(f"{own.name}.{parameter.name}")
+            moved.append((GROUND, others))
+    return names, moved
+
+
+CASES = [
+    pytest.param(effect, offsets, bent, id=f"{effect.name}-{len(offsets)}-{kind}")
+    for effect in CATALOGUE
+    for offsets in ((0.0,), (0.0, 0.3, 0.6))
+    for kind, bent in (("linear", []), ("bent", BENT))
+    if effect.name != "layer" or len(offsets) > 1
+]
+
+
+@pytest.mark.parametrize(("effect", "offsets", "bent"), CASES)
+def test_a_step_of_any_number_is_the_step_that_it_makes_alone(
+    effect: Effect, offsets: tuple[float, ...], bent: Active, library: SurrogateLibrary
+) -> None:
+    model, alone = made(library, offsets, effect), made(library, offsets, effect)
+    values = {
+        p.name: float(p.value(0.98 * p.unit_value(p.starts[0]) + 0.01))
+        for p in effect.parameters_for(model.context)
+    }
+    beside = [(e, v) for e, v in bent if e.name != effect.name and not e.conflicts_with(effect)]
+    there = in_order([*beside, (effect, values)])
+    names, moved = steps_of(effect, values, beside, model)
+    found = model.predict_nearby(GROUND, there, moved)
+    here = model.predict(GROUND, there)
+    assert found.shape == (len(moved), *here.shape)
+    still = alone.predict(GROUND, there)
+    assert here == pytest.approx(still, abs=1e-9 * np.abs(still).max())
+    for name, one_found, (ground, active) in zip(names, found, moved, strict=True):
+        expected = alone.predict(ground, active) - still
+        change = one_found - here
+        # What Newton's method leaves at its end is no step (1e-6 of the displacement).
+        granted = RIGHT * np.abs(expected).max() + 1e-7 * np.abs(still).max()
+        assert np.abs(change - expected).max() <= granted, name
+
+
+def test_without_a_step_nothing_moves(library: SurrogateLibrary) -> None:
+    model = made(library, (0.0, 0.3, 0.6), BY_NAME["rebound"])
+    for there in ([], BENT):
+        other = replace(GROUND, modulus=GROUND.modulus * (1 + STEP))
+        found = model.predict_nearby(GROUND, there, [(GROUND, there), (other, there)])
+        here = model.predict(GROUND, there)
+        assert found[0] == pytest.approx(here, abs=1e-9 * here.max())
+        assert np.abs(found[1] - here).max() > 1e-6 * here.max()
+
+
+def test_from_straight_ground_to_bent_and_back(library: SurrogateLibrary) -> None:
+    """An effect may begin where it is absent: there the ground is linear, and nearby it is not."""
+    stress = BY_NAME["stress_dependence"]
+    straight: Any = [(stress, {"exponent": 0.0, "within": 1.0})]
+    bent: Any = [(stress, {"exponent": 1e-4, "within": 1.0})]
+    model, alone = (made(library, (0.0,), stress) for _ in range(2))
+    for here, there in ((straight, bent), (bent, straight)):
+        found = model.predict_nearby(GROUND, here, [(GROUND, there)])[0]
+        change = found - model.predict(GROUND, here)
+        expected = alone.predict(GROUND, there) - alone.predict(GROUND, here)
+        assert np.abs(change - expected).max() < 0.02 * np.abs(expected).max()
+
+
+def test_records_of_a_flat_top_keep_to_their_own_sensor(library: SurrogateLibrary) -> None:
+    """Several steps go through the stages of the record together."""
+    saturation = BY_NAME["saturation"]
+    model = made(library, (0.0, 0.3, 0.6), saturation)
+    assert [level is not None for level in model.context.flat].count(True) >= 1
+    (level, *_) = saturation.parameters_for(model.context)
+    active: Any = [(saturation, {"level": level.starts[0]})]
+    moved: Any = [(replace(GROUND, modulus=GROUND.modulus * k), active) for k in (0.5, 1.0, 2.0)]
+    motions = np.stack([model._ground_motion(model._stages(g, [])) for g, _ in moved])
+    found = model._record(motions, active)
+    for one_found, motion in zip(found, motions, strict=True):
+        padded = np.concatenate([np.zeros((3, model.before)), motion], axis=1)
+        expected = saturation.record(padded, active[0][1], model._recorded)
+        assert one_found == pytest.approx(expected, abs=1e-15)
+    # The soft ground moves fast enough to be cut; it is cut.
+    assert np.abs(found[0, 0, model.before :] - motions[0, 0]).max() > 0.01 * motions[0].max()
+
+
+# --- nonlinear resistance ------------------------------------------------------------------------
+
+
+def solved(hats: Array, load: Array, law: NonlinearStiffness, stiffness: float) -> Array:
+    """Twice, so that Newton's method leaves nothing."""
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    force, _ = effective_force(hats, load, law, stiffness, 4e-4, w)
+    return force
+
+
+LAWS = [
+    NonlinearStiffness(0.4, 1.5, 0.2),
+    NonlinearStiffness(-0.3),
+    NonlinearStiffness(0.0, 1.3, 0.0),
+    NonlinearStiffness(),
+]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) -> None:
+    load, stiffness, step = 8000.0 * PULSE[:300], 2e7, 1e-4
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
+    here = solved(hats, load, law, stiffness)
+    nearby = [
+        (rod(1e-4, 300, stiffness * (1 + step), 4e4)[0], law, stiffness * (1 + step)),
+        (rod(1e-4, 300, stiffness, 4e4 * (1 + step))[0], law, stiffness),
+        (hats, replace(law, stress_exponent=law.stress_exponent + step), stiffness),
+        (hats, replace(law, unloading_exponent=law.unloading_exponent + step), stiffness),
+    ]
+    if law.stress_exponent >= 0.0:
+        # Softening ground is infinitely steep at rest: when that moves, one step cannot follow.
+        nearby.append((hats, replace(law, unrecovered=law.unrecovered + step), stiffness))
+    found = forces_nearby(
+        hats,
+        load,
+        (law, stiffness, 4e-4),
+        w,
+        [(other, changed, k, 4e-4) for other, changed, k in nearby],
+    )
+    assert found.shape == (len(nearby), 300)
+    # Forces near rest, where softening ground is steep, are told by what they move.
+    still = np.convolve(hats, here)[:300]
+    for one_found, (other, changed, k) in zip(found, nearby, strict=True):
+        expected = np.convolve(other, solved(other, load, changed, k))[:300] - still
+        assert np.abs(expected).max() > 1e-6 * still.max()
+        error = np.abs(np.convolve(other, one_found)[:300] - still - expected).max()
+        assert error < 0.01 * np.abs(expected).max() + 1e-8 * still.max()
+
+
+def test_the_error_of_one_step_falls_with_its_square() -> None:
+    """It is Newton's: half the step leaves a quarter."""
+    law, load, stiffness = NonlinearStiffness(0.4, 1.5, 0.1), 8000.0 * PULSE[:300], 2e7
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
+    errors = []
+    for step in (0.02, 0.01):
+        changed = replace(law, stress_exponent=law.stress_exponent + step)
+        found = forces_nearby(
+            hats, load, (law, stiffness, 4e-4), w, [(hats, changed, stiffness, 4e-4)]
+        )[0]
+        errors.append(float(np.abs(found - solved(hats, load, changed, stiffness)).max()))
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def test_what_the_solution_leaves_is_no_step() -> None:
+    """A solution that is a little off does not move what is nearby towards the exact one."""
+    law, load, stiffness = NonlinearStiffness(0.3), 8000.0 * PULSE[:300], 2e7
+    hats = rod(1e-4, 300, stiffness, 4e4)[0]
+    _, w = effective_force(hats, load, law, stiffness, 4e-4)
+    off = w * (1.0 + 1e-4)
+    found = forces_nearby(hats, load, (law, stiffness, 4e-4), off, [(hats, law, stiffness, 4e-4)])
+    exact = forces_nearby(hats, load, (law, stiffness, 4e-4), w, [(hats, law, stiffness, 4e-4)])
+    # The force of that displacement, not of the one that solves.
+    assert np.abs(found - exact).max() > 0.1
+
+
+def test_rows_are_convolved_each_with_its_kernel() -> None:
+    rng = np.random.default_rng(3)
+    kernels, rows = rng.standard_normal((2, 4, 57)), rng.standard_normal((2, 4, 57))
+    found = convolve_rows(kernels, rows)
+    for i in range(2):
+        for j in range(4):
+            expected = np.convolve(kernels[i, j], rows[i, j])[:57]
+            assert found[i, j] == pytest.approx(expected)
+    # One row for all kernels.
+    assert convolve_rows(kernels[0], rows[0, 0])[3] == pytest.approx(
+        np.convolve(kernels[0, 3], rows[0, 0])[:57]
+    )
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+def test_a_stack_of_predictions_is_read_one_by_one(quantity: Any) -> None:
+    rng = np.random.default_rng(3)
+    step, first, samples = 1e-4, 200, np.arange(0, 700, 5)
+    baseline = 100 if quantity == "velocity" else 20
+    noise = ChannelNoise(NoiseModel(np.ones(1), first), quantity == "velocity", baseline)
+    sensor = Sensor(0.0, quantity, rng.standard_normal(700))
+    channel = MotionChannel(sensor, noise, first, samples, step)
+    stack = rng.standard_normal((2, 3, samples.size))
+    found = channel.read(stack)
+    assert found.shape == stack.shape
+    for i in range(2):
+        for j in range(3):
+            assert found[i, j] == pytest.approx(channel.read(stack[i, j]), abs=1e-12)
+    # It is a reading: not what went in.
+    assert np.abs(found - stack).max() > 0.1
+
+
+def test_many_predictions_are_weighted_one_by_one(library: SurrogateLibrary) -> None:
+    model = made(library, (0.0, 0.3, 0.6), BY_NAME["rebound"])
+    stack = np.stack([k * model.predict(GROUND, []) for k in (0.9, 1.0, 1.2)])
+    found = model.weighted_residuals(stack)
+    assert found.shape == (3, model.weighted_size())
+    for row, predicted in zip(found, stack, strict=True):
+        assert row == pytest.approx(model.weighted_residual(predicted))
