@@ -186,10 +186,10 @@ def test_peaks_alone_are_read_as_peaks(tmp_path: Path, header: Path) -> None:
 def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header: Path) -> None:
     good, other = of_drops(1), of_drops(2)
     (load, moved), wrong = other[0], [of_drops(2)[0][1][0], 9e-4, 0.0]
-    (tmp_path / "a.DAT").write_text(HEAD + dat(1, good) + dat(2, [(load, wrong)], "4588"))
+    (tmp_path / "a.DAT").write_text(HEAD + dat(1, good) + dat(2, [(load, wrong)], "again"))
     first, second = read_points(file, header)
     assert (second.setup.latitude, second.setup.longitude) == (34.5, -89.25)
-    assert second.setup.extra["imported"]["note"] == "4588"
+    assert second.setup.extra["imported"]["note"] == "again"
     assert not any(".DAT" in text for text in first.warnings)
     said = [text for text in second.warnings if "a.DAT" in text]
     assert [text.split(" is ")[0] for text in said] == [
