@@ -49,14 +49,16 @@ _QUICK = 5
 _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 2, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, and how heavily priors
 # weigh then, over what is left (first of the base model, then of the best start).
-_HALVING = ((24, 2), (8, 3), (6, 5))
+_HALVING = ((24, 3), (12, 4), (8, 8))
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
-_RESEEDED, _RESEEDS = 8, 3
+_RESEEDED, _RESEEDS = 12, 4
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
-_ENDS, _NEAR_END, _SAME_END = 2, 1.4, 0.03
+_ENDS, _NEAR_END, _SAME_END = 4, 1.4, 0.03
+# Of other ends so many are followed beside the best.
+_FOLLOWED = 1
 # A rig is tried with all that may be beside it when alone it leaves no more than this of the base's
 # cost: ground that is none may look as bad as ground.
 _RIG_LEADS = 1.1
@@ -427,10 +429,12 @@ class Search:
             alone = self.candidate((effect,))
             if alone.fit.cost < _RIG_LEADS * self.base().fit.cost:
                 chosen = self._ordered((effect, *self._beside((effect,), common)))
-                found += self._full(chosen, _values_of(alone.fit))
+                found += self._full(chosen, _values_of(alone.fit), ends=1)
         return found
 
-    def _full(self, effects: tuple[Effect, ...], known: Mapping[Key, float]) -> list[Candidate]:
+    def _full(
+        self, effects: tuple[Effect, ...], known: Mapping[Key, float], ends: int = _ENDS
+    ) -> list[Candidate]:
         """A large set from many starts, of which the worse are given up early; the best ends.
 
         Where two ends fit nearly as well, both are followed: ground, rock and instrument may share
@@ -439,6 +443,7 @@ class Search:
         Parameters
         ----------
         known : values of the ground, and of effects that are known to be there
+        ends : int, how many starts are fitted to their end
         """
         problem = self._problem(effects)
         starts = [
@@ -456,13 +461,15 @@ class Search:
             weight = min(weight, _LATER_WEIGHT * tried[0].excess)
         if self.priors:
             problem.prior_weight = max(1.0, weight)
-        ends = [fit(problem, *start, _FULL_ITERATIONS) for start in starts[:_ENDS]]
-        ends.sort(key=lambda attempt: attempt.cost)
-        return [
-            self._made(effects, end, True)
-            for end in ends
-            if end.excess <= _NEAR_END * ends[0].excess and not _same(end, ends[0])
-        ] + [self._made(effects, ends[0], True)]
+        fits = [fit(problem, *start, _FULL_ITERATIONS) for start in starts[:ends]]
+        fits.sort(key=lambda attempt: attempt.cost)
+        best = fits[0]
+        other = [
+            end
+            for end in fits[1:]
+            if end.excess <= _NEAR_END * best.excess and not _same(end, best)
+        ]
+        return [self._made(effects, end, True) for end in (*other[:_FOLLOWED], best)]
 
     def _presences(
         self, problem: Problem, known: Mapping[Key, float]
