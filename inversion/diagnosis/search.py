@@ -46,7 +46,7 @@ ENOUGH = 1.15
 _QUICK = 5
 # Effects that are fitted alone, of those that could take most of the residual to first order, and
 # the starts that each of them is fitted from.
-_SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 2, 5, 3
+_SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, and how heavily priors
 # weigh then, over what is left (first of the base model, then of the best start).
 _HALVING = ((24, 3), (12, 4), (8, 8))
@@ -60,8 +60,8 @@ _ENDS, _NEAR_END, _SAME_END = 4, 1.4, 0.03
 # Of other ends so many are followed beside the best.
 _FOLLOWED = 1
 # A rig is tried with all that may be beside it when alone it leaves no more than this of the base's
-# cost: ground that is none may look as bad as ground.
-_RIG_LEADS = 1.1
+# cost.
+_RIG_LEADS = 0.7
 # So many of the effects that are worth the least are tried to be taken away, with so many
 # iterations.
 _WEAKEST, _SHRINK_ITERATIONS = 2, 12
