@@ -1,11 +1,11 @@
 """One row per drop: where, when, what was measured, and the result with all that belongs to it."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
@@ -23,9 +23,6 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
 from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
-
-if TYPE_CHECKING:
-    from pfwd_survey.exporting.parts import SecondProcess
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
@@ -77,6 +74,20 @@ class Row:
         return not gone and self.declared is not None
 
 
+class RowMaker(Protocol):
+    """Another process that makes parts of the rows as text; one is `exporting.parts`'s."""
+
+    def make(
+        self,
+        content: SurveyContent,
+        texts: Callable[[Iterable[Row]], Iterator[str]],
+        parts: Sequence[Any],
+        /,
+    ) -> Sequence[Any]:
+        """Ask for parts of the drops; None stands for one that nobody makes."""
+        ...
+
+
 @dataclass(frozen=True)  # without slots, which leave no room for what is computed once
 class Order:
     """A survey on its way into a format."""
@@ -88,7 +99,7 @@ class Order:
     """Whether a file that is there may be replaced."""
     jobs: int = 1
     """Processes that may work on it."""
-    second: "SecondProcess | None" = None
+    second: RowMaker | None = None
     """Makes rows too, for who wants them as text."""
 
     @cached_property
