@@ -28,6 +28,8 @@ from benchmarks.below.shim import (
 )
 
 REASON = why_not()
+# These plant faults under the C library by a preloaded shim: that takes Linux and a C compiler. A
+# machine without says which it lacks; nothing that a user runs depends on it.
 below = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
 
