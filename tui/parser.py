@@ -148,7 +148,19 @@ def _add_invert(commands: "Commands") -> None:
         help="keep the results in this folder, as Parquet; what it has already is not done again",
     )
     _add_plot(output)
+    _add_store(output)
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
+
+
+def _add_store(parser: "argparse.ArgumentParser | argparse._ArgumentGroup") -> None:
+    parser.add_argument(
+        "--refit",
+        action="store_true",
+        help="compute anew, whatever the survey keeps of the same question",
+    )
+    parser.add_argument(
+        "--no-store", action="store_true", help="leave the survey as it is: results are not kept"
+    )
 
 
 def _add_ports(commands: "Commands") -> None:
@@ -344,6 +356,7 @@ def _add_diagnose(commands: "Commands") -> None:
         "--load", choices=("measured", "half-sine"), help="what the model is loaded with"
     )
     _add_plot(diagnose)
+    _add_store(diagnose)
     diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 
@@ -439,6 +452,9 @@ def _add_report(commands: "Commands") -> None:
     report.add_argument("--refit", action="store_true", help="invert anew, whatever is stored")
     report.add_argument(
         "--diagnose", action="store_true", help="ask what is behind the residuals (slow)"
+    )
+    report.add_argument(
+        "--no-store", action="store_true", help="leave the survey as it is: results are not kept"
     )
     _add_seed(report)
     report.add_argument("--json", action="store_true", help="one JSON object a point, SI units")

@@ -5,8 +5,13 @@ import re
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pfwd_device.errors import RecordingError
+
+ResultKind = Literal["drop", "trial", "diagnosis"]
+"""What is kept with a drop: its result, what somebody tried with other settings, or what was found
+of its point. The names of the files begin with it."""
 
 FORMAT_VERSION = 1
 
@@ -81,6 +86,10 @@ class Layout:
     def drop_file_name(number: int) -> str:
         """Path of a drop's file within the survey, as it is written down."""
         return f"drops/drop-{number:06d}.h5"
+
+    def result(self, number: int, count: int, kind: ResultKind) -> Path:
+        """File of the ``count``-th result of a kind that is kept with a drop."""
+        return self.results / f"{kind}-{number:06d}-{count}.json"
 
     def segments(self) -> list[int]:
         """Numbers of the journal's segments that exist."""

@@ -35,6 +35,9 @@ class DropOrigin(Protocol):
     def last_result_of(self, number: int, /) -> Path | None:
         """The last of the files with results of a drop."""
 
+    def read_diagnosis(self, number: int, /) -> Result | None:
+        """The last diagnosis that was kept with a drop."""
+
     def place_of(self, number: int, /) -> DropPlace | None:
         """Where another process finds the facts of a drop; None: it cannot."""
 
@@ -54,7 +57,7 @@ class DropOrigin(Protocol):
         """Peaks of a drop where they are known, else its traces, with what is known of it."""
 
     def read_results(self, number: int, /) -> tuple[Result, ...]:
-        """The stored results of a drop, in order."""
+        """The stored results of a drop, what was tried first, what counts last."""
 
     def read_last_result(self, number: int, /) -> Result | None:
         """The last of them; None: there is none."""
@@ -89,7 +92,10 @@ class SurveyDrop:
 
     @property
     def results(self) -> tuple[Path, ...]:
-        """Files with results, in order; an exported survey has none, its results are within it."""
+        """Files with results, what was tried first, what counts last.
+
+        An exported survey has none, its results are within it.
+        """
         return self._origin.results_of(self.number)
 
     @property
@@ -131,7 +137,7 @@ class SurveyDrop:
         return self._origin.read_facts(self.number)
 
     def read_results(self) -> tuple[Result, ...]:
-        """The stored results, in order.
+        """The stored results, what was tried first, what counts last.
 
         Raises
         ------
@@ -146,6 +152,16 @@ class SurveyDrop:
         Of a survey's folder the others are not looked at.
         """
         return self._origin.read_last_result(self.number)
+
+    def read_diagnosis(self) -> Result | None:
+        """The last diagnosis of its point, where it was the last drop then; None: there is none.
+
+        Raises
+        ------
+        RecordingError
+            If it is damaged.
+        """
+        return self._origin.read_diagnosis(self.number)
 
     def read_file(self) -> bytes | None:
         """Its HDF5 file, when it is there as it was published; rebounds may have followed."""

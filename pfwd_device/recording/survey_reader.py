@@ -57,8 +57,11 @@ class Survey:
             key = "number" if edit.get("number") is not None else "point"
             self._edits.setdefault((key, str(edit.get(key))), []).append(edit)
         self._results: dict[int | None, list[str]] = {}
+        self._diagnoses: dict[int | None, list[str]] = {}
         for listed in index.files.values():
-            if listed.path.startswith("results/"):
+            if listed.path.startswith("results/diagnosis-"):
+                self._diagnoses.setdefault(listed.number, []).append(listed.path)
+            elif listed.path.startswith("results/"):
                 self._results.setdefault(listed.number, []).append(listed.path)
         found = self._found()
         self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(found.items()))
@@ -103,9 +106,8 @@ class Survey:
     @property
     def captures(self) -> tuple[Path, ...]:
         """Raw captures that are closed."""
-        return _in_order(
-            [self.folder / path for path in self._index.files if path.startswith("captures/")]
-        )
+        paths = [path for path in self._index.files if path.startswith("captures/")]
+        return tuple(self.folder / path for path in sorted(paths, key=_last))
 
     def read_traces(self, number: int) -> DropRecord:
         """As :meth:`read_drop`, without rebounds and without what the converter gave."""
@@ -173,7 +175,9 @@ class Survey:
 
     def results_of(self, number: int) -> tuple[Path, ...]:
         """Files with results of the drop with this survey-wide number, in order."""
-        return _in_order([self.folder / path for path in self._results.get(number, ())])
+        return tuple(
+            self.folder / path for path in sorted(self._results.get(number, ()), key=_last)
+        )
 
     def result_count_of(self, number: int) -> int:
         """How many results of the drop with this survey-wide number are stored."""
@@ -181,9 +185,13 @@ class Survey:
 
     def last_result_of(self, number: int) -> Path | None:
         """The last of the files with results of the drop with this survey-wide number."""
-        # All of them are in one folder, so that paths have the order of names.
         paths = self._results.get(number)
-        return self.folder / max(paths, key=lambda path: (len(path), path)) if paths else None
+        return self.folder / max(paths, key=_last) if paths else None
+
+    def read_diagnosis(self, number: int) -> Result | None:
+        """The last diagnosis that was kept with the drop with this survey-wide number."""
+        paths = self._diagnoses.get(number)
+        return read_result(self.folder / max(paths, key=_last)) if paths else None
 
     def read_results(self, number: int) -> tuple[Result, ...]:
         """The stored results of the drop with this survey-wide number, in order."""
@@ -360,8 +368,9 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         return Survey(layout, read_index(layout), states)
 
 
-def _in_order(paths: list[Path]) -> tuple[Path, ...]:
-    return tuple(sorted(paths, key=lambda path: (len(path.name), path.name)))
+def _last(path: str) -> tuple[bool, int, str]:
+    """Sorts files of one folder by what they say: what counts last, then by their numbers."""
+    return not path.startswith("results/trial-"), len(path), path
 
 
 def _state(edits: tuple[dict[str, Any], ...]) -> dict[str, Any]:

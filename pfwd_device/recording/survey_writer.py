@@ -23,7 +23,7 @@ from pfwd_device.recording.file_repair import FileRepair
 from pfwd_device.recording.files import file_facts, now, publish_request
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import EDITS, DropEntry, Index, about_of, complete_keys, read_index
-from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.layout import Layout, ResultKind
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.lock import SurveyLock
 from pfwd_device.recording.payload import decode_json, encode_json
@@ -352,12 +352,23 @@ class SurveyWriter:
         """Keep a check of zero or span."""
         self._write(Kind.CHECK, {"details": dict(details)})
 
-    def save_result(self, number: int, result: Mapping[str, Any]) -> Path:
-        """Path of the file with a result of the drop; earlier results stay as they are."""
+    def save_result(
+        self, number: int, result: Mapping[str, Any], kind: ResultKind = "drop"
+    ) -> Path:
+        """Path of the file with a result of the drop; earlier results stay as they are.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop; of a diagnosis that of its point's last drop.
+        result : mapping
+        kind : "drop", "trial" or "diagnosis"
+            What counts for the drop, what somebody tried, or what is said of its point.
+        """
         with self._lock:
             self._drop(number)
             count = 1
-            while self._taken(path := self._layout.results / f"drop-{number:06d}-{count}.json"):
+            while self._taken(path := self._layout.result(number, count, kind)):
                 count += 1
             text = encode_json(result) + "\n"
             try:

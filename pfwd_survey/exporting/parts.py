@@ -259,6 +259,9 @@ class _Elsewhere:
     def read_results(self, number: int) -> NoReturn:
         _refuse(number)
 
+    def read_diagnosis(self, number: int) -> NoReturn:
+        _refuse(number)
+
 
 def _refuse(number: int) -> NoReturn:
     raise _NotThere(f"of drop {number} a row needs nothing else")

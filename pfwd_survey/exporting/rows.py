@@ -18,6 +18,7 @@ from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
+from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
@@ -140,9 +141,7 @@ def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Resul
         if inverted is not None:
             result = inverted.get((point.title, drop.drop))
         elif record is not None:
-            # Nothing is written over: what was found last counts.
-            stored = drop.read_last_result()
-            result = None if stored is None else DropResult.from_json(stored)
+            result = result_that_counts(drop)
     except RecordingError as err:
         fault = f"damaged: {err}"
     place = place_of(point, drop, record)

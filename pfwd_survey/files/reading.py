@@ -144,10 +144,12 @@ def points_of(
     if point.discarded:
         return
     edits = _edited(point)
-    records = [drop.read() for drop in point.drops if not drop.discarded]
-    for declared, group in groupby(records, key=lambda record: dict(record.declared)):
-        same = [replace(record, declared=declared | edits) for record in group]
-        yield _point(file, point.title, same, said or {})
+    records = [(drop.read(), drop) for drop in point.drops if not drop.discarded]
+    for declared, group in groupby(records, key=lambda read: dict(read[0].declared)):
+        found = list(group)
+        same = [replace(record, declared=declared | edits) for record, _ in found]
+        kept = tuple(drop for _, drop in found)
+        yield replace(_point(file, point.title, same, said or {}), kept=kept)
 
 
 def _edited(point: SurveyPoint) -> dict[str, Any]:

@@ -196,6 +196,11 @@ class ExportedSurvey:
         """The last of them; None: there is none."""
         return next(iter(self.read_results(number)[::-1]), None)
 
+    def read_diagnosis(self, number: int) -> Result | None:
+        """The diagnosis that was kept with the drop."""
+        found = self._facts[number].get("diagnosis")
+        return found if isinstance(found, dict) else None
+
     def _point(self, said: Mapping[str, Any]) -> SurveyPoint:
         return SurveyPoint(
             name=str(said["name"]),
@@ -467,6 +472,9 @@ def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, 
             groups.create_group(name), record, drop.number, survey
         )
         kept[drop.number] = drop_digest(record, drop.number)
+        diagnosis = drop.read_diagnosis()
+        if diagnosis is not None:
+            facts["diagnosis"] = dict(diagnosis)
         facts["results_sha256"] = [
             _write_text(file, f"results/{drop.number:06d}/{index}", encode_json(result))
             for index, result in enumerate(drop.read_results(), start=1)

@@ -11,13 +11,14 @@ import re
 import stat
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
+from pfwd_device.recording import SurveyDrop
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.columns import DROP, LOAD, TIME, Columns, parse_columns, sensor_name
 from pfwd_survey.files.header import (
@@ -73,6 +74,8 @@ class TracePoint:
     """The drops in the order of the file."""
     warnings: tuple[str, ...] = ()
     """What a user should know of the point as a whole."""
+    kept: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
+    """The drops as their survey keeps them; empty: they are from no survey."""
 
 
 def read_traces(

@@ -23,13 +23,15 @@ from inversion.forward.model import Instrument
 from inversion.invert import surrogate_request
 from inversion.measured.record import Sensor
 from pfwd_device import Drop
+from pfwd_device.recording import SurveyDrop
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.keeping import kept_answer, question_of, software_name
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
-from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
+from pfwd_survey.inverting.results import Asked, DropAnalysis, DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.inverting.screening.missing import whole_part
@@ -108,9 +110,19 @@ def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
 
 
 def analyse_point(
-    point: TracePoint, options: AnalysisOptions, library: SurrogateLibrary
+    point: TracePoint,
+    options: AnalysisOptions,
+    library: SurrogateLibrary,
+    *,
+    use_kept: bool = False,
 ) -> list[DropAnalysis]:
-    """Screen and invert the drops of one point, in their order."""
+    """Screen and invert the drops of one point, in their order.
+
+    Parameters
+    ----------
+    use_kept : bool
+        Whether what its survey keeps of the same question is the answer.
+    """
     settings = settings_of(options, point.setup)
     screenings = leave_out_bad_sensors(point, screen_point(point))
     drops = [whole_part(drop)[0] for drop in point.drops]
@@ -123,8 +135,18 @@ def analyse_point(
     groups = [together] if together else []
     groups += [[index] for index in records if index not in together]
     found_results: dict[int, InversionResult] = {}
+    stored: dict[int, DropResult] = {}
     faults: dict[int, str] = {}
+    asked: dict[int, Asked] = {}
     for group in groups:
+        for i in group:
+            own = [records[i], *(records[j] for j in group if j != i)]
+            asked[i] = _asked(own, settings, options, screenings[i], point.warnings)
+        if use_kept and point.kept:
+            answers = [kept_answer(point.kept[i], asked[i].question) for i in group]
+            if None not in answers:
+                stored |= {i: kept for i, kept in zip(group, answers, strict=True) if kept}
+                continue
         try:
             results = invert_joint([records[i] for i in group], settings, library)
         except InversionError as error:
@@ -132,9 +154,23 @@ def analyse_point(
         else:
             found_results |= dict(zip(group, results, strict=True))
     return [
-        DropAnalysis(drop, screenings[i], found_results.get(i), faults.get(i))
+        DropAnalysis(
+            drop, screenings[i], found_results.get(i), faults.get(i), asked.get(i), stored.get(i)
+        )
         for i, drop in enumerate(point.drops)
     ]
+
+
+def _asked(
+    records: Sequence[Record],
+    settings: Settings,
+    options: AnalysisOptions,
+    screening: Screening,
+    point_warnings: Sequence[str] = (),
+) -> Asked:
+    """What is asked of a drop, the first of the records; the others share its ground."""
+    said = [screening.status, *point_warnings, *screening.warnings]
+    return Asked(question_of(records, settings, said), options.label, software_name())
 
 
 def analyse_drop(
@@ -154,7 +190,8 @@ def analyse_drop(
         (result,) = invert_joint([record], settings, library)
     except InversionError as error:
         return DropAnalysis(drop, screening, None, str(error))
-    return DropAnalysis(drop, screening, result)
+    asked = _asked([record], settings, options, screening)
+    return DropAnalysis(drop, screening, result, asked=asked)
 
 
 def load_surrogate(
@@ -171,18 +208,23 @@ def load_surrogate(
         library.get(*surrogate_request(record_of(drop, setup, options), settings))
 
 
-def analyse_file(path: str, options: AnalysisOptions, library: SurrogateLibrary) -> FileOutcome:
+def analyse_file(
+    path: str, options: AnalysisOptions, library: SurrogateLibrary, *, use_kept: bool = False
+) -> FileOutcome:
     """Results of one file or survey; a refused one comes back with the reason."""
     results: list[DropResult] = []
     inversions: list[InversionResult | None] = []
+    numbers: list[int | None] = []
     try:
         for point in _read(path, options):
-            for analysis in analyse_point(point, options, library):
-                results.append(drop_result(path, analysis, point.warnings, point.setup.point))
-                inversions.append(analysis.result)
+            found = analyse_point(point, options, library, use_kept=use_kept)
+            results += [drop_result(path, it, point.warnings, point.setup.point) for it in found]
+            inversions += [analysis.result for analysis in found]
+            kept: Sequence[SurveyDrop | None] = point.kept or [None] * len(found)
+            numbers += [None if drop is None else drop.number for drop in kept]
     except (SurveyError, InversionError) as error:
         return FileOutcome(path, error=str(error))
-    return FileOutcome(path, results=results, inversions=inversions)
+    return FileOutcome(path, results=results, inversions=inversions, numbers=numbers)
 
 
 def rehearse(
@@ -210,6 +252,8 @@ def analyse_files(
     options: AnalysisOptions,
     jobs: int = 1,
     progress: BuildProgress | None = None,
+    *,
+    use_kept: bool = False,
 ) -> Generator[FileOutcome, None, None]:
     """Outcomes of files in their order, on ``jobs`` processes.
 
@@ -218,27 +262,31 @@ def analyse_files(
     progress : callable, optional
         Told while a surrogate is built, which happens once for a plate, Poisson's ratio and
         sensor layout.
+    use_kept : bool
+        Whether what a survey keeps of the same question is the answer; then there is no
+        inversion with its histories.
     """
     library = SurrogateLibrary(progress=progress)
     if jobs <= 1 or len(paths) < 2:
         for path in paths:
-            yield analyse_file(path, options, library)
+            yield analyse_file(path, options, library, use_kept=use_kept)
         return
     # Built here once, so that the workers find them in the cache instead of each building them.
     for path in paths:
         _build_surrogate_of(path, options, library)
     with worker_pool(min(jobs, len(paths))) as pool:
-        yield from pool.map(partial(_analyse_in_worker, options=options), paths)
+        work = partial(_analyse_in_worker, options=options, use_kept=use_kept)
+        yield from pool.map(work, paths)
 
 
 _worker_library: SurrogateLibrary | None = None
 
 
-def _analyse_in_worker(path: str, options: AnalysisOptions) -> FileOutcome:
+def _analyse_in_worker(path: str, options: AnalysisOptions, use_kept: bool) -> FileOutcome:
     global _worker_library
     if _worker_library is None:
         _worker_library = SurrogateLibrary()
-    return analyse_file(path, options, _worker_library)
+    return analyse_file(path, options, _worker_library, use_kept=use_kept)
 
 
 def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:

@@ -25,6 +25,9 @@ Thickness = tuple[float, ...] | Literal["unknown"]
 MOST_LAYERS = 4
 """Media that can be asked for."""
 
+AS_DECLARED = "as declared"
+"""The label of an analysis for which nothing was asked."""
+
 OPTION_OF_KEY = {
     "plate_radius_m": "plate_radius",
     "plate_mass_kg": "plate_mass",
@@ -153,6 +156,40 @@ class AnalysisOptions:
             raise _contradiction("--published", f"--layers {self.layers}")
         if depth == "unknown":
             raise _contradiction("--published", "--bedrock-depth unknown")
+
+    @property
+    def label(self) -> str:
+        """The settings that differ from the default, in words.
+
+        Examples
+        --------
+        >>> AnalysisOptions(elastic=True, layers=2).label, AnalysisOptions().label
+        ('2 layers, elastic', 'as declared')
+        """
+        parts = []
+        if self.published:
+            parts.append("published method")
+        if self.model:
+            parts.append(self.model)
+        if self.bedrock_depth is not None:
+            depth = self.bedrock_depth
+            parts.append(f"bedrock {depth}" if isinstance(depth, str) else f"bedrock {depth:g} m")
+        parts += [f"{self.layers} layers"] if self.layers else []
+        if self.thickness is not None and self.thickness != "unknown":
+            parts.append("thickness " + ", ".join(f"{value:g}" for value in self.thickness) + " m")
+        parts += ["elastic"] if self.elastic else []
+        parts += ["one ground for the drops of a point"] if self.joint else []
+        parts += [f"{self.load} load"] if self.load else []
+        parts += [f"{self.plate} plate"] if self.plate else []
+        parts += [f"{self.sensors} sensors"] if self.sensors else []
+        parts += [self.method] if self.method else []
+        parts += [f"Poisson's ratio {self.poisson_ratio:g}"] if self.poisson_ratio else []
+        parts += [f"density {self.density:g} kg/m3"] if self.density else []
+        parts += [f"plate mass {self.plate_mass:g} kg"] if self.plate_mass is not None else []
+        parts += [f"plate radius {self.plate_radius:g} m"] if self.plate_radius else []
+        parts += ["a header file"] if self.header is not None else []
+        parts += [f"seed {self.seed}"] if self.seed else []
+        return ", ".join(parts) or AS_DECLARED
 
     @property
     def choices(self) -> Choices:

@@ -21,4 +21,13 @@ class FileOutcome:
     results: list[DropResult] = field(default_factory=list)
     """One a drop."""
     inversions: list["InversionResult | None"] = field(default_factory=list, repr=False)
-    """The inversion of each drop with its histories, for plots; None for a rejected drop."""
+    """The inversion of each drop with its histories, for plots; None for a rejected drop, and for
+    one whose result was kept."""
+    numbers: list[int | None] = field(default_factory=list, repr=False)
+    """Of each drop within its survey; None: it is from none."""
+
+    @property
+    def of_survey(self) -> list[tuple[int, DropResult]]:
+        """Results of drops that a survey keeps, with the drops' numbers within it."""
+        pairs = zip(self.numbers, self.results, strict=True) if self.numbers else ()
+        return [(number, found) for number, found in pairs if number is not None]

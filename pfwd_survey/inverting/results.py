@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -24,6 +25,15 @@ OPEN_FACTOR = 10.0
 """An interval wider than this factor is no value; as in the inversion, which is not loaded here."""
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What was asked of a drop, as it is kept with the answer."""
+
+    question: str
+    settings: str
+    software: str
+
+
 @dataclass(frozen=True, eq=False)
 class DropAnalysis:
     """A drop with what the screening and the inversion found.
@@ -35,6 +45,9 @@ class DropAnalysis:
     screening: Screening
     result: InversionResult | None
     fault: str | None = None
+    asked: Asked | None = None
+    stored: DropResult | None = None
+    """What the survey kept of the same question; then there is no ``result``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +103,9 @@ class DropResult(StoredRecord):
     was given, not fitted.
     """
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"point", "reason", "refit"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+        {"point", "reason", "refit", "software", "settings", "question", "stored"}
+    )
 
     file: str | None = None
     """That the drop is from."""
@@ -171,6 +186,14 @@ class DropResult(StoredRecord):
     """What should be known of the result; None: the record does not say."""
     refit: str | None = None
     """Settings of a trial that somebody made; the result before it counts. None: no trial."""
+    software: str | None = None
+    """That made it, with its version."""
+    settings: str | None = None
+    """That differ from the usual ones, in words."""
+    question: str | None = None
+    """Tells what was asked: samples, what was declared, and settings."""
+    stored: bool | None = None
+    """Whether the survey kept it from before; None: no."""
 
     @property
     def is_trial(self) -> bool:
@@ -208,6 +231,12 @@ def drop_result(
     point : optional
         Its name, where it has one.
     """
+    if analysis.stored is not None:
+        kept = analysis.stored
+        number, name = analysis.drop.number, os.fspath(path)
+        return dataclasses.replace(
+            kept, file=name, point=point, drop=number, refit=None, stored=True
+        )
     status, reason = analysis.screening.status, analysis.screening.reason
     if analysis.fault is not None:
         status, reason = "rejected", analysis.fault
@@ -216,6 +245,8 @@ def drop_result(
     if analysis.result is not None:
         found = _found(analysis.result)
         warnings += analysis.result.warnings
+    if analysis.asked is not None and analysis.fault is None:
+        found |= dataclasses.asdict(analysis.asked)
     return DropResult(
         file=os.fspath(path),
         point=point,

@@ -15,6 +15,7 @@ from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next
 from pfwd_survey.inverting.screening.signals import (
@@ -101,18 +102,17 @@ def _drop(drop: SurveyDrop) -> DropContents:
         drop.number,
         drop.discarded,
         drop.notes,
-        _result_that_counts(drop),
+        _counting(drop),
         len(drop.results),
     )
 
 
-def _result_that_counts(drop: SurveyDrop) -> DropResult | None:
-    """The last one that is no trial with other settings."""
-    for path in reversed(drop.results):
-        found = _read_result(path)
-        if found is not None and not found.is_trial:
-            return found
-    return None
+def _counting(drop: SurveyDrop) -> DropResult | None:
+    """The result that counts; None where it is damaged: the drop can be inverted again."""
+    try:
+        return result_that_counts(drop)
+    except (RecordingError, SurveyError):
+        return None
 
 
 def _read_result(path: Path) -> DropResult | None:
@@ -124,7 +124,7 @@ def _read_result(path: Path) -> DropResult | None:
 
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
-    """All results of a drop, by its number within the survey, in the order they were saved."""
+    """All results of a drop, by its number within the survey: trials, then those that count."""
     drop = _find(read_survey(folder), record)
     return [found for path in drop.results if (found := _read_result(path)) is not None]
 
@@ -141,7 +141,7 @@ def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) 
     with SurveyWriter.open(
         folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
     ) as writer:
-        writer.save_result(record, result.to_json())
+        writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
 
 
 def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:

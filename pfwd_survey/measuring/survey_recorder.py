@@ -194,7 +194,10 @@ class SurveyRecorder:
     def keep_result(self, number: int, result: DropResult) -> Path | None:
         """Save a result."""
         path: Path | None = self._attempt(
-            lambda: self.writer.save_result(number, result.to_json()), "a result"
+            lambda: self.writer.save_result(
+                number, result.to_json(), "trial" if result.is_trial else "drop"
+            ),
+            "a result",
         )
         return path
 

@@ -21,6 +21,7 @@ from pfwd_survey.files.header import Declaration, PointSetup, setup_from, setup_
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.inverting.keeping import keep_results
 from pfwd_survey.inverting.options import (
     AnalysisOptions,
     Layers,
@@ -74,6 +75,8 @@ class ReportOptions:
     """Invert anew, whatever is stored."""
     diagnose: bool = False
     """Ask what is behind the residuals."""
+    store: bool = True
+    """Keep what is computed with the survey."""
     seed: int = 0
     """Of the search, for what is inverted here."""
     layers: Layers | None = None
@@ -127,14 +130,19 @@ def gather(
         If it is no survey, holds no drop, or the procedure is refused.
     """
     options = options or ReportOptions()
+    tell = progress or _silent
     refuse_no_survey(folder)
     survey = read_survey(folder)
     if not survey.drops:
         hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     procedure = _procedure(survey, options)
-    found = _Gatherer(survey, options, procedure or NO_PROCEDURE, progress or _silent)
+    found = _Gatherer(survey, options, procedure or NO_PROCEDURE, tell)
     points = [gathered for point in survey.points for gathered in found.points(point)]
+    if options.store:
+        failed = keep_results(str(folder), found.new, counting=not options.anew)
+        if failed is not None:
+            tell(failed)
     if options.diagnose:
         points = _diagnosed(str(folder), points, found.tell)
     return Report(
@@ -252,6 +260,8 @@ class _Gatherer:
         self._library = SurrogateLibrary()
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
+        self.new: list[tuple[int, DropResult]] = []
+        """Results that the survey has not, with the numbers of their drops within it."""
 
     def points(self, point: SurveyPoint) -> list[ReportPoint]:
         """A point; two of them when it was declared differently on the way."""
@@ -334,6 +344,8 @@ class _Gatherer:
                 self.tell(f"  drop {kept.drop} is inverted")
                 analysis = analyse_drop(record.drop, setup, screening, options, self._library)
                 result = drop_result(str(kept.file or self._survey.folder), analysis)
+                if analysis.result is not None:
+                    self.new.append((kept.number, result))
             warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
         if result is not None:
@@ -408,7 +420,7 @@ def _stored(drop: SurveyDrop) -> DropResult | None:
             result = DropResult.from_json(read_result(path), str(path))
         except (RecordingError, SurveyError):
             continue  # an older one, or a new fit, does as well
-        if is_sound(result):
+        if is_sound(result) and not result.is_trial:
             return result
     return None
 

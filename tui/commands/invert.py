@@ -22,11 +22,15 @@ def run(args: argparse.Namespace) -> int:
 
     refused = False
     kept: list[FileOutcome] = []
+    # A plot shows histories, which no survey keeps.
+    use_kept = not args.refit and not args.plot
+    found = analyse_files(args.files, options, args.jobs, use_kept=use_kept)
     # Closed at once when the printing stops, so that its workers end and do not linger.
-    with contextlib.closing(analyse_files(args.files, options, args.jobs)) as outcomes:
+    with contextlib.closing(found) as outcomes:
         for outcome in outcomes:
             refused |= outcome.error is not None
             show(outcome, as_json=args.json)
+            _keep(outcome, store=not args.no_store)
             if args.plot:
                 kept.append(outcome)
     if args.plot:
@@ -34,6 +38,18 @@ def run(args: argparse.Namespace) -> int:
 
         plot_outcomes(kept, args.plot)
     return 1 if refused else 0
+
+
+def _keep(outcome: FileOutcome, *, store: bool) -> None:
+    """Keep new results with their survey, and say which were kept before."""
+    from pfwd_survey.inverting.keeping import keep_results, kept_text
+
+    if outcome.of_survey:
+        said = kept_text(outcome.file, [result for _, result in outcome.of_survey])
+        if store and os.path.isdir(outcome.file):
+            said = keep_results(outcome.file, outcome.of_survey) or said
+        if said is not None:
+            say(said)
 
 
 def _any_folder(files: list[str]) -> bool:

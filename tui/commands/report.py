@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
         target_deflection=_metres(args.target_deflection),
         refit=args.refit,
         diagnose=args.diagnose,
+        store=not args.no_store,
         seed=args.seed,
         layers=args.layers,
         thickness=args.thickness,

@@ -165,7 +165,7 @@ def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> 
     assert (first.drop, first.record, first.results) == (1, 1, 3)
     assert first.result == DropResult(modulus_pa=2e7)
     assert second.result is None
-    assert [one.modulus_pa for one in stored_results(folder, 1)] == [1e7, 2e7, 9e7]
+    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
 
 
 def test_a_damaged_result_is_none(tmp_path: Path) -> None:

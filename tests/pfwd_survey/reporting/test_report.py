@@ -455,11 +455,30 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
         write_report(tmp_path, tmp_path / "report.html")
 
 
-def test_the_survey_is_not_changed(survey: Path) -> None:
+def test_the_survey_is_not_changed_where_that_is_not_wanted(survey: Path) -> None:
     before = {path: path.read_bytes() for path in survey.rglob("*") if path.is_file()}
-    write_report(survey, survey.parent / "report.html", ReportOptions(refit=True))
+    write_report(survey, survey.parent / "report.html", ReportOptions(refit=True, store=False))
     after = {path: path.read_bytes() for path in survey.rglob("*") if path.is_file()}
     assert before == after
+
+
+def test_what_a_report_computes_is_kept(survey: Path) -> None:
+    edit_survey(survey, [Edit("declared", {"plate_radius_m": 0.1})], point="A")
+    first = gather(survey)
+    second = gather(survey)
+    assert {drop.stored for drop in first.points[0].drops} == {False}
+    assert {drop.stored for point in second.points for drop in point.drops} == {True}
+    moduli = [[drop.facts.modulus for drop in report.points[0].drops] for report in (first, second)]
+    assert moduli[0] == moduli[1]
+
+
+def test_a_trial_is_not_reported(survey: Path) -> None:
+    before = gather(survey)
+    with SurveyWriter.open(survey, publish=False) as writer:
+        trial = result_of(1, 99e6) | {"refit": "elastic"}
+        writer.save_result(1, trial)
+    after = gather(survey)
+    assert after.points[0].drops[0].facts.modulus == before.points[0].drops[0].facts.modulus
 
 
 def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:

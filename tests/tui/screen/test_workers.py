@@ -7,7 +7,7 @@ from typing import Any
 from pfwd_survey.inverting.options import AnalysisOptions
 from tests.tui.screen.scripted import handed_on
 from tui.screen.session.diagnosis import Diagnoser
-from tui.screen.session.drop_fits import Refits, label_of
+from tui.screen.session.drop_fits import Refits
 from tui.screen.session.screen_events import DiagnosisDone, Refitted
 
 PATIENCE = 120.0
@@ -35,7 +35,7 @@ def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
     refits = Refits(told)
     try:
         options = AnalysisOptions(model="half-space", method="least-squares")
-        refits.ask(handed_on(4), options, label_of(options))
+        refits.ask(handed_on(4), options, options.label)
         found = told.last()
     finally:
         refits.close()
@@ -48,12 +48,12 @@ def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
 
 
 def test_labels_name_what_differs() -> None:
-    assert label_of(AnalysisOptions()) == "as declared"
-    assert label_of(AnalysisOptions(published=True)) == "published method"
+    assert AnalysisOptions().label == "as declared"
+    assert AnalysisOptions(published=True).label == "published method"
     options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
-    assert label_of(options) == "bedrock 1.2 m, elastic, rigid-smooth plate"
-    assert label_of(AnalysisOptions(layers="auto")) == "auto layers"
-    assert label_of(AnalysisOptions(layers=2, elastic=True)) == "2 layers, elastic"
+    assert options.label == "bedrock 1.2 m, elastic, rigid-smooth plate"
+    assert AnalysisOptions(layers="auto").label == "auto layers"
+    assert AnalysisOptions(layers=2, elastic=True).label == "2 layers, elastic"
 
 
 def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from tui.screen.drawing.lines import Line
 from tui.screen.pages.drop_view import PANELS, DropView, drop_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.refit_dialog import RefitDialog
-from tui.screen.session.drop_fits import label_of
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 
@@ -244,7 +243,7 @@ class DropPage(Page):
         drop = self.drop
         if options is None or drop is None or drop.handed is None:
             return
-        self.pfwd.fits.refit(drop.handed, options, label_of(options))
+        self.pfwd.fits.refit(drop.handed, options, options.label)
 
     def action_back(self) -> None:
         """To where one came from."""

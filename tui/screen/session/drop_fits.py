@@ -88,26 +88,6 @@ class Refits:
         self._tell(Refitted(point, number, label, result, answer.curves, fault))
 
 
-def label_of(options: AnalysisOptions) -> str:
-    """The settings that differ from the default, in words."""
-    parts = []
-    if options.published:
-        parts.append("published method")
-    if options.model:
-        parts.append(options.model)
-    if options.bedrock_depth is not None:
-        depth = options.bedrock_depth
-        parts.append(f"bedrock {depth}" if isinstance(depth, str) else f"bedrock {depth:g} m")
-    parts += [f"{options.layers} layers"] if options.layers else []
-    parts += ["elastic"] if options.elastic else []
-    parts += [f"{options.load} load"] if options.load else []
-    parts += [f"{options.plate} plate"] if options.plate else []
-    parts += [f"{options.sensors} sensors"] if options.sensors else []
-    parts += [options.method] if options.method else []
-    parts += [f"Poisson's ratio {options.poisson_ratio:g}"] if options.poisson_ratio else []
-    return ", ".join(parts) or "as declared"
-
-
 class DropFits:
     """Reads drops, fits them anew and keeps what comes of it.
 
