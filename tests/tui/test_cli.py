@@ -36,7 +36,7 @@ class FakeAnalysis(types.ModuleType):
         self.closed = False
 
     def analyse_files(
-        self, paths: list[str], options: AnalysisOptions, jobs: int
+        self, paths: list[str], options: AnalysisOptions, jobs: int, *, use_kept: bool
     ) -> Iterator[FileOutcome]:
         self.asked = (paths, options, jobs)
         try:
@@ -253,7 +253,7 @@ ENDLESS = textwrap.dedent("""
     from pfwd_survey.inverting.results import DropResult
     from tui.cli import main
 
-    def analyse_files(paths, options, jobs):
+    def analyse_files(paths, options, jobs, use_kept):
         try:
             while True:
                 yield FileOutcome("a.csv", None, [DropResult(file="a.csv", drop=1)])
