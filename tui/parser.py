@@ -132,6 +132,12 @@ def _add_invert(commands: "Commands") -> None:
     search = invert.add_argument_group("search")
     search.add_argument("--method", choices=["mpga", "least-squares"])
     search.add_argument("--published", action="store_true", help="the paper's method as a whole")
+    search.add_argument(
+        "--diagnose",
+        action="store_true",
+        help="ask what is behind the residuals too: the modulus that a point has then stands "
+        "beside the fit's",
+    )
     _add_seed(search)
     _add_jobs(search)
     search.add_argument(

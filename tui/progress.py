@@ -3,8 +3,12 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tui.output import clean, say
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 @contextmanager
@@ -88,3 +92,35 @@ def counting(total: Callable[[], int]) -> Iterator[Callable[[int, str], None]]:
             bar.update(task, completed=done, description=clean(text))
 
         yield show
+
+
+@contextmanager
+def points_counted() -> Iterator[Callable[[str, int, int], None]]:
+    """Yields the callable that is told what is tried, and how many points of how many are done.
+
+    On a terminal a bar; elsewhere nothing is shown.
+    """
+    if not sys.stderr.isatty():
+        yield lambda what, done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    left = (TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, *left, console=Console(stderr=True), transient=True) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def draw(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(f"diagnosis: {clean(what)}", total=total)
+            bar.update(tasks[what], completed=done, total=total)
+
+        yield draw

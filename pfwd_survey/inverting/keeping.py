@@ -162,7 +162,8 @@ def keep_results(
         if number not in by_number:
             continue
         counts = counting or _counts(by_number[number], result)
-        told = dataclasses.replace(result, refit=None if counts else result.settings or "other")
+        label = None if counts else result.settings or "other"
+        told = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
         found.append(Keepsake(number, "drop" if counts else "trial", told.to_json()))
     return keep(folder, found, survey)
 

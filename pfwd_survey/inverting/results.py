@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from pfwd_device import Drop
+from pfwd_survey.inverting.diagnosis.result import DropDiagnosis
 from pfwd_survey.inverting.screening.drops import DropStatus, Screening
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import remove_offset
@@ -104,7 +105,7 @@ class DropResult(StoredRecord):
     """
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
-        {"point", "reason", "refit", "software", "settings", "question", "stored"}
+        {"point", "reason", "refit", "software", "settings", "question", "stored", "diagnosis"}
     )
 
     file: str | None = None
@@ -194,6 +195,8 @@ class DropResult(StoredRecord):
     """Tells what was asked: samples, what was declared, and settings."""
     stored: bool | None = None
     """Whether the survey kept it from before; None: no."""
+    diagnosis: DropDiagnosis | None = None
+    """Of its point; None: nobody asked for it."""
 
     @property
     def is_trial(self) -> bool:

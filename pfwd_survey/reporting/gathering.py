@@ -18,8 +18,16 @@ from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from, setup_warnings
+from pfwd_survey.files.reading import points_of
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
+from pfwd_survey.inverting.diagnosis.entries import entry_of
+from pfwd_survey.inverting.diagnosis.kept import (
+    diagnosis_that_holds,
+    keep_diagnoses,
+    last_diagnosis,
+)
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.keeping import keep_results
 from pfwd_survey.inverting.options import (
@@ -144,7 +152,9 @@ def gather(
         if failed is not None:
             tell(failed)
     if options.diagnose:
-        points = _diagnosed(str(folder), points, found.tell)
+        points = _diagnosed(str(folder), points, options, tell)
+    else:
+        points = _with_diagnoses(points, _kept_diagnoses(survey))
     return Report(
         title=options.title or _title(survey, points),
         survey=str(folder),
@@ -473,19 +483,47 @@ def _is_place(said: Any) -> TypeGuard[Mapping[str, Any]]:
     )
 
 
-def _diagnosed(folder: str, points: list[ReportPoint], tell: Progress) -> list[ReportPoint]:
-    """The points with their diagnoses; discarded points have none."""
+def _diagnosed(
+    folder: str, points: list[ReportPoint], options: ReportOptions, tell: Progress
+) -> list[ReportPoint]:
+    """The points with new diagnoses, which are kept; discarded points have none."""
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     tell("residuals are diagnosed")
-    kept = [point for point in points if not point.discarded]
-    records = []
-    for diagnosed in diagnose_files([folder]):
+    found = list(diagnose_files([folder], use_kept=not options.refit))
+    for diagnosed in found:
         if diagnosed.error is not None:
             tell(f"diagnosis: {diagnosed.error}")
-        records.append(diagnosed.result)
-    if len(records) != len(kept):
-        tell("diagnosis: its points are not those of the report; it is left out")
-        return points
-    by_point = dict(zip(map(id, kept), records, strict=True))
-    return [replace(point, diagnosis=by_point.get(id(point))) for point in points]
+    if options.store:
+        new = [(it.number, it.result) for it in found if it.number is not None and it.result]
+        failed = keep_diagnoses(folder, new)
+        if failed is not None:
+            tell(failed)
+    return _with_diagnoses(points, [it.result for it in found if it.result is not None])
+
+
+def _kept_diagnoses(survey: Survey) -> list[DiagnosisResult]:
+    """What the survey keeps of its points, where it is of the drops as they are now."""
+    found = []
+    for point in survey.points:
+        if last_diagnosis(point) is None:
+            continue  # then nothing has to be read
+        for trace in points_of(str(survey.folder), point):
+            entry = entry_of(str(survey.folder), trace, AnalysisOptions())
+            kept = diagnosis_that_holds(trace.kept, entry)
+            if kept is not None:
+                found.append(replace(kept, point=entry.point))
+    return found
+
+
+def _with_diagnoses(
+    points: Sequence[ReportPoint], found: Sequence[DiagnosisResult]
+) -> list[ReportPoint]:
+    """Points with their diagnoses, told by names and drops."""
+    by_drop = {(result.point, drop): result for result in found for drop in result.drops or ()}
+    told = []
+    for point in points:
+        results = (by_drop.get((point.name, drop.number)) for drop in point.drops)
+        diagnosis = next((result for result in results if result is not None), None)
+        told.append(replace(point, diagnosis=None if point.discarded else diagnosis))
+    return told

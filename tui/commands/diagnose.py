@@ -2,6 +2,8 @@
 
 import argparse
 import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
@@ -9,6 +11,10 @@ from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.diagnosis_lines import diagnosis_lines
 from tui.output import say
+from tui.progress import points_counted
+
+if TYPE_CHECKING:
+    from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,13 +38,26 @@ def run(args: argparse.Namespace) -> int:
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     device = read_device_file(args.device) if args.device else None
-    found = list(diagnose_files(args.files, options, device, args.jobs, args.leave_out))
+    # A plot and a device file need more than what a survey keeps.
+    use_kept = not (args.refit or args.plot or args.write_device)
+    with points_counted() as progress:
+        done = diagnose_files(
+            args.files,
+            options,
+            device,
+            args.jobs,
+            args.leave_out,
+            use_kept=use_kept,
+            progress=progress,
+        )
+        found = list(done)
     name = device_of(found) if args.write_device else None
     for diagnosed in found:
         if diagnosed.error is not None:
             say(diagnosed.error)
         elif diagnosed.result is not None:
-            _show(diagnosed.result, as_json=args.json)
+            show_diagnosis(diagnosed.result, as_json=args.json)
+    keep_found(found, store=not args.no_store)
     if args.write_device:
         write_device_file(args.write_device, found, name)
         say(f"device effects written to {args.write_device}")
@@ -52,7 +71,28 @@ def run(args: argparse.Namespace) -> int:
     return 1 if any(diagnosed.error for diagnosed in found) else 0
 
 
-def _show(result: DiagnosisResult, *, as_json: bool) -> None:
+def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
+    """Keep new diagnoses with their surveys, and say which were kept before."""
+    from pfwd_survey.inverting.diagnosis.kept import keep_diagnoses
+
+    by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
+    for diagnosed in found:
+        if diagnosed.number is not None and diagnosed.result is not None:
+            by_file.setdefault(diagnosed.file, []).append((diagnosed.number, diagnosed.result))
+    for file, results in by_file.items():
+        kept = [result for _, result in results if result.stored]
+        if kept:
+            software = ", ".join(sorted({str(result.software) for result in kept}))
+            say(
+                f"{file}: {len(kept)} of {len(results)} diagnoses were kept from before "
+                f"({software}); --refit computes them anew"
+            )
+        failed = keep_diagnoses(file, results) if store and os.path.isdir(file) else None
+        if failed is not None:
+            say(failed)
+
+
+def show_diagnosis(result: DiagnosisResult, *, as_json: bool) -> None:
     lines = [json_text(result.to_json())] if as_json else diagnosis_lines(result)
     for line in lines:
         print(line, flush=True)

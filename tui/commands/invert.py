@@ -3,12 +3,16 @@
 import argparse
 import contextlib
 import os
+from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd_survey.inverting.outcome import FileOutcome, with_diagnoses
 from tui.format import printed_results
 from tui.output import say
+
+if TYPE_CHECKING:
+    from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 
 
 def run(args: argparse.Namespace) -> int:
@@ -29,8 +33,13 @@ def run(args: argparse.Namespace) -> int:
     with contextlib.closing(found) as outcomes:
         for outcome in outcomes:
             refused |= outcome.error is not None
+            diagnosed = _diagnosed(outcome, options, args) if args.diagnose else []
+            if diagnosed:
+                outcome = with_diagnoses(outcome, diagnosed)
             show(outcome, as_json=args.json)
             _keep(outcome, store=not args.no_store)
+            if diagnosed:
+                _tell(diagnosed, as_json=args.json, store=not args.no_store)
             if args.plot:
                 kept.append(outcome)
     if args.plot:
@@ -50,6 +59,35 @@ def _keep(outcome: FileOutcome, *, store: bool) -> None:
             said = keep_results(outcome.file, outcome.of_survey) or said
         if said is not None:
             say(said)
+
+
+def _diagnosed(
+    outcome: FileOutcome, options: AnalysisOptions, args: argparse.Namespace
+) -> "list[Diagnosed]":
+    """The diagnoses of the points of a file that was inverted."""
+    if outcome.error is not None:
+        return []
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+    from tui.progress import points_counted
+
+    with points_counted() as progress:
+        return list(
+            diagnose_files(
+                [outcome.file], options, None, args.jobs, use_kept=not args.refit, progress=progress
+            )
+        )
+
+
+def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
+    """Keep diagnoses, and print them where their lines do not hold them already."""
+    from tui.commands.diagnose import keep_found, show_diagnosis
+
+    for found in diagnosed:
+        if found.error is not None:
+            say(found.error)
+        elif found.result is not None and not as_json:
+            show_diagnosis(found.result, as_json=False)
+    keep_found(diagnosed, store=store)
 
 
 def _any_folder(files: list[str]) -> bool:

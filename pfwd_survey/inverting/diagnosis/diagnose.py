@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from inversion import InversionError, SurrogateLibrary
@@ -23,12 +23,15 @@ from inversion.diagnosis import (
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd_survey.inverting.diagnosis.kept import kept_answers, questions_of, with_question
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.spawning import worker_pool
 
 DeviceValues = dict[str, dict[str, float]]
+Progress = Callable[[str, int, int], None]
+"""Told what is being tried, how many points are done, and of how many."""
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
 
@@ -41,6 +44,8 @@ class Diagnosed:
     result: DiagnosisResult | None = None
     diagnosis: PointDiagnosis | None = None
     error: str | None = None
+    number: int | None = None
+    """Of the point's last measured drop within its survey, with which the result is kept."""
 
 
 def diagnose_files(
@@ -49,6 +54,9 @@ def diagnose_files(
     device: DeviceValues | None = None,
     jobs: int = 1,
     leave_out: LeaveOut | None = None,
+    *,
+    use_kept: bool = False,
+    progress: Progress | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point, in their order.
 
@@ -65,6 +73,10 @@ def diagnose_files(
     leave_out : "drop", "sensor", "point" or None
         What is predicted from the rest, to be told how well. None: points where those of one
         device share something, else drops.
+    use_kept : bool
+        Whether what a survey keeps of the same question is the answer.
+    progress : callable, optional
+        Told what is being tried, and how many of how many points are done.
     """
     options = options or AnalysisOptions()
     entries: list[DiagnosisPoint | Diagnosed] = []
@@ -73,7 +85,9 @@ def diagnose_files(
             entries += entries_of(file, options)
         except (SurveyError, InversionError) as err:
             entries.append(Diagnosed(file, error=str(err)))
-    yield from diagnose_entries(entries, device, jobs, leave_out)
+    yield from diagnose_entries(
+        entries, device, jobs, leave_out, use_kept=use_kept, progress=progress
+    )
 
 
 def diagnose_entries(
@@ -81,25 +95,40 @@ def diagnose_entries(
     device: DeviceValues | None = None,
     jobs: int = 1,
     leave_out: LeaveOut | None = None,
+    *,
+    use_kept: bool = False,
+    progress: Progress | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point that was read, in their order; refused files go through.
 
     Parameters
     ----------
-    entries, device, jobs, leave_out : as for :func:`diagnose_files`
+    entries, device, jobs, leave_out, use_kept, progress : as for :func:`diagnose_files`
     """
-    work = [
+    every = [
         entry
         for entry in entries
         if isinstance(entry, DiagnosisPoint) and entry.records is not None
     ]
+    questions = dict(zip(map(id, every), questions_of(every, device, leave_out), strict=True))
+    kept: dict[int, DiagnosisResult] = {}
+    if use_kept:
+        answers = kept_answers(every, list(questions.values()))
+        kept = {id(every[place]): answer for place, answer in answers.items()}
+    # Points of one device are one question: all of them are answered, or none.
+    asked_anew = {entry.device for entry in every if id(entry) not in kept} - {None}
+    work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
     within: LeaveOut = leave_out or "drop"
-    first = _diagnose_all(work, device, jobs, within)
+    told = _Told(progress, "each point by itself")
+    first = _diagnose_all(work, device, jobs, within, told=told)
     found = dict(zip(map(id, work), first, strict=True))
-    found |= _shared_device(work, found, device, jobs, leave_out)
+    found |= _shared_device(work, found, device, jobs, leave_out, progress)
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry
+            continue
+        if entry.records is not None and id(entry) not in found:
+            yield Diagnosed(entry.file, kept[id(entry)], number=_number(entry))
             continue
         diagnosis = found.get(id(entry))
         if device and isinstance(diagnosis, PointDiagnosis):
@@ -107,7 +136,32 @@ def diagnose_entries(
         if isinstance(diagnosis, str):
             yield Diagnosed(entry.file, error=f"{entry.file}: {diagnosis}")
             continue
-        yield Diagnosed(entry.file, diagnosis_result(entry, diagnosis), diagnosis)
+        result = diagnosis_result(entry, diagnosis)
+        if id(entry) in questions:
+            result = with_question(result, entry, questions[id(entry)])
+        yield Diagnosed(entry.file, result, diagnosis, number=_number(entry))
+
+
+def _number(entry: DiagnosisPoint) -> int | None:
+    return None if entry.last is None else entry.last.number
+
+
+class _Told:
+    """Counts points for who wants to know how far it is."""
+
+    def __init__(self, progress: Progress | None, what: str) -> None:
+        self._progress = progress
+        self._what = what
+
+    def counted(
+        self, results: Iterable[PointDiagnosis | str], total: int
+    ) -> list[PointDiagnosis | str]:
+        found = []
+        for result in results:
+            found.append(result)
+            if self._progress is not None:
+                self._progress(self._what, len(found), total)
+        return found
 
 
 def _diagnose_all(
@@ -117,22 +171,24 @@ def _diagnose_all(
     leave_out: LeaveOut,
     likely: Sequence[Sequence[str]] = (),
     begun: Sequence[Sequence[Mapping[UnknownKey, float]]] = (),
+    told: _Told | None = None,
 ) -> list[PointDiagnosis | str]:
     """Diagnoses in order; device values are alike for all, or one set a point."""
     records = [point.records for point in work if point.records is not None]
     devices = device if isinstance(device, Sequence) else [device] * len(records)
+    told = told or _Told(None, "")
     first = likely or [()] * len(records)
     starts = begun or [()] * len(records)
     if jobs <= 1 or len(records) < 2:
         library = SurrogateLibrary()
-        return [
+        found = (
             _diagnose(record, values, names, there, leave_out, library)
             for record, values, names, there in zip(records, devices, first, starts, strict=True)
-        ]
-    with worker_pool(min(jobs, len(records))) as pool:
-        return list(
-            pool.map(_diagnose, records, devices, first, starts, [leave_out] * len(records))
         )
+        return told.counted(found, len(records))
+    with worker_pool(min(jobs, len(records))) as pool:
+        done = pool.map(_diagnose, records, devices, first, starts, [leave_out] * len(records))
+        return told.counted(done, len(records))
 
 
 def _diagnose(
@@ -155,6 +211,7 @@ def _shared_device(
     given: DeviceValues | None,
     jobs: int,
     leave_out: LeaveOut | None,
+    progress: Progress | None = None,
 ) -> dict[int, PointDiagnosis | str]:
     """Diagnoses anew of the points whose device has effects that most of its points show."""
     if given:
@@ -172,7 +229,8 @@ def _shared_device(
         first = [found[id(point)] for point in points]
         likely, begun = _of_survey(first, findings)
         within: LeaveOut = leave_out or "drop"
-        anew = _diagnose_all(points, findings.values, jobs, within, likely, begun)
+        told = _Told(progress, "with what other points show")
+        anew = _diagnose_all(points, findings.values, jobs, within, likely, begun, told)
         errors: list[HeldOutPart | None] = [None] * len(points)
         if leave_out in (None, "point"):
             errors = _left_out_errors(points, first, anew, findings, jobs)

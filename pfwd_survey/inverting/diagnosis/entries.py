@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 from inversion.diagnosis import PointRecords
+from pfwd_device.recording import SurveyDrop
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import record_of
+from pfwd_survey.inverting.keeping import question_of
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import screen_point
@@ -27,6 +29,10 @@ class DiagnosisPoint:
     """The point, where it is known that the weight fell on a rig of springs."""
     point: str | None = None
     """Name of the test point."""
+    question: str = ""
+    """Tells samples and declarations apart; empty: no drop was measured."""
+    last: SurveyDrop | None = None
+    """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
 
 
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
@@ -70,7 +76,21 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         elastic=options.elastic,
         half_sine=options.load == "half-sine",
     )
-    return DiagnosisPoint(file, name, made, rejected, warnings, point=called)
+    kept = [
+        drop
+        for drop, found in zip(point.kept, screenings if point.kept else (), strict=True)
+        if found.status == "measured"
+    ]
+    return DiagnosisPoint(
+        file,
+        name,
+        made,
+        rejected,
+        warnings,
+        point=called,
+        question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
+        last=kept[-1] if kept else None,
+    )
 
 
 def _text(value: object) -> str | None:

@@ -104,7 +104,17 @@ class DiagnosisResult(StoredRecord):
     """What is behind the residual of a point: the keys of ``pfwd diagnose --json``, in order."""
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
-        {"point", "plate", "plate_radius_m", "poisson_ratio", "elapsed_s"}
+        {
+            "point",
+            "plate",
+            "plate_radius_m",
+            "poisson_ratio",
+            "elapsed_s",
+            "software",
+            "question",
+            "point_question",
+            "stored",
+        }
     )
 
     file: str | None = None
@@ -135,3 +145,23 @@ class DiagnosisResult(StoredRecord):
     elapsed_s: float | None = None
     """s, without start-up."""
     warnings: tuple[str, ...] | None = None
+    software: str | None = None
+    """That made it, with its version."""
+    question: str | None = None
+    """Tells what was asked: the points of the device, what was declared, given, and left out."""
+    point_question: str | None = None
+    """The same of the point alone: samples and what was declared."""
+    stored: bool | None = None
+    """Whether the survey kept it from before; None: no."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DropDiagnosis(StoredRecord):
+    """What a drop's line says of the diagnosis of its point, `pfwd invert --diagnose`."""
+
+    verdict: str | None = None
+    """clean, explained or unexplained."""
+    corrected: bool | None = None
+    effects: tuple[EffectResult, ...] | None = None
+    """Strongest first."""
+    after: FittedState | None = None

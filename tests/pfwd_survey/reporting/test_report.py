@@ -499,8 +499,13 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         "warnings": [],
     }
     found = [
-        diagnosis.Diagnosed("x", DiagnosisResult.from_json({**record, "verdict": verdict}))
-        for verdict in ("explained", "clean")
+        diagnosis.Diagnosed(
+            "x",
+            DiagnosisResult.from_json(
+                {**record, "verdict": verdict, "point": point, "drops": [2, 3, 4]}
+            ),
+        )
+        for point, verdict in (("B", "clean"), ("A", "explained"))
     ]
     monkeypatch.setattr(diagnosis, "diagnose_files", lambda *_args, **_more: iter(found))
     text, page, report = page_of(survey, diagnose=True)

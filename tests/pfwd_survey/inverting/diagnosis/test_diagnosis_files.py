@@ -16,41 +16,7 @@ from pfwd_survey.inverting.diagnosis.device_file import (
 )
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from simulators.drop import Hammer, simulate_drop
-from simulators.mesh import Ground, Plate
 from tui.diagnosis_lines import diagnosis_lines
-
-RADIUS = 0.15
-DELAY = 6e-4
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """Two points of one device whose deflection comes late, by whole samples."""
-    folder = tmp_path_factory.mktemp("points")
-    paths = []
-    for number, (modulus, depth) in enumerate([(40e6, 1.0), (70e6, 1.5)]):
-        ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
-        hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
-        found = simulate_drop(ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4)
-        late = round(DELAY / 1e-4)
-        moved = np.concatenate([np.zeros(200 + late), found.plate_displacement[:-late]])
-        rng = np.random.default_rng(number)
-        moved = moved + 5e-4 * moved.max() * rng.standard_normal(moved.size)
-        load = np.concatenate([np.zeros(200), found.load])
-        time = 1e-4 * np.arange(-200, found.load.size)
-        drop = Drop(1, time, load, (Channel(0.0, "displacement", moved),))
-        setup = PointSetup(
-            plate_radius=RADIUS,
-            plate_mass=10.0,
-            poisson_ratio=0.35,
-            bedrock_depth=depth,
-            device="late unit",
-        )
-        path = folder / f"point-{number}.csv"
-        write_traces(path, TracePoint(str(path), setup, (drop,)))
-        paths.append(str(path))
-    return paths
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +32,7 @@ def test_what_belongs_to_the_device_is_fitted_once(found: list[Diagnosed]) -> No
         assert one.result.corrected is True
         lag = next(e for e in one.result.effects or () if e.name == "sensor_lag")
         values.add(lag.value)
-        assert lag.value == pytest.approx(DELAY, abs=2e-5)
+        assert lag.value == pytest.approx(6e-4, abs=2e-5)
         assert one.result.after.modulus_pa == pytest.approx(modulus, rel=0.012)
         before, after = one.result.before, one.result.after
         assert before.residual_over_noise > 3 * after.residual_over_noise
@@ -105,7 +71,7 @@ def test_device_effects_are_kept_and_applied(
     path = tmp_path / "D.toml"
     write_device_file(path, found, "late unit")
     values = read_device_file(path)
-    assert values["sensor_lag"]["delay"] == pytest.approx(DELAY, abs=2e-5)
+    assert values["sensor_lag"]["delay"] == pytest.approx(6e-4, abs=2e-5)
     (again,) = diagnose_files(files[:1], device=values)
     assert again.result is not None
     assert again.result.after.modulus_pa == pytest.approx(40e6, rel=0.012)
@@ -148,7 +114,7 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
     time = 1e-4 * np.arange(-100, 300)
     drop = Drop(1, time, quiet, (Channel(0.0, "velocity", quiet),))
     path = tmp_path / "quiet.csv"
-    write_traces(path, TracePoint(str(path), PointSetup(plate_radius=RADIUS), (drop,)))
+    write_traces(path, TracePoint(str(path), PointSetup(plate_radius=0.15), (drop,)))
     (one, other) = diagnose_files([str(path), str(tmp_path / "none.csv")])
     assert one.result is not None
     assert one.result.drops == ()

@@ -1,0 +1,115 @@
+"""Diagnoses that a survey keeps."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.recording import read_survey
+from pfwd_survey.exporting.export import export_survey
+from pfwd_survey.files.editing import Edit, edit_survey
+from pfwd_survey.files.importing import import_files
+from pfwd_survey.files.reading import points_of, survey_content
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
+from pfwd_survey.inverting.diagnosis.entries import entry_of
+from pfwd_survey.inverting.diagnosis.kept import (
+    diagnosis_that_holds,
+    keep_diagnoses,
+    last_diagnosis,
+    questions_of,
+)
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.options import AnalysisOptions
+
+
+def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
+    return [(it.number, it.result) for it in found if it.number is not None and it.result]
+
+
+@pytest.fixture(scope="module")
+def made(files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A survey of two points of a device, with their diagnoses."""
+    folder = tmp_path_factory.mktemp("kept") / "survey"
+    list(import_files(files, folder))
+    found = list(diagnose_files([str(folder)], use_kept=True))
+    assert keep_diagnoses(str(folder), told(found)) is None
+    return folder
+
+
+@pytest.fixture
+def survey(made: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return shutil.copytree(made, tmp_path / "survey")
+
+
+def holding(folder: Path) -> list[DiagnosisResult | None]:
+    """By point: the diagnosis that is of its drops as they are now."""
+    return [
+        diagnosis_that_holds(trace.kept, entry_of(str(folder), trace, AnalysisOptions()))
+        for point in read_survey(folder).points
+        for trace in points_of(str(folder), point)
+    ]
+
+
+def test_the_same_question_is_answered_from_the_survey(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd_survey.inverting.diagnosis.diagnose.diagnose_point", None)
+    found = list(diagnose_files([str(survey)], use_kept=True))
+    assert [it.result.stored for it in found if it.result] == [True, True]
+    assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
+    assert [it.result.file for it in found if it.result] == [str(survey)] * 2
+    assert keep_diagnoses(str(survey), told(found)) is None
+    assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:
+    for point in read_survey(survey).points:
+        kept = last_diagnosis(point)
+        assert kept is not None
+        assert str(kept.software).startswith("pfwd ")
+        assert len(kept.question or "") == len(kept.point_question or "") == 32
+
+
+def test_points_of_one_device_are_one_question(survey: Path) -> None:
+    entries = [
+        entry_of(str(survey), trace, AnalysisOptions())
+        for point in read_survey(survey).points
+        for trace in points_of(str(survey), point)
+    ]
+    both = questions_of(entries, None, None)
+    assert len(set(both)) == 2
+    assert questions_of(entries[:1], None, None)[0] != both[0]
+    assert questions_of(entries[::-1], None, None) == both[::-1]
+    assert questions_of(entries, {"sensor_lag": {"delay": 1e-4}}, None)[0] != both[0]
+    assert questions_of(entries, None, "drop")[0] != both[0]
+
+
+def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
+    name = read_survey(survey).points[0].name
+    assert all(found is not None for found in holding(survey))
+    edit_survey(survey, [Edit("note", "wet")], point=name)
+    assert all(found is not None for found in holding(survey))
+    edit_survey(survey, [Edit("declared", {"plate_mass_kg": 12.0})], point=name)
+    first, second = holding(survey)
+    assert first is None
+    assert second is not None
+
+
+def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> None:
+    export_survey(survey, "h5", tmp_path / "s.h5")
+    for here, there in zip(
+        read_survey(survey).points, survey_content(tmp_path / "s.h5").points, strict=True
+    ):
+        kept = last_diagnosis(here)
+        assert kept is not None
+        assert last_diagnosis(there) == kept
+
+
+def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "pfwd_survey.inverting.diagnosis.diagnose.diagnose_point"
+    monkeypatch.setattr(name, lambda *_args: "refused")
+    seen: list[tuple[str, int, int]] = []
+    found = diagnose_files(files, progress=lambda *told: seen.append(told))
+    assert [it.error for it in found] == [f"{file}: refused" for file in files]
+    assert seen == [("each point by itself", 1, 2), ("each point by itself", 2, 2)]
