@@ -74,6 +74,28 @@ class Judged:
         return abs(float(state["modulus_pa"]) / self.case.modulus_pa - 1)
 
     @property
+    def held(self) -> bool | None:
+        """Whether the interval after holds the truth; None where there is none of the two."""
+        interval = self._interval
+        if interval is None or self.case.modulus_pa is None:
+            return None
+        return interval[0] <= self.case.modulus_pa <= interval[1]
+
+    @property
+    def half_width(self) -> float | None:
+        """Of the interval after, over the modulus."""
+        interval = self._interval
+        if interval is None or self.record is None:
+            return None
+        return 0.5 * (interval[1] - interval[0]) / float(self.record["after"]["modulus_pa"])
+
+    @property
+    def _interval(self) -> Sequence[float] | None:
+        after = self.record["after"] if self.record else None
+        interval = after.get("modulus_interval_pa") if after else None
+        return None if interval is None or None in interval else interval
+
+    @property
     def visible(self) -> bool:
         """Whether the base model leaves a residual worth the name."""
         before = self.record["before"] if self.record else None
@@ -191,6 +213,15 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
         report.record(effect=key, **_shares(part))
     report.title("totals (shares of drops)")
     report.record(**totals(judged))
+    report.title("does the interval of the modulus after hold the truth (drops), by verdict")
+    for name, part in covered(judged).items():
+        widths = [width for point in part if (width := point.half_width) is not None]
+        report.record(
+            verdict=name,
+            drops=_drops(part),
+            held=_share(part, lambda point: bool(point.held)),
+            half_width_median=100 * float(np.median(widths)) if widths else None,
+        )
     report.title("true effect, and what was named first, where it matters or raised an alarm")
     for key in sorted({point.case.key for point in judged}):
         part = [
@@ -199,6 +230,19 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
         if part:
             counts = Counter(point.first for point in part).most_common()
             report.record(true=key, named=", ".join(f"{name} {count}" for name, count in counts))
+
+
+def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
+    """Points with an interval and a truth: all of them, and by verdict and kind."""
+    told = [point for point in judged if point.held is not None]
+    parts = {"all": told}
+    parts |= {v: [p for p in told if p.verdict == v] for v in ("clean", "explained", "unexplained")}
+    parts["known effects"] = [point for point in told if point.case.known]
+    parts["known effects, explained"] = [
+        point for point in told if point.case.known and point.verdict == "explained"
+    ]
+    parts["unknown effects"] = [point for point in told if not point.case.known]
+    return {name: part for name, part in parts.items() if part}
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:

@@ -160,6 +160,33 @@ def _curvature(scene: Scene, share: float) -> SimulatedPoint:
     )
 
 
+def _loose(scene: Scene, frequency: float) -> SimulatedPoint:
+    damping = float(scene.generator.uniform(0.03, 0.15))
+    return undisturbed(scene).through(
+        lambda s: unmodelled.loose_sensor(s, frequency, damping),
+        frequency_hz=frequency,
+        damping=damping,
+    )
+
+
+def _smoothed_load(scene: Scene, corner: float) -> SimulatedPoint:
+    order = int(scene.device.integers(1, 5))
+    return undisturbed(scene).through(
+        lambda s: unmodelled.load_channel_filter(s, corner, order),
+        corner_hz=corner,
+        order=float(order),
+    )
+
+
+def _lost(scene: Scene, share: float) -> SimulatedPoint:
+    clean = undisturbed(scene)
+    time = float(scene.generator.uniform(0.2, 0.9)) * scene.hammer_pulse
+    count = max(1, round(share * scene.hammer_pulse / clean.signals[0].time_step))
+    return clean.through(
+        lambda s: unmodelled.lost_samples(s, time, count), time_s=time, samples=float(count)
+    )
+
+
 CLEAN = "clean"
 _m = mechanics
 EFFECTS: dict[str, SimulatedEffect] = {
@@ -246,5 +273,10 @@ EFFECTS: dict[str, SimulatedEffect] = {
         SimulatedEffect(
             "load_cell_curvature", "device", (0.01, 0.04, 0.12), _curvature, "stress", False
         ),
+        SimulatedEffect("loose_sensor", "drop", (400.0, 150.0, 60.0), _loose, "a lag", False),
+        SimulatedEffect(
+            "load_channel_filter", "device", (800.0, 200.0, 60.0), _smoothed_load, "a lead", False
+        ),
+        SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "a lead", False),
     )
 }

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import butter, sosfilt
 
 from simulators.effects.signals import Signals
 from simulators.mesh import Array
@@ -100,3 +101,31 @@ def passing_traffic(
 def load_cell_curvature(signals: Signals, share: float) -> Signals:
     """A load cell overloaded once: it reads too much, by `share` at the peak, with the square."""
     return replace(signals, load=signals.load * (1 + share * signals.load / signals.peak_load))
+
+
+def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
+    """Every sensor stands on something soft: its case rings on it (hertz, fraction of critical).
+
+    :math:`\\ddot x + 2 \\zeta \\omega (\\dot x - \\dot u) + \\omega^2 (x - u) = 0` for the case on
+    a plate that moves by u; the sensor shows the case's velocity.
+    """
+    omega = 2 * math.pi * frequency
+    velocity = np.empty_like(signals.velocity)
+    for row, (moved, speed) in enumerate(zip(signals.displacement, signals.velocity, strict=True)):
+        push = 2 * damping * omega * speed + omega**2 * moved
+        velocity[row] = oscillator(push, 1.0, 2 * damping * omega, omega**2, signals.time_step)[1]
+    return signals.with_velocity(velocity)
+
+
+def load_channel_filter(signals: Signals, corner: float, order: int) -> Signals:
+    """The load cell's amplifier smooths, the sensors' do not: causal Butterworth (corner in Hz)."""
+    sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
+    return replace(signals, load=np.asarray(sosfilt(sections, signals.load)))
+
+
+def lost_samples(signals: Signals, time: float, count: int) -> Signals:
+    """The sensors' converter misses samples at a time (s): what follows moves up to it."""
+    first = int(np.searchsorted(signals.time, time))
+    kept = np.delete(signals.velocity, slice(first, first + count), axis=1)
+    held = np.repeat(kept[:, -1:], count, axis=1)
+    return signals.with_velocity(np.concatenate([kept, held], axis=1))

@@ -174,3 +174,35 @@ def test_a_bent_load_cell_reads_the_square(signals: Signals) -> None:
     assert np.max(found.load) == pytest.approx(1.04 * 8e3)
     half = np.argmin(np.abs(signals.load - 4e3))
     assert found.load[half] / signals.load[half] == pytest.approx(1.02, rel=1e-3)
+
+
+def test_a_loose_sensor_follows_slow_motion_and_rings_at_its_own_frequency() -> None:
+    time = np.arange(8000) * 1e-5
+    slow = 1e-3 * np.sin(2 * math.pi * 2.0 * time) ** 2
+    moved = Signals(time, np.zeros_like(time), np.gradient(slow, time)[None], slow[None])
+    found = unmodelled.loose_sensor(moved, 400.0, 0.1)
+    settled = time > 0.03  # the start of the motion has its own ringing
+    np.testing.assert_allclose(
+        found.velocity[:, settled], moved.velocity[:, settled], atol=1e-3 * moved.peak_velocity
+    )
+    kicked = np.where(time > 0.001, 1e-3, 0.0)
+    sudden = Signals(time, np.zeros_like(time), np.gradient(kicked, time)[None], kicked[None])
+    ringing = unmodelled.loose_sensor(sudden, 120.0, 0.03).velocity[0][time > 0.002]
+    crossings = np.count_nonzero(np.diff(np.sign(ringing)))
+    assert crossings / 2 / (time[-1] - 0.002) == pytest.approx(120.0, rel=0.05)
+
+
+def test_a_smoothed_load_comes_late_with_its_impulse_whole(signals: Signals) -> None:
+    found = unmodelled.load_channel_filter(signals, 60.0, 2)
+    np.testing.assert_array_equal(found.velocity, signals.velocity)
+    assert np.argmax(found.load) > np.argmax(signals.load)
+    assert np.max(found.load) < np.max(signals.load)
+    assert np.sum(found.load) == pytest.approx(np.sum(signals.load), rel=1e-3)
+
+
+def test_lost_samples_move_what_follows_up(signals: Signals) -> None:
+    found = unmodelled.lost_samples(signals, 0.005, 7)
+    first = int(np.searchsorted(TIME, 0.005))
+    np.testing.assert_array_equal(found.velocity[:, :first], signals.velocity[:, :first])
+    np.testing.assert_array_equal(found.velocity[:, first:-7], signals.velocity[:, first + 7 :])
+    np.testing.assert_array_equal(found.load, signals.load)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.loop import Judged, run, summarise, totals
+from benchmarks.loop import Judged, covered, run, summarise, totals
 from benchmarks.output import Reporter
 from simulators.campaign import Case
 
@@ -71,6 +71,29 @@ def test_the_right_name_may_be_an_alternative() -> None:
     assert Judged(CASE, said("explained", 44, 40, "viscosity", alternatives=("sensor_lag",))).right
     assert not Judged(CASE, said("explained", 44, 40, "viscosity")).right
     assert not Judged(CASE, None).right
+
+
+def with_interval(verdict: str, low: float, high: float) -> dict[str, Any]:
+    """A record that finds 40 MPa, with an interval in MPa."""
+    record = said(verdict, 44, 40)
+    record["after"]["modulus_interval_pa"] = [low * 1e6, high * 1e6]
+    return record
+
+
+def test_coverage_asks_whether_the_interval_holds_the_truth() -> None:
+    inside = Judged(CASE, with_interval("explained", 38, 42))
+    outside = Judged(CASE, with_interval("unexplained", 41, 43))
+    rig = Judged(replace(CASE, modulus_pa=None), with_interval("explained", 38, 42))
+    assert (inside.held, outside.held, rig.held) == (True, False, None)
+    assert inside.half_width == pytest.approx(0.05)
+    assert Judged(CASE, said("clean", 40, 40)).held is None
+    unknown = Judged(UNKNOWN, with_interval("unexplained", 20, 80))
+    parts = covered([inside, outside, rig, unknown])
+    assert parts["all"] == [inside, outside, unknown]
+    assert parts["unexplained"] == [outside, unknown]
+    assert parts["known effects"] == [inside, outside]
+    assert parts["known effects, explained"] == [inside]
+    assert "clean" not in parts
 
 
 def test_totals_count_drops() -> None:
