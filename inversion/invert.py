@@ -74,6 +74,7 @@ class Settings:
     layers : number of media with a modulus, the lowest included (1 to 4), or "auto": as many as the
         record can tell
     thickness : m, of all media but the lowest, from the top; None: fitted
+    priors : whether what nature gives decides between grounds that fit alike
     method : "mpga" (genetic search, then polish), "least-squares" (several starts), or
         "published" (the genetic search of the paper on its own fitness, without polish)
     seed : int, of the search
@@ -88,6 +89,7 @@ class Settings:
     seed: int = 0
     layers: int | Literal["auto"] = 1
     thickness: tuple[float, ...] | None = None
+    priors: bool = True
 
     def __post_init__(self) -> None:
         if self.layers != "auto" and self.layers not in range(1, MOST_LAYERS + 1):
@@ -189,7 +191,7 @@ def _invert_joint(
         settings.elastic,
     )
     rng = np.random.default_rng(settings.seed)
-    fit = fit_ground(weighted, space, settings.method, rng)
+    fit = fit_ground(weighted, space, settings.method, rng, priors=settings.priors)
     uncertainty = estimate_uncertainty(fit)
     reports = [
         _report(item, fit, uncertainty, peak, settings)
@@ -410,6 +412,7 @@ def _report(
         forward_solves=fit.solves,
         elapsed=0.0,
         seed=settings.seed,
+        priors=settings.priors and settings.method != "published",
         warnings=(),
         history=history,
         layers=(_only_layer(space, fit.best.point, uncertainty, item.surrogate.problem),),

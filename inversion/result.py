@@ -140,6 +140,7 @@ class InversionResult:
     layers : tuple of LayerValue, every medium from the surface down; one for homogeneous ground
     effective : Effective
     modulus_known : bool, whether the subgrade's modulus is known within a factor of ten
+    priors : bool, whether what nature gives decided between grounds that fit alike
     """
 
     subgrade: Subgrade
@@ -171,3 +172,4 @@ class InversionResult:
     layers: tuple[LayerValue, ...]
     effective: Effective
     modulus_known: bool = True
+    priors: bool = True

@@ -80,6 +80,7 @@ def invert(
     joint : True: all measured drops of a point have one soil
     method : "mpga" (genetic search and polish) or "least-squares" (several starts)
     published : True: the published method as a whole
+    priors : False: where the record leaves the depth of rock open, any ground that fits will do
     seed : int, of the search
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
         Win over what the file declares.

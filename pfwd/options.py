@@ -30,7 +30,7 @@ _CHOICES = {
     "sensors": get_args(Sensors),
     "method": get_args(Method),
 }
-_FLAGS = ("elastic", "joint", "published")
+_FLAGS = ("elastic", "joint", "published", "priors")
 _DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
 
 
@@ -57,6 +57,7 @@ class InvertOptions(DiagnoseOptions, total=False):
     joint: bool
     method: Method | None
     published: bool
+    priors: bool
     seed: int
 
 

@@ -133,6 +133,12 @@ def _add_invert(commands: "Commands") -> None:
     search.add_argument("--method", choices=["mpga", "least-squares"])
     search.add_argument("--published", action="store_true", help="the paper's method as a whole")
     search.add_argument(
+        "--no-priors",
+        action="store_true",
+        help="where the record leaves the depth of rock open, any ground that fits will do, not "
+        "the one that nature is likely to have",
+    )
+    search.add_argument(
         "--diagnose",
         action="store_true",
         help="ask what is behind the residuals too: the modulus that a point has then stands "

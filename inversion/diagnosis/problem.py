@@ -20,7 +20,7 @@ from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.layered.misfit import LayeredDrop
-from inversion.fitting.parameters import Parameter, soil_parameters
+from inversion.fitting.parameters import RELAXATION_PRIOR, Parameter, soil_parameters
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.peak_method import peak_modulus
@@ -28,8 +28,6 @@ from inversion.measured.record import prepare
 
 _STEP = 1e-4
 # Soils and granular fills: the logarithm of the density, kg/m3, and the relaxation time, s.
-_DENSITY_PRIOR = (math.log(1900.0), 0.12)
-_RELAXATION_PRIOR = (1.0e-3, 1.5e-3)
 # Modulus of the ground under layers over that by the peak method.
 _BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
@@ -43,10 +41,9 @@ def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]
     modulus, viscosity, density = soil_parameters(peak_modulus)
     low, high = modulus.lower / peak_modulus, modulus.upper / peak_modulus
     slowest = viscosity.upper / peak_modulus
-    density = replace(density, prior=_DENSITY_PRIOR)
     return (
         Parameter("modulus_ratio", "-", low, high, (0.8,), logarithmic=True),
-        Parameter("relaxation", "s", 0.0, slowest, (1.0e-3,), prior=_RELAXATION_PRIOR),
+        Parameter("relaxation", "s", 0.0, slowest, (1.0e-3,), prior=RELAXATION_PRIOR),
         density,
     )
 

@@ -25,6 +25,9 @@ _FULL_SAMPLES = 400
 _PROFILE_DEPTHS = 14
 # Minima closer than this, in units of the box, are one.
 _SAME_PLACE = 0.02
+# Depths so far apart, in units of the box, are not one minimum; of grounds with other depths that
+# fit alike so many are refined beside their priors.
+_OTHER_DEPTH, _NATURAL_STARTS = 0.1, 4
 # Grounds that fit the contact within the model's error beyond the best one are tried on the whole
 # record, the most promising of them refined; the whole record is kept when the residual of all of
 # it is within 1.5 times the model's error.
@@ -36,6 +39,9 @@ _TAIL_EXPLAINED = 2.25
 # for the coarser fit.  What a linear record promises was up to 10 times too much.
 _MAY_PASS = 4.0
 _NOT_LINEAR = 8.0
+# Drop of the misfit (in effectively independent samples) below which two minima are the same to
+# the data: 95 % of chi-square with two degrees of freedom.
+_SAME_MINIMUM = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +82,137 @@ class GroundFit:
     drops: tuple[WeightedDrop, ...]
 
 
+def allowed_cost(fit: GroundFit) -> float:
+    """Mean square of the weighted residuals up to which the data do not tell from the best."""
+    return fit.best.cost + _SAME_MINIMUM / fit.misfit.independent * max(1.0, fit.best.cost)
+
+
 def fit_ground(
     drops: tuple[WeightedDrop, ...],
     space: ParameterSpace,
     method: Method,
     rng: np.random.Generator,
+    *,
+    priors: bool = True,
 ) -> GroundFit:
-    """The ground that fits the drops best, searched coarsely and polished at the full band."""
+    """The ground that fits the drops best, searched coarsely and polished at the full band.
+
+    Where the data leave the depth open, the ground is the one among those that fit alike that has
+    what nature gives, unless ``priors`` is False.
+    """
     if method == "published":
         return _fit_published(drops, space, rng)
+    found = _fit_free(drops, space, method, rng)
+    return _natural(found) if priors and space.index(DEPTH) is not None else found
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """Grounds refined beside what nature gives.
+
+    Parameters
+    ----------
+    misfit : Misfit, with the priors
+    points : (k, d) ndarray of float in the unit box
+    cost : (k,) ndarray of float, mean square of the residuals, the priors' among them
+    ended : int, how many of them, the first, are minima; the others are fits at given depths
+    converged : (ended,) ndarray of bool
+    """
+
+    misfit: Misfit
+    points: FloatArray
+    cost: FloatArray
+    ended: int
+    converged: FloatArray
+
+    @property
+    def best(self) -> int:
+        """The best of the minima."""
+        return int(np.argmin(self.cost[: self.ended]))
+
+    @property
+    def least(self) -> float:
+        """Its cost."""
+        return float(self.cost[self.best])
+
+
+def _natural(fit: GroundFit) -> GroundFit:
+    """Of grounds that fit alike the most natural, refined beside its priors; the others that do.
+
+    Ground without rock is one of them, where it fits.  Where only one depth fits nothing is
+    changed: what the data tell is not bent.
+    """
+    space, allowed = fit.misfit.space, allowed_cost(fit)
+    column = space.index(DEPTH)
+    assert column is not None
+    weight = max(1.0, fit.best.cost)
+    bare, bare_cost = _without_rock(fit, weight)
+    solves = fit.solves + bare.misfit.solves
+    alike = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
+    if np.ptp(alike[:, column]) < _OTHER_DEPTH and bare_cost > allowed:
+        return replace(fit, solves=solves)
+    held = _with_rock(fit, weight, alike, column)
+    solves += held.misfit.solves
+    candidates = [held, bare] if bare_cost <= allowed else [held]
+    chosen = min(candidates, key=lambda candidate: candidate.least)
+    # What does not fit as well as a natural ground does not count any more.
+    limit = chosen.least + _SAME_MINIMUM / held.misfit.independent * weight
+    size = len(chosen.misfit.space.fitted)
+    rest = []
+    for candidate in candidates:
+        for point, cost in zip(candidate.points, candidate.cost, strict=True):
+            if cost <= limit:
+                # The depth stands last: a ground without rock has none.
+                rest.append(Minimum(np.append(point, 1.0)[:size], fit.best.cost))
+    best = chosen.points[chosen.best]
+    plain = float(chosen.misfit.data_cost(best[None])[0])
+    return replace(
+        fit,
+        best=Minimum(best, plain),
+        others=(),
+        profile=tuple(rest),
+        converged=bool(chosen.converged[chosen.best]),
+        solves=solves,
+        misfit=chosen.misfit,
+    )
+
+
+def _with_rock(fit: GroundFit, weight: float, alike: FloatArray, column: int) -> _Held:
+    """Grounds that fit alike (k, d), beside their priors: as they are best, and at their depths."""
+    misfit = Misfit(fit.drops, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES, prior_weight=weight)
+    begun = alike[np.argsort(misfit.objective(alike))[:_NATURAL_STARTS]]
+    ended = fit_batch(misfit.linearise, begun, iterations=15)
+    profile = fit_batch(misfit.linearise, alike, iterations=7, tolerance=1e-3, frozen=column)
+    return _Held(
+        misfit,
+        np.concatenate([ended.points, profile.points]),
+        np.concatenate([ended.cost, profile.cost]),
+        ended.points.shape[0],
+        ended.converged,
+    )
+
+
+def _without_rock(fit: GroundFit, weight: float) -> tuple[_Held, float]:
+    """The best ground without rock beside its priors, and what one without them costs."""
+    space = fit.misfit.space
+    bare = ParameterSpace(
+        tuple(p for p in space.fitted if p.name != DEPTH), {**space.fixed, DEPTH: math.inf}
+    )
+    free = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES)
+    found = fit_batch(free.linearise, _plain_starts(bare), iterations=15, tolerance=1e-3)
+    misfit = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES, prior_weight=weight)
+    ended = fit_batch(misfit.linearise, found.points, iterations=10)
+    misfit.solves += free.solves
+    cost = float(found.cost[found.best])
+    return _Held(misfit, ended.points, ended.cost, ended.points.shape[0], ended.converged), cost
+
+
+def _fit_free(
+    drops: tuple[WeightedDrop, ...],
+    space: ParameterSpace,
+    method: Method,
+    rng: np.random.Generator,
+) -> GroundFit:
     coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
     if space.index(DEPTH) is not None:
         profile = _depth_profile(coarse, space)

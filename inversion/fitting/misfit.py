@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,8 @@ from inversion.measured.record import PreparedDrop
 MODEL_FLOOR_FRACTION = 0.003
 # A far sensor that hardly moves is held to this fraction of the plate's floor instead.
 _FAR_SENSOR_SHARE = 0.1
+# Errors of the model are smooth: about so many independent ones a drop.
+INDEPENDENT_A_DROP = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,8 @@ class Misfit:
     band : float, Hz
     most_samples : int, samples of the window kept per drop (an even stride)
     single : bool, single precision in the surrogate: for the search
+    prior_weight : float, by how many independent residuals, as large as the scale, a parameter is
+        held to one standard deviation of its prior; 0: priors do not count
     """
 
     def __init__(
@@ -83,8 +89,10 @@ class Misfit:
         band: float,
         most_samples: int,
         single: bool = False,
+        prior_weight: float = 0.0,
     ) -> None:
         self.space = space
+        self._prior_weight = prior_weight
         self.solves = 0
         self.seconds = sum(item.drop.window_end for item in drops)
         """Length of the windows of all drops."""
@@ -102,12 +110,32 @@ class Misfit:
         """Weighted residuals (m, n) at points (m, d) of the unit box."""
         self.solves += points.shape[0]
         grounds = self.space.grounds(points)
-        parts = []
+        parts: list[FloatArray] = []
         for model, observed, weight in self._models:
             predicted = model.displacement(grounds)[:, -observed.shape[0] :]
             left = (predicted - observed) * weight[:, None]
             parts.append(left.reshape(points.shape[0], -1))
+        if self._prior_weight > 0.0:
+            parts.append(self._prior_scale * self.space.from_priors(points)[0])
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    @property
+    def independent(self) -> float:
+        """Errors of the model are smooth: about six independent ones a drop."""
+        return INDEPENDENT_A_DROP * len(self.rows)
+
+    @cached_property
+    def _prior_scale(self) -> float:
+        """Of the priors' residuals, so that the mean square weighs them as independent samples."""
+        count = sum(observed.size for _, observed, _ in self._models)
+        return math.sqrt(self._prior_weight * count / self.independent)
+
+    def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
+        """What the priors leave open of the unit parameters, (d, d), by the pseudo-inverse (d, n)
+        of what `linearise` gives."""
+        size = len(self.space.fitted) if self._prior_weight > 0.0 else 0
+        last = pseudo[:, pseudo.shape[1] - size :] * (self._prior_scale if size else 1.0)
+        return np.asarray(last @ last.T)
 
     def linearise(
         self, points: FloatArray, free: NDArray[np.intp]
@@ -116,7 +144,8 @@ class Misfit:
         self.solves += points.shape[0]
         grounds = self.space.grounds(points)
         names, steps = self.space.ground_slopes(points, free)
-        residuals, slopes = [], []
+        residuals: list[FloatArray] = []
+        slopes: list[FloatArray] = []
         for model, observed, weight in self._models:
             sensors = observed.shape[0]
             predicted, by_ground = model.displacement_slopes(grounds, names)
@@ -124,6 +153,12 @@ class Misfit:
             moved = by_ground[:, :, -sensors:] * (steps[:, :, None, None] * weight[:, None])
             residuals.append(left.reshape(points.shape[0], -1))
             slopes.append(moved.reshape(points.shape[0], free.size, -1))
+        if self._prior_weight > 0.0:
+            away, rises = self.space.from_priors(points)
+            residuals.append(self._prior_scale * away)
+            of_priors: FloatArray = np.zeros((points.shape[0], free.size, away.shape[1]))
+            of_priors[:, np.arange(free.size), free] = self._prior_scale * rises[free]
+            slopes.append(of_priors)
         return np.concatenate(residuals, axis=1), np.swapaxes(np.concatenate(slopes, axis=2), 1, 2)
 
     def objective(self, points: FloatArray) -> FloatArray:
@@ -131,6 +166,12 @@ class Misfit:
         left = self.residual(points)
         result: FloatArray = np.einsum("mn,mn->m", left, left) / left.shape[1]
         return result
+
+    def data_cost(self, points: FloatArray) -> FloatArray:
+        """`objective` without the priors, (m,)."""
+        left = self.residual(points)
+        count = sum(observed.size for _, observed, _ in self._models)
+        return np.asarray(np.mean(left[:, :count] ** 2, axis=1))
 
     def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Observed (n,) and predicted (m, n) displacement of the first sensor and drop, m."""

@@ -25,6 +25,14 @@ _LEAST_VISCOSITY_BOUND = 4.0e5
 _RELAXATION_BOUND_S = 0.012
 _DEEPEST = 60.0
 
+# What nature gives, centre and standard deviation: density of soils and granular fills from loose
+# and dry to dense and wet (the logarithm, kg/m3), and viscosity over modulus, s.
+DENSITY_PRIOR = (math.log(1900.0), 0.12)
+RELAXATION_PRIOR = (1.0e-3, 1.5e-3)
+# Standard deviation of one over the depth of rock, 1/m: what is called a subgrade has rarely rock
+# within a few decimetres, and often none within reach.
+INVERSE_DEPTH_PRIOR = 1.25
+
 # A fitted value this close to a bound, as a fraction of the range, is on it.  A method that keeps
 # away from bounds (inversion.diagnosis.fit) comes no closer than some ten-thousandths.
 _ON_BOUND = 1e-3
@@ -46,6 +54,8 @@ class Parameter:
         stands for something else that looks alike
     prior : (float, float) or None, what nature gives: centre and standard deviation, of the natural
         logarithm where it is logarithmic
+    inverse_prior : float or None, standard deviation of what nature gives for one over the value,
+        around 0; in place of ``prior``
     absent : float or None, value at which the effect that it belongs to changes nothing, or nearly
     """
 
@@ -59,6 +69,7 @@ class Parameter:
     usual: tuple[float, float] | None = None
     prior: tuple[float, float] | None = None
     absent: float | None = None
+    inverse_prior: float | None = None
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Physical value of points (...,) of the unit interval."""
@@ -82,6 +93,10 @@ class Parameter:
 
     def from_prior(self, unit_value: float) -> tuple[float, float]:
         """Distance from the prior's centre in its standard deviations, and its slope."""
+        if self.inverse_prior is not None:
+            value, slope = float(self.value(unit_value)), float(self.slopes(unit_value))
+            away = 1.0 / (value * self.inverse_prior)
+            return away, -away * slope / value
         if self.prior is None:
             return 0.0, 0.0
         centre, deviation = self.prior
@@ -106,15 +121,28 @@ def soil_parameters(peak_modulus: float) -> tuple[Parameter, Parameter, Paramete
     most_viscous = max(_LEAST_VISCOSITY_BOUND, _RELAXATION_BOUND_S * peak_modulus)
     return (
         Parameter(MODULUS, "Pa", low, high, logarithmic=True),
-        Parameter(VISCOSITY, "Pa s", 0.0, most_viscous),
-        Parameter(DENSITY, "kg/m3", *_DENSITY_BOUNDS, starts=(1800.0,), logarithmic=True),
+        Parameter(
+            VISCOSITY,
+            "Pa s",
+            0.0,
+            most_viscous,
+            prior=(peak_modulus * RELAXATION_PRIOR[0], peak_modulus * RELAXATION_PRIOR[1]),
+        ),
+        Parameter(
+            DENSITY,
+            "kg/m3",
+            *_DENSITY_BOUNDS,
+            starts=(1800.0,),
+            logarithmic=True,
+            prior=DENSITY_PRIOR,
+        ),
     )
 
 
 def depth_parameter(plate_radius: float) -> Parameter:
     """The depth of rock, within what the tables cover and an echo reaches."""
     shallow, deep = SHALLOWEST * 1.001 * plate_radius, _DEEPEST * plate_radius
-    return Parameter(DEPTH, "m", shallow, deep, logarithmic=True)
+    return Parameter(DEPTH, "m", shallow, deep, logarithmic=True, inverse_prior=INVERSE_DEPTH_PRIOR)
 
 
 @dataclass(frozen=True)
@@ -155,6 +183,15 @@ class ParameterSpace:
             self.values(DENSITY, points),
             1.0 / depth,
         )
+
+    def from_priors(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m, d) of points from what nature gives, in deviations, and slopes (d,)."""
+        pairs = [
+            [p.from_prior(float(unit_value)) for unit_value in column]
+            for p, column in zip(self.fitted, points.T, strict=True)
+        ]
+        found = np.array(pairs, dtype=np.float64).reshape(len(self.fitted), points.shape[0], 2)
+        return found[:, :, 0].T, found[:, 0, 1]
 
     def ground_slopes(
         self, points: FloatArray, columns: NDArray[np.intp]

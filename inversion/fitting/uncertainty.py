@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.ground_fit import GroundFit, Minimum, allowed_cost
 from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
@@ -25,9 +25,6 @@ from inversion.measured.record import NoiseModel, PreparedDrop, native_rows
 
 # Two-sided 95 % of a normal distribution.
 NORMAL_95 = 1.96
-# Drop of the misfit (in effectively independent samples) below which two minima are the same to
-# the data: 95 % of chi-square with two degrees of freedom.
-_SAME_MINIMUM = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +57,7 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     pseudo = np.linalg.pinv(slope[0], rcond=1e-9)
     random, model = _covariances(fit, pseudo, values[0])
     steps = np.array([float(p.slopes(u)) for p, u in zip(space.fitted, point, strict=True)])
+    model += fit.misfit.prior_covariance(pseudo)
     both = random + model
     spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
     interval = _modulus_interval(fit, both)
@@ -182,11 +180,5 @@ def _depth_interval(
 
 def _equivalent(fit: GroundFit) -> list[Minimum]:
     """Other minima, and points of the depth profile, that the data do not tell from the best."""
-    independent = _independent_samples(fit)
-    allowed = fit.best.cost + _SAME_MINIMUM / independent * max(1.0, fit.best.cost)
+    allowed = allowed_cost(fit)
     return [m for m in (*fit.others, *fit.profile) if m.cost <= allowed]
-
-
-def _independent_samples(fit: GroundFit) -> float:
-    """Errors of the model are smooth: about six independent ones a sensor and drop."""
-    return 6.0 * len(fit.misfit.rows)

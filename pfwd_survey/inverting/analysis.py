@@ -106,6 +106,7 @@ def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
         seed=options.seed,
         layers=options.layers or 1,
         thickness=None if options.thickness == "unknown" else options.thickness,
+        priors=options.priors,
     )
 
 

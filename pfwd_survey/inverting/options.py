@@ -90,6 +90,8 @@ class AnalysisOptions:
     """How the parameters are searched."""
     published: bool = False
     """The published method as a whole."""
+    priors: bool = True
+    """What nature gives decides between grounds that fit alike."""
     seed: int = 0
     """Seed of everything random, >= 0."""
     header: str | None = None
@@ -141,6 +143,10 @@ class AnalysisOptions:
 
     def _refuse_contradictions(self) -> None:
         depth = self.bedrock_depth
+        if not self.priors and self.layers not in (None, 1):
+            why = f"--layers {self.layers}"
+            expected = "one of the two: a fit of layers rests on what nature gives"
+            raise OptionError(refusal(f"--no-priors and {why}", expected, "both"))
         if self.model == "half-space" and depth not in (None, "none"):
             raise _contradiction("--model half-space", f"--bedrock-depth {depth}")
         if self.model == "layer" and depth == "none":
@@ -178,6 +184,7 @@ class AnalysisOptions:
         if self.thickness is not None and self.thickness != "unknown":
             parts.append("thickness " + ", ".join(f"{value:g}" for value in self.thickness) + " m")
         parts += ["elastic"] if self.elastic else []
+        parts += [] if self.priors else ["no priors"]
         parts += ["one ground for the drops of a point"] if self.joint else []
         parts += [f"{self.load} load"] if self.load else []
         parts += [f"{self.plate} plate"] if self.plate else []

@@ -173,6 +173,8 @@ class DropResult(StoredRecord):
     """The load has gone, s after the trigger."""
     window_end_s: float | None = None
     """Last sample of the fit, s after the trigger."""
+    priors: bool | None = None
+    """Whether what nature gives decided between grounds that fit alike."""
     explained: bool | None = None
     """Whether the residual is within the noise."""
     converged: bool | None = None
@@ -316,6 +318,7 @@ def _found(result: InversionResult) -> dict[str, Any]:
         "contact_residual_rms_over_peak": result.contact_residual_rms_over_peak,
         "contact_end_s": result.history.contact_end,
         "window_end_s": result.history.window_end,
+        "priors": result.priors,
         "explained": result.explained,
         "converged": result.converged,
         "at_bound": result.at_bound,

@@ -120,6 +120,7 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
         joint=args.joint,
         method=args.method,
         published=args.published,
+        priors=not args.no_priors,
         seed=args.seed,
         header=args.header,
         plate_radius=args.plate_radius,

@@ -219,7 +219,7 @@ def test_of_an_unknown_depth_what_fits_the_contact_is_tried_on_the_tail(
     guesses = module._local_minima(profile)
     allowed = [m for m in (*guesses, *profile) if m.cost <= guesses[0].cost + 1.0]
     log.runs.clear()
-    fitted(library)
+    fit_ground((drop,), of, "least-squares", np.random.default_rng(4), priors=False)
     assert log.misfits == [COARSE, TAIL, WHOLE]
     assert log.tried == [len(allowed)]
     first, tail, polish, again = log.runs
@@ -264,7 +264,11 @@ def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> W
 
 def test_a_hopeless_tail_is_given_up_before_the_polish(log: Log, library: SurrogateLibrary) -> None:
     found = fit_ground(
-        (disturbed(library, 0.05),), space(density=None), "least-squares", np.random.default_rng(4)
+        (disturbed(library, 0.05),),
+        space(density=None),
+        "least-squares",
+        np.random.default_rng(4),
+        priors=False,
     )
     assert log.misfits == [COARSE, TAIL, FINE]
     assert [iterations for _, iterations in log.runs] == [7, 8, 12, 20]
@@ -286,7 +290,8 @@ def test_a_tail_is_kept_up_to_what_is_left_of_it(
     size: float, kept: bool, polished: bool, log: Log, library: SurrogateLibrary
 ) -> None:
     item = disturbed(library, size)
-    found = fit_ground((item,), space(density=None), "least-squares", np.random.default_rng(4))
+    of, rng = space(density=None), np.random.default_rng(4)
+    found = fit_ground((item,), of, "least-squares", rng, priors=False)
     assert (WHOLE in log.misfits) == polished
     assert (FINE in log.misfits) != kept
     assert (found.drops[0].drop.window_end == item.drop.tail_end) == kept

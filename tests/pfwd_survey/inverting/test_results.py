@@ -19,6 +19,7 @@ from pfwd_survey.inverting import results
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
+    DropDiagnosis,
     EffectParameter,
     EffectResult,
     FittedState,
@@ -129,22 +130,26 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
 
 
 pulses = maybe(records(HalfSinePulse))
+effects = records(
+    EffectResult,
+    parameters=maybe(st.lists(records(EffectParameter), max_size=2).map(tuple)),
+)
+some_effects = maybe(st.lists(effects, max_size=2).map(tuple))
 drops = records(
     DropResult,
     status=maybe(st.sampled_from(["measured", "seating", "rejected"])),
     half_sine=pulses,
     half_sine_equal_area=pulses,
-)
-effects = records(
-    EffectResult,
-    parameters=maybe(st.lists(records(EffectParameter), max_size=2).map(tuple)),
+    diagnosis=maybe(
+        records(DropDiagnosis, effects=some_effects, after=maybe(records(FittedState)))
+    ),
 )
 diagnoses = records(
     DiagnosisResult,
     before=maybe(records(FittedState)),
     after=maybe(records(FittedState)),
     held_out=maybe(records(HeldOut)),
-    effects=maybe(st.lists(effects, max_size=2).map(tuple)),
+    effects=some_effects,
 )
 
 
@@ -159,6 +164,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=6,
 )
+NESTED = ("half_sine", "half_sine_equal_area", "diagnosis")
 KEYS = [field.name for field in dataclasses.fields(DropResult) if field.name != "more"]
 
 
@@ -167,7 +173,7 @@ def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[st
     found = DropResult.from_json(said)
     again = found.to_json()
     for key, value in said.items():
-        if isinstance(value, dict) and key in ("half_sine", "half_sine_equal_area"):
+        if isinstance(value, dict) and key in NESTED:
             assert {**again[key], **value} == again[key]
         elif value is not None or key not in DropResult.LEFT_OUT:
             assert again[key] == value
@@ -214,6 +220,7 @@ def test_a_result_of_the_version_before_is_read_whole(name: str) -> None:
         "effective_modulus_pa",
         "effective_modulus_interval_pa",
         "effective_depth_m",
+        "priors",
     )
     assert found.to_json() == said | dict.fromkeys(later)
 
