@@ -8,6 +8,7 @@ integrated, zero where the pulse begins. So is what becomes of their noise.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from inversion.arrays import FloatArray
@@ -50,19 +51,31 @@ class MotionChannel:
             weights[:, begin : begin + settled] -= 1.0 / settled
             self._quiet = step * (np.array([begin, begin + settled - 1]) - first)
             self.ramps = False
+        self._read_at, self._read_as = self._reading()
         self._weights = weights
         self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
 
     def read(self, displacement: FloatArray) -> FloatArray:
         """Displacements (..., m) as they would come out: without the offset before the pulse, m."""
+        result: FloatArray = displacement - displacement[..., self._read_at] @ self._read_as
+        return result
+
+    def _reading(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """Samples (k,) that tell the offset before the pulse, and what each takes off, (k, m).
+
+        Of a velocity's integral it is a ramp through the moment where the pulse begins.
+        """
         begin, end = self._quiet
-        first, last = (_value_at(self._time, displacement, time) for time in (begin, end))
+        moments = [_between(self._time, float(time)) for time in (begin, end, 0.0)]
+        taken = np.full((2, self._time.size), 0.5)
         if self.ramps:
-            slope = (last - first) / (end - begin)
-            still = _value_at(self._time, displacement, 0.0)
-            result: FloatArray = displacement - (still + slope * self._time)
-            return result
-        return displacement - 0.5 * (first + last)
+            slope = self._time / (end - begin)
+            taken = np.stack([-slope, slope, np.ones_like(slope)])
+        samples, weights = [], []
+        for (right, share), part in zip(moments, taken, strict=False):
+            samples += [right - 1, right]
+            weights += [(1.0 - share) * part, share * part]
+        return np.array(samples), np.stack(weights)
 
     def whitener(self, part: slice, steady: FloatArray) -> FloatArray:
         """Inverse of the lower Cholesky factor of the covariance of some samples, 1/m.
@@ -81,14 +94,11 @@ class MotionChannel:
         return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
 
 
-def _value_at(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
-    """Rows (..., n) between samples, (..., 1); held at the ends."""
+def _between(times: FloatArray, time: float) -> tuple[int, float]:
+    """The sample after a time, and the time's share of the way to it; held at the ends."""
     right = int(np.clip(np.searchsorted(times, time), 1, times.size - 1))
     share = (time - times[right - 1]) / (times[right] - times[right - 1])
-    share = min(max(share, 0.0), 1.0)
-    before, after = rows[..., right - 1 : right], rows[..., right : right + 1]
-    found: FloatArray = (1.0 - share) * before + share * after
-    return found
+    return right, min(max(float(share), 0.0), 1.0)
 
 
 def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:

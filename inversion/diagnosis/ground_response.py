@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,12 @@ from inversion.forward.layered import (
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
 from inversion.forward.surrogate import Surrogate
 
-_REMEMBERED = 200
+# Grounds: those of the drops of a point, and a few before them.
+_REMEMBERED = 24
 _HOMOGENEOUS = ("modulus", "viscosity", "density", "inverse_depth")
 _OF_MEDIUM: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
+_Key = tuple[int, complex, complex, Ground]
+_K = TypeVar("_K")
 
 
 class GroundResponse:
@@ -53,11 +57,12 @@ class GroundResponse:
             "rigid-rough", instrument.plate_radius, tuple(abs(float(r)) for r in offsets)
         )
         self._poisson_ratio = surrogate.problem.poisson_ratio
-        self._known: dict[tuple[int, complex, Ground], ComplexArray] = {}
+        self._known: dict[_Key, ComplexArray] = {}
+        self._known_slopes: dict[tuple[_Key, tuple[int, ...]], ComplexArray] = {}
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
         """Displacement over load at every sensor, (n_sensors, n), m/N."""
-        key = (s.size, complex(s[-1]), ground)
+        key = _key(s, ground)
         found = self._known.get(key)
         if found is None:
             if ground.above:
@@ -67,33 +72,37 @@ class GroundResponse:
                 instrument = replace(self._instrument, plate_mass=ground.plate_mass)
                 every = transfer_function(self.surrogate, instrument, s, _homogeneous(ground))[0]
                 found = every[-self._sensors :]
-            self._keep(key, found)
+            _keep(self._known, key, found)
         return found
 
-    def prime(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> None:
-        """Have the responses of grounds a small step from one ready, by its derivatives.
+    def nearby(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> ComplexArray:
+        """Responses of a ground and of others a small step from it, (1 + m, n_sensors, n), m/N.
 
-        Steps of the mass, and into or out of rock, are left to `compliance`.
+        By its derivatives; steps of the mass, and into or out of rock, are solved for.
         """
-        alike = [
-            other
-            for other in dict.fromkeys(moved)
-            if (s.size, complex(s[-1]), other) not in self._known
-            and other != ground
-            and other.plate_mass == ground.plate_mass
-            and (other.inverse_depth > 0.0) == (ground.inverse_depth > 0.0)
-            and len(other.above) == len(ground.above)
-        ]
-        if len(alike) < 2:
-            return
-        here = self._fields(ground)
-        steps = [self._fields(other) - here for other in alike]
-        columns = np.flatnonzero(np.any(np.array(steps) != 0.0, axis=0))
-        value, slopes = self._slopes(ground, s, columns)
-        self._keep((s.size, complex(s[-1]), ground), value)
-        for other, step in zip(alike, steps, strict=True):
-            there = value + np.tensordot(step[columns], slopes, axes=1)
-            self._keep((s.size, complex(s[-1]), other), there)
+        here = self.compliance(ground, s)
+        result = np.empty((1 + len(moved), *here.shape), dtype=np.complex128)
+        result[:] = here
+        alike = []
+        for place, other in enumerate(moved, 1):
+            if other == ground:
+                continue
+            if (
+                other.plate_mass == ground.plate_mass
+                and (other.inverse_depth > 0.0) == (ground.inverse_depth > 0.0)
+                and len(other.above) == len(ground.above)
+            ):
+                alike.append(place)
+            else:
+                result[place] = self.compliance(other, s)
+        if alike:
+            start = self._fields(ground)
+            steps = np.stack([self._fields(moved[place - 1]) for place in alike]) - start
+            columns = np.flatnonzero(steps.any(axis=0))
+            slopes = self._slopes(ground, s, columns)
+            changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
+            result[alike] += changes.reshape(len(alike), *here.shape)
+        return result
 
     def _fields(self, ground: Ground) -> FloatArray:
         """What the derivatives are taken by, in the order of `_slopes`."""
@@ -105,24 +114,28 @@ class GroundResponse:
             values[-1][-1] = 0.0
         return np.array(values).ravel()
 
-    def _slopes(
-        self, ground: Ground, s: ComplexArray, columns: NDArray[np.intp]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """The response, (n_sensors, n), and its derivatives by some fields, (fields, ...)."""
+    def _slopes(self, ground: Ground, s: ComplexArray, columns: NDArray[np.intp]) -> ComplexArray:
+        """Derivatives of the response by some fields, (fields, n_sensors, n)."""
+        key = _key(s, ground), tuple(columns.tolist())
+        known = self._known_slopes.get(key)
+        if known is not None:
+            return known
         if not ground.above:
             instrument = replace(self._instrument, plate_mass=ground.plate_mass)
             names = [_HOMOGENEOUS[column] for column in columns]
-            found, slopes = transfer_slopes(
-                self.surrogate, instrument, s, _homogeneous(ground), names
-            )
-            return found[0, -self._sensors :], slopes[0, :, -self._sensors :]
-        width = len(_OF_MEDIUM)
-        varied = [
-            MediumParameter(_OF_MEDIUM[column % width], int(column // width)) for column in columns
-        ]
-        grounds = LayeredGrounds.of([self._layered(ground)])
-        found, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
-        return found[0], slopes[0]
+            _, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(ground), names)
+            found = slopes[0, :, -self._sensors :]
+        else:
+            width = len(_OF_MEDIUM)
+            varied = [
+                MediumParameter(_OF_MEDIUM[column % width], int(column // width))
+                for column in columns
+            ]
+            grounds = LayeredGrounds.of([self._layered(ground)])
+            _, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
+            found = slopes[0]
+        _keep(self._known_slopes, key, found)
+        return found
 
     def _layered(self, ground: Ground) -> LayeredGround:
         rock = ground.inverse_depth > 0.0
@@ -136,10 +149,15 @@ class GroundResponse:
         )
         return LayeredGround((*ground.above, below), rock)
 
-    def _keep(self, key: tuple[int, complex, Ground], value: ComplexArray) -> None:
-        if len(self._known) >= _REMEMBERED:
-            self._known.pop(next(iter(self._known)))
-        self._known[key] = value
+
+def _key(s: ComplexArray, ground: Ground) -> _Key:
+    return s.size, complex(s[0]), complex(s[-1]), ground
+
+
+def _keep(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
+    if len(memory) >= _REMEMBERED:
+        memory.pop(next(iter(memory)))
+    memory[key] = value
 
 
 def _homogeneous(ground: Ground) -> Grounds:

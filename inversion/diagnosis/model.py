@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -161,7 +162,6 @@ class DropModel:
         self._floor = floor
         self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}
         self.peak: FloatArray = drop.peak_displacement
-        self._memory: dict[tuple[object, ...], ComplexArray] = {}
         self._motions: dict[tuple[object, ...], _Motion] = {}
         self._last_displacement: FloatArray | None = None
         self._plate = int(np.argmin(self.context.offsets))
@@ -170,7 +170,7 @@ class DropModel:
         """How often nonlinear ground was solved for: six times the work of linear ground."""
 
     def _prepare_transform(self, load: FloatArray) -> None:
-        """From compliances at Laplace frequencies to motions under the load, and under a ramp."""
+        """From compliances at Laplace frequencies to motions under the load, and after a hat."""
         time = self.drop.time[self.rows]
         band = min(_BAND_HZ, 0.5 / self.drop.step)
         if self.record.instrument.load_filter is not None:
@@ -182,7 +182,8 @@ class DropModel:
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
         ramp = transform.synthesis(time) / self._s[:, None] ** 2
-        self._ramp = np.vstack([ramp.real, -ramp.imag])
+        # To the response after a hat of 1 N over one sample, see `hat_response`.
+        self._hats = hat_response(np.vstack([ramp.real, -ramp.imag]), float(time[1] - time[0]))
 
     def _make_context(
         self, load: FloatArray, largest_load: float, index: int, point: PointRecords
@@ -223,37 +224,37 @@ class DropModel:
         stages = self._stages(ground, active)
         motion = self._ground_motion(stages)
         for effect, values in active:
-            motion = effect.motion(
-                motion, values, self.context, partial(self._impulse_response, stages)
-            )
+            if _changes(effect, "motion"):
+                motion = effect.motion(
+                    motion, values, self.context, partial(self._impulse_response, stages)
+                )
         found: FloatArray = self._read(self._record(motion[None], active))[0]
         return found
 
-    def _record(self, motions: FloatArray, active: Active) -> FloatArray:
-        """Motions (m, n_sensors, n) as sensors and processing show them, m.
-
-        Effects that treat every row alike see all of them at once.
-        """
-        count, sensors, size = motions.shape
-        records = np.zeros((count, sensors, self.before + size))
+    def _padded(self, motions: FloatArray) -> FloatArray:
+        """Motions (m, n_sensors, n) from before the pulse on, as a geophone shows them."""
+        records = np.zeros((*motions.shape[:2], self.before + motions.shape[2]))
         records[:, :, self.before :] = motions
-        rows = records.reshape(count * sensors, -1)
         instrument, step = self.record.instrument, self.context.step
         frequency, damping = instrument.geophone_natural_frequency, instrument.geophone_damping
         if frequency is not None and damping is not None:
-            rows = geophone(rows, frequency, damping, step)
+            rows = geophone(_rows(records), frequency, damping, step)
+            records = rows.reshape(records.shape)
+        return records
+
+    def _record(self, motions: FloatArray, active: Active) -> FloatArray:
+        """Motions (m, n_sensors, n) as sensors and processing show them, m."""
+        records = self._padded(motions)
         for effect, values in active:
-            if type(effect).record is Effect.record:
-                continue
-            if effect.rows_alike:
-                rows = effect.record(rows, values, self._recorded)
-            else:
-                each = [
-                    effect.record(record, values, self._recorded)
-                    for record in rows.reshape(count, sensors, -1)
-                ]
-                rows = np.concatenate(each)
-        return rows.reshape(count, sensors, -1)
+            if _changes(effect, "record"):
+                records = self._recorded_by(effect, values, records)
+        return records
+
+    def _recorded_by(self, effect: Effect, values: Values, records: FloatArray) -> FloatArray:
+        """Records (m, n_sensors, n) with an effect; one that treats rows alike sees all at once."""
+        if effect.rows_alike:
+            return effect.record(_rows(records), values, self._recorded).reshape(records.shape)
+        return np.stack([effect.record(record, values, self._recorded) for record in records])
 
     def _read(self, records: FloatArray) -> FloatArray:
         """Records (m, n_sensors, n) as their displacements come out."""
@@ -266,58 +267,109 @@ class DropModel:
     ) -> FloatArray:
         """`predict` for what is a small step away, (m, n_sensors, n), m.
 
-        The ground's responses come by derivatives (`GroundResponse.prime`), nonlinear resistance
-        by one step of Newton's method for all, and each stage is gone through once where its
-        effects are as they were.
+        The ground's responses come by derivatives (`GroundResponse.nearby`), nonlinear resistance
+        by one step of Newton's method for all, and each stage is gone through for those alone in
+        which something has moved until then. The moved ones have the same effects in the same
+        order; what has not moved there should be the same object.
         """
-        self.predict(ground, active)
-        motions = self._motions_nearby(ground, active, moved)
-        here = _of_stage(active, "record")
-        result = np.empty((len(moved), *self._everywhere.shape))
-        stages = [_of_stage(other, "record") for _, other in moved]
-        alike = [i for i, stage in enumerate(stages) if stage == here]
-        if alike:
-            result[alike] = self._read(self._record(motions[alike], active))
-        for index, (_, other) in enumerate(moved):
-            if stages[index] != here:
-                result[index] = self._read(self._record(motions[index][None], other))[0]
-        return result
+        steps = [
+            [
+                place
+                for place, ((_, here), (_, there)) in enumerate(zip(active, other, strict=True))
+                if here is not there and here != there
+            ]
+            for _, other in moved
+        ]
+        motions, places = self._motions_nearby(ground, active, moved, steps)
+        records = self._padded(motions)
+        for number, (effect, values) in enumerate(active):
+            if not _changes(effect, "record"):
+                continue
+            found = [self._recorded_by(effect, values, records)]
+            count = records.shape[0]
+            for column, (changed, (_, other)) in enumerate(zip(steps, moved, strict=True)):
+                if number in changed:
+                    own = records[places[column]][None]
+                    found.append(self._recorded_by(effect, other[number][1], own))
+                    places[column], count = count, count + 1
+            records = np.concatenate(found)
+        return self._read(records)[places]
 
     def _motions_nearby(
-        self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]]
-    ) -> FloatArray:
-        """Motions of the ground a small step away, (m, n_sensors, n), m."""
+        self,
+        ground: Ground,
+        active: Active,
+        moved: Sequence[tuple[Ground, Active]],
+        steps: Sequence[Sequence[int]],
+    ) -> tuple[FloatArray, list[int]]:
+        """Motions (k, n_sensors, n), m: first where nothing has moved; and which each has.
+
+        Parameters
+        ----------
+        steps : places of the effects whose values have moved, of each
+        """
         start = self._stages(ground, active)
-        stages = [self._stages(*other) for other in moved]
-        self.response.prime(start.ground, [stage.ground for stage in stages], self._s)
-        nonlinear = not start.law.linear or any(not stage.law.linear for stage in stages)
-        if nonlinear:
-            at_rest = np.array([(0.0 if start.ground.above else _STILL) + 0j])
-            self.response.prime(start.ground, [stage.ground for stage in stages], at_rest)
-        unique = list(dict.fromkeys([start, *stages]))
-        compliances = [self._compliance(u.ground, u.shaping, self._s) for u in unique]
-        parts = np.stack([np.concatenate([c.real, c.imag], axis=1) for c in compliances])
-        found: FloatArray = parts @ self._synthesis
-        forced = any(type(effect).motion is not Effect.motion for effect, _ in active)
-        hats: FloatArray = np.zeros_like(found)
-        if nonlinear or forced:
-            hats = hat_response(
-                (parts @ self._ramp).reshape(-1, self._ramp.shape[1]), self.context.step
-            ).reshape(found.shape)
-        if nonlinear and len(unique) > 1:
-            found = self._bent_nearby(unique, found, hats)
-        elif nonlinear:
-            found = self._ground_motion(start)[None]
-        by_stage = {stage: index for index, stage in enumerate(unique)}
-        result = np.empty((len(moved), *found.shape[1:]))
-        for row, stage, (_, other) in zip(result, stages, moved, strict=True):
-            motion = found[by_stage[stage]]
-            impulse = partial(np.divide, hats[by_stage[stage]], self.context.step)
-            for effect, values in other:
-                if type(effect).motion is not Effect.motion:
-                    motion = effect.motion(motion, values, self.context, impulse)
-            row[:] = motion
-        return result
+        stages = {start: 0}
+        acting = [i for i, (effect, _) in enumerate(active) if _changes(effect, "motion")]
+        # Of each row of motions its ground, and what has moved of the effects of this stage.
+        rows: dict[tuple[object, ...], int] = {(0,): 0}
+        where, places = [0], []
+        values = {i: {name: [value] for name, value in active[i][1].items()} for i in acting}
+        for (other_ground, other), changed in zip(moved, steps, strict=True):
+            stage = start
+            if other_ground is not ground or any(_shapes_ground(active[i][0]) for i in changed):
+                stage = self._stages(other_ground, other)
+            number = stages.setdefault(stage, len(stages))
+            own = tuple((i, *other[i][1].values()) for i in acting if i in changed)
+            row = rows.setdefault((number, *own), len(rows))
+            places.append(row)
+            if row == len(where):
+                where.append(number)
+                for i in acting:
+                    for name, value in other[i][1].items():
+                        values[i][name].append(value)
+        motions, hats = self._grounds_nearby(list(stages), bool(acting))
+        motions = motions[where]
+        for i in acting:
+            many = {name: np.array(value) for name, value in values[i].items()}
+            motions = active[i][0].motions(
+                motions, many, self.context, lambda: hats[where] / self.context.step
+            )
+        return motions, places
+
+    def _grounds_nearby(
+        self, stages: Sequence[_Stages], forced: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Motions of a ground and of others a small step from it, and their hat responses.
+
+        Each (m, n_sensors, n), m and m/N; the latter where something is ``forced`` to move.
+        """
+        start = stages[0]
+        compliances = self._compliances_nearby(stages)
+        parts = np.concatenate([compliances.real, compliances.imag], axis=2)
+        flat = parts.reshape(-1, parts.shape[2])
+        shape = (len(stages), parts.shape[1], -1)
+        nonlinear = any(not stage.law.linear for stage in stages)
+        hats: FloatArray = np.empty(0)
+        if forced or nonlinear:
+            hats = (flat @ self._hats).reshape(shape)
+        if nonlinear and len(stages) == 1:
+            return self._ground_motion(start)[None], hats
+        motions: FloatArray = (flat @ self._synthesis).reshape(shape)
+        return (self._bent_nearby(stages, motions, hats) if nonlinear else motions), hats
+
+    def _compliances_nearby(self, stages: Sequence[_Stages]) -> ComplexArray:
+        """Displacement over load of a ground and of others a small step from it."""
+        start, *others = stages
+        found = self.response.nearby(start.ground, [o.ground for o in others], self._s)
+        if not any(stage.shaping for stage in stages):
+            return found
+        return np.stack(
+            [
+                self._shaped(compliance, stage.shaping, self._s)
+                for compliance, stage in zip(found, stages, strict=True)
+            ]
+        )
 
     def _bent_nearby(
         self, stages: Sequence[_Stages], motions: FloatArray, hats: FloatArray
@@ -331,9 +383,12 @@ class DropModel:
         motion, solution = self._motions[stages[0].key]
         if solution is None:
             solution = convolve_rows(hats[0, plate], load)
+        rest = self._rest(stages[0])
+        still = self.response.nearby(stages[0].ground, [o.ground for o in stages[1:]], rest)
         laws = []
-        for stage in stages:
-            stiffness = self._static_stiffness(stage)
+        for stage, compliance in zip(stages, still, strict=True):
+            shaped = self._shaped(compliance, stage.shaping, rest)
+            stiffness = 1.0 / float(shaped[plate, 0].real)
             laws.append((stage.law, stiffness, self.context.largest_load / stiffness))
         forces = forces_nearby(
             hats[0, plate],
@@ -342,19 +397,23 @@ class DropModel:
             solution,
             [(hat[plate], *law) for hat, law in zip(hats[1:], laws[1:], strict=True)],
         )
-        change = np.zeros_like(motions)
-        change[1:, self._under_plate] = (forces - load)[:, None]
-        result = motions + convolve_rows(hats, change)
+        result = motions
+        below = np.flatnonzero(self._under_plate)
+        result[1:, below] += convolve_rows(hats[1:, below], (forces - load)[:, None])
         result[0] = motion
         return result
 
     def _stages(self, ground: Ground, active: Active) -> _Stages:
         """What the ground does: its parameters, its law, and what shapes its compliance."""
         law = NonlinearStiffness()
+        shaping = []
         for effect, values in active:
-            ground = effect.ground(ground, values, self.context)
-            law = effect.nonlinear_stiffness(law, values, self.context)
-        shaping = [(e, v) for e, v in active if type(e).compliance is not Effect.compliance]
+            if _changes(effect, "ground"):
+                ground = effect.ground(ground, values, self.context)
+            if _changes(effect, "nonlinear_stiffness"):
+                law = effect.nonlinear_stiffness(law, values, self.context)
+            if _changes(effect, "compliance"):
+                shaping.append((effect, values))
         key = (ground, law, *((e.name, *v.values()) for e, v in shaping))
         return _Stages(key, ground, law, shaping)
 
@@ -366,40 +425,44 @@ class DropModel:
         known = self._motions.get(stages.key)
         if known is not None:
             return known[0]
-        compliance = self._compliance(stages.ground, stages.shaping, self._s)
-        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
+        parts = self._parts(stages)
         motion: FloatArray = parts @ self._synthesis
         solution = None
         if not stages.law.linear:
             bent, solution = self._nonlinear_motion(parts, stages)
-            motion = motion + bent
+            motion[self._under_plate] += bent
         if len(self._motions) >= _REMEMBERED:
             self._motions.pop(next(iter(self._motions)))
         self._motions[stages.key] = motion, solution
         return motion
 
+    def _parts(self, stages: _Stages) -> FloatArray:
+        """Real and imaginary parts of the compliance, (n_sensors, 2 n), m/N."""
+        compliance = self._compliance(stages, self._s)
+        return np.concatenate([compliance.real, compliance.imag], axis=1)
+
     def _impulse_response(self, stages: _Stages) -> FloatArray:
         """Motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
-        compliance = self._compliance(stages.ground, stages.shaping, self._s)
-        parts = np.concatenate([compliance.real, compliance.imag], axis=1)
-        return hat_response(parts @ self._ramp, self.context.step) / self.context.step
+        response: FloatArray = self._parts(stages) @ self._hats / self.context.step
+        return response
 
-    def _static_stiffness(self, stages: _Stages) -> float:
-        """Of the linear ground, N/m."""
-        still = np.array([(0.0 if stages.ground.above else _STILL) + 0j])
-        compliance = self._compliance(stages.ground, stages.shaping, still)
-        return 1.0 / float(compliance[self._plate, 0].real)
+    @staticmethod
+    def _rest(stages: _Stages) -> ComplexArray:
+        """The Laplace variable of ground at rest, (1,), 1/s."""
+        return np.array([(0.0 if stages.ground.above else _STILL) + 0j])
 
     def _nonlinear_motion(
         self, parts: FloatArray, stages: _Stages
     ) -> tuple[FloatArray, FloatArray]:
         """What the nonlinear static resistance adds to the motion of the linear ground.
 
-        And the displacement of the plate that it was solved for, (n,), m.
+        (sensors under the plate, n), m: ground beside it feels the force on it, not how far it
+        deflects under it. And the displacement of the plate that it was solved for, (n,), m.
         """
         self.nonlinear_solves += 1
-        stiffness = self._static_stiffness(stages)
-        hats = hat_response(parts @ self._ramp, self.context.step)
+        still = self._compliance(stages, self._rest(stages))
+        stiffness = 1.0 / float(still[self._plate, 0].real)
+        hats = parts @ self._hats
         load = self.context.load
         reference = self.context.largest_load / stiffness
         force, solution = effective_force(
@@ -407,23 +470,16 @@ class DropModel:
         )
         self._last_displacement = solution
         # What the samples of the load leave out is small and linear: it stays in the motion.
-        change = np.zeros_like(hats)
-        # Ground beside the plate feels the force on it, not how far it deflects under it.
-        change[self._under_plate] = force - load
-        return convolve_rows(hats, change), solution
+        return convolve_rows(hats[self._under_plate], force - load), solution
 
-    def _compliance(self, ground: Ground, shaping: Active, s: ComplexArray) -> ComplexArray:
+    def _compliance(self, stages: _Stages, s: ComplexArray) -> ComplexArray:
         """Displacement over load at every sensor, (n_sensors, n), m/N."""
-        key = (s.size, ground, *((e.name, *v.values()) for e, v in shaping))
-        known = self._memory.get(key)
-        if known is not None:
-            return known
-        compliance = self.response.compliance(ground, s)
+        return self._shaped(self.response.compliance(stages.ground, s), stages.shaping, s)
+
+    def _shaped(self, compliance: ComplexArray, shaping: Active, s: ComplexArray) -> ComplexArray:
+        """A ground's compliance with the effects that shape it."""
         for effect, values in shaping:
             compliance = effect.compliance(compliance, s, values, self.context)
-        if len(self._memory) >= _REMEMBERED:
-            self._memory.pop(next(iter(self._memory)))
-        self._memory[key] = compliance
         return compliance
 
     @property
@@ -458,31 +514,35 @@ class DropModel:
     ) -> FloatArray:
         """`weighted_residual` of many predictions (m, n_sensors, before + n), (m, n)."""
         part = self._part(scope)
-        left = (predicted - self._everywhere)[:, :, part]
-        left[:, list(silent)] = 0.0
-        share = np.sqrt(self.independent(scope) / left[0].size)
+        left = predicted[:, :, part] - self._everywhere[:, part]
+        if silent:
+            left[:, list(silent)] = 0.0
         if scope.plain:
+            share = np.sqrt(self.independent(scope) / left[0].size)
             plain: FloatArray = share * (left / self.noise[:, None])
             return plain.reshape(left.shape[0], -1)
         parts = [
-            share * (left[:, row] @ whitener.T)
-            for row, whitener in enumerate(self._whiteners_of(scope, part))
+            left[:, row] @ weights for row, weights in enumerate(self._whiteners_of(scope, part))
         ]
         return np.concatenate(parts, axis=1)
 
     def _whiteners_of(self, scope: FitScope, part: slice) -> tuple[FloatArray, ...]:
-        """Of each sensor, see `MotionChannel.whitener`."""
+        r"""Of each sensor :math:`\sqrt{N/n} L^{-T}`, see `MotionChannel.whitener`."""
         known = self._whiteners.get(scope)
         if known is not None:
             return known
         moving = (np.arange(part.start, part.stop) >= self.before).astype(float)
         # Too short a rest tells no noise: then it counts no more than the rest of the record.
+        share = np.sqrt(self.independent(scope) / (moving.size * len(self.channels)))
         found = tuple(
-            channel.whitener(
-                part,
-                np.hypot(
-                    floor * (moving if noise.model.samples else np.ones_like(moving)), quantum
-                ),
+            np.ascontiguousarray(
+                share
+                * channel.whitener(
+                    part,
+                    np.hypot(
+                        floor * (moving if noise.model.samples else np.ones_like(moving)), quantum
+                    ),
+                ).T
             )
             for channel, noise, floor, quantum in zip(
                 self.channels, self.drop.channels, self._floor, self.drop.quantisation, strict=True
@@ -520,7 +580,22 @@ class DropModel:
         return float(np.sqrt(np.mean(chosen**2)))
 
 
-def _of_stage(active: Active, stage: str) -> list[tuple[object, ...]]:
-    """Effects of one stage with their values, to be compared."""
-    base = getattr(Effect, stage)
-    return [(e.name, *v.values()) for e, v in active if getattr(type(e), stage) is not base]
+@cache
+def _changes_stage(kind: Any, stage: str) -> bool:
+    return getattr(kind, stage) is not getattr(Effect, stage)
+
+
+def _changes(effect: Effect, stage: str) -> bool:
+    """Whether an effect acts in a stage."""
+    kind: Any = type(effect)
+    return _changes_stage(kind, stage)
+
+
+def _shapes_ground(effect: Effect) -> bool:
+    """Whether an effect acts before there is motion."""
+    return any(_changes(effect, s) for s in ("ground", "compliance", "nonlinear_stiffness"))
+
+
+def _rows(records: FloatArray) -> FloatArray:
+    """Records (m, n_sensors, n) one below the other."""
+    return records.reshape(-1, records.shape[-1])

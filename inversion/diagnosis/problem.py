@@ -31,6 +31,8 @@ _STEP = 1e-4
 # Modulus of the ground under layers over that by the peak method.
 _BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
+Active = list[tuple[Effect, dict[str, float]]]
+
 
 def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
     """Unknowns of the base model: E over the peak-method value, eta over E, and rho.
@@ -232,9 +234,7 @@ class Problem:
         """Number of unknowns."""
         return len(self.device) + sum(map(len, self.own))
 
-    def values(
-        self, index: int, device: FloatArray, own: FloatArray, drop: int
-    ) -> list[tuple[Effect, dict[str, float]]]:
+    def values(self, index: int, device: FloatArray, own: FloatArray, drop: int) -> Active:
         """Effects with their values for one drop of a point."""
         by_effect: dict[str, dict[str, float]] = {n: dict(v) for n, v in self.fixed.items()}
         for unknown, unit_value in zip(self.device, device, strict=True):
@@ -345,32 +345,33 @@ class Problem:
         result = np.zeros((there.size, device.size + own.size))
         unknowns = [*self.device, *self.own[index]]
         here = np.concatenate([device, own])
+        # Away from the nearer bound.
+        steps = np.where(here > 0.5, -_STEP, _STEP)
         for number, model in enumerate(point.drops):
             if (index, number) in self.left_out:
                 continue
             columns = [i for i, unknown in enumerate(unknowns) if unknown.drop in (None, number)]
-            steps = np.array([_difference(here[column]) for column in columns])
+            ground = point.ground(self.own[index], own)
+            active = self.values(index, device, own, number)
             moved = []
-            for column, step in zip(columns, steps, strict=True):
-                unit_values = here.copy()
-                unit_values[column] += step
-                moved.append(self._there(index, unit_values, number))
-            predicted = model.predict_nearby(*self._there(index, here, number), moved)
+            for column in columns:
+                changed = here[column] + steps[column]
+                unknown = unknowns[column]
+                if unknown.effect is None:
+                    other = here[device.size :].copy()
+                    other[column - device.size] = changed
+                    moved.append((point.ground(self.own[index], other), active))
+                else:
+                    value = float(unknown.parameter.value(changed))
+                    moved.append((ground, _with_value(active, unknown, value)))
+            predicted = model.predict_nearby(ground, active, moved)
             self.solves += len(columns)
-            changed = model.weighted_residuals(predicted, self.scope, self.silent)
+            there_moved = model.weighted_residuals(predicted, self.scope, self.silent)
             part = slice(rows[number], rows[number + 1])
-            result[part, columns] = ((changed - there[part]) / steps[:, None]).T
+            result[part, columns] = ((there_moved - there[part]) / steps[columns, None]).T
         slopes = self._from_priors(index, device, own)[1]
         result[rows[-1] :][np.diag_indices(slopes.size)] = slopes
         return result
-
-    def _there(
-        self, index: int, unit_values: FloatArray, number: int
-    ) -> tuple[Ground, list[tuple[Effect, dict[str, float]]]]:
-        """The ground and the effects of a drop at unit values of the device and the point."""
-        device, own = np.split(unit_values, [len(self.device)])
-        ground = self.points[index].ground(self.own[index], own)
-        return ground, self.values(index, device, own, number)
 
     def sizes(self, index: int) -> list[int]:
         """Number of residuals of each drop of a point."""
@@ -381,6 +382,9 @@ class Problem:
         return sizes
 
 
-def _difference(unit_value: float) -> float:
-    """Step of a difference, away from the nearer bound."""
-    return -_STEP if unit_value > 0.5 else _STEP
+def _with_value(active: Active, unknown: Unknown, value: float) -> Active:
+    """Effects with another value of an unknown; what is as it was is the same object."""
+    return [
+        (effect, {**values, unknown.parameter.name: value} if effect is unknown.effect else values)
+        for effect, values in active
+    ]

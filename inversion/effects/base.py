@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
+from scipy.signal import lfilter
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.layered.first_look import FirstLook
@@ -29,8 +30,11 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
+ManyValues = Mapping[str, FloatArray]
+"""Values (m,) of each parameter, for m predictions."""
 ImpulseResponse = Callable[[], FloatArray]
-"""Motion (n_sensors, n), m, after an impulse of 1 N s on the plate at time 0."""
+"""Motion (n_sensors, n), m, after an impulse of 1 N s on the plate at time 0; or of m grounds,
+(m, n_sensors, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,23 +214,32 @@ class Effect:
         """What plate and ground do, (n_sensors, n), m, with the effect."""
         return motion
 
+    def motions(
+        self,
+        motions: FloatArray,
+        values: ManyValues,
+        drop: DropContext,
+        impulse_responses: ImpulseResponse,
+    ) -> FloatArray:
+        """`motion` of many at once, (m, n_sensors, n), each with values of its own.
+
+        What a fit spends its time with: to be given where `motion` is slow.
+        """
+        return np.stack(
+            [
+                self.motion(
+                    motion,
+                    {name: float(value[row]) for name, value in values.items()},
+                    drop,
+                    lambda row=row: impulse_responses()[row],  # type: ignore[misc]
+                )
+                for row, motion in enumerate(motions)
+            ]
+        )
+
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """What is recorded, (n_sensors, n), m, with the effect."""
         return record
-
-
-def convolve(record: FloatArray, kernel: FloatArray, step: float) -> FloatArray:
-    """Causal convolution of records (k, n), zero at their start, with a kernel (n,), 1/s.
-
-    Trapezoidal rule; the error falls with the square of the step.
-    """
-    n = record.shape[1]
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(record, size, axis=1) * np.fft.rfft(kernel, size)
-    full = np.fft.irfft(spectrum, size, axis=1)[:, :n]
-    ends = 0.5 * (record * kernel[0] + record[:, :1] * kernel)
-    result: FloatArray = step * (full - ends)
-    return result
 
 
 def geophone(
@@ -237,17 +250,24 @@ def geophone(
     .. math:: \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
               = 1 - \frac{2 h \omega s + \omega^2}{s^2 + 2 h \omega s + \omega^2}
 
-    The second part is a damped oscillation in time.
+    The second part is a convolution with a damped oscillation, by the trapezoidal rule.
     """
     omega = 2 * np.pi * natural_frequency
-    time = step * np.arange(record.shape[1])
     root = omega * np.sqrt(complex(damping**2 - 1.0) + 1e-12)
     first, second = -damping * omega + root, -damping * omega - root
     # Residues of (2 h omega s + omega^2) / ((s - first)(s - second)).
     top = 2 * damping * omega * np.array([first, second]) + omega**2
     residues = top / np.array([first - second, second - first])
-    kernel = (residues[0] * np.exp(first * time) + residues[1] * np.exp(second * time)).real
-    return record - convolve(record, kernel, step)
+    # The oscillation is a sum of two exponentials: the convolution goes from sample to sample.
+    turns = np.exp(step * np.array([first, second]))
+    top = np.array([residues.sum(), -(residues @ turns[::-1])]).real
+    bottom = np.array([1.0, -turns.sum().real, turns.prod().real])
+    # The rule counts both ends half.
+    halved = record.copy()
+    halved[:, 0] *= 0.5
+    oscillation = lfilter(top, bottom, halved, axis=1) - 0.5 * top[0] * record
+    result: FloatArray = record - step * oscillation
+    return result
 
 
 def forced_motion(impulse_motion: FloatArray, force: FloatArray, step: float) -> FloatArray:

@@ -10,14 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.arrays import FloatArray
-from inversion.effects.base import (
-    DropContext,
-    Effect,
-    ImpulseResponse,
-    Values,
-    forced_motion,
-)
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.effects.base import DropContext, Effect, ImpulseResponse, ManyValues, Values
 from inversion.fitting.parameters import Parameter
 
 GRAVITY = 9.80665
@@ -61,47 +55,106 @@ class Rebound(Effect):
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """The plate in flight and after; the ground beside it goes its own way."""
-        time, step = drop.time, drop.step
-        moment = drop.contact_end + values["lift_off"]
-        if not time[2] < moment < time[-2]:
-            return motion
-        flight, near = time - moment, drop.offsets < drop.plate_radius
-        impulse_motion = impulse_response()
-        # What the ground does once the plate has left it: neither load nor weight press on it.
-        weight = values["mass"] * GRAVITY
-        # Parts of samples count, so that the times have a smooth influence.
-        flown = np.clip(flight / step + 0.5, 0.0, 1.0)
-        taken = -flown * (drop.load + weight)
-        result = motion + forced_motion(impulse_motion, taken, step)
-        way = _way(flown * drop.load / values["mass"], step)
-        last, speed, part = time.size, 0.0, 0.0
-        for row, ground, below in zip(motion, result, near, strict=True):
-            if not below:
-                continue
-            start = np.interp(moment, time, row)
-            before, after = np.interp([moment - step, moment + step], time, row)
-            free = start + (after - before) / (2 * step) * flight + 0.5 * GRAVITY * flight**2 + way
-            flying = (flight > 0) & (free < ground)
-            if not flying.any():
-                return motion
-            first = int(np.argmax(flying))
-            landed = np.flatnonzero(~flying[first:])
-            last = first + int(landed[0]) if landed.size else time.size
-            if last < time.size:
-                gap = free - ground
-                speed = max(0.0, float(gap[last] - gap[last - 1]) / step)
-                part = float(-gap[last - 1] / (gap[last] - gap[last - 1]))
-            ground[first:last] = free[first:last]
-        if last < time.size:
-            # The plate is back with its momentum, load and weight press again.
-            index = np.arange(time.size)
-            given = np.clip(index - last + 1.5 - part, 0.0, 1.0) * (drop.load + weight)
-            given[last - 1 : last + 1] += values["mass"] * speed / step * np.array([1 - part, part])
-            result += forced_motion(impulse_motion, given, step)
+        alone = {name: np.array([value]) for name, value in values.items()}
+        found = self.motions(motion[None], alone, drop, lambda: impulse_response()[None])
+        return np.asarray(found[0])
+
+    def motions(
+        self,
+        motions: FloatArray,
+        values: ManyValues,
+        drop: DropContext,
+        impulse_responses: ImpulseResponse,
+    ) -> FloatArray:
+        """Each plate in flight and after."""
+        time = drop.time
+        moments = drop.contact_end + values["lift_off"]
+        inside = np.flatnonzero((time[2] < moments) & (moments < time[-2]))
+        if inside.size == 0:
+            return motions
+        result = motions.copy()
+        result[inside] = _flown(
+            motions[inside], moments[inside], values["mass"][inside], drop,
+            impulse_responses()[inside],
+        )  # fmt: skip
         return result
 
 
+def _flown(
+    motions: FloatArray,
+    moments: FloatArray,
+    masses: FloatArray,
+    drop: DropContext,
+    impulses: FloatArray,
+) -> FloatArray:
+    """Motions (m, n_sensors, n) with plates that lift off at moments within the record."""
+    time, step, size = drop.time, drop.step, drop.time.size
+    flight = time - moments[:, None]
+    kernel = np.fft.rfft(impulses, 2 * size, axis=-1)
+    # What the ground does once the plate has left it: neither load nor weight press on it.
+    pressing = drop.load + (masses * GRAVITY)[:, None]
+    # Parts of samples count, so that the times have a smooth influence.
+    flown = np.clip(flight / step + 0.5, 0.0, 1.0)
+    result = motions + _forced(kernel, -flown * pressing, step)
+    way = _way(flown * drop.load / masses[:, None], step)
+    rows, index = np.arange(moments.size), np.arange(size)
+    jumps = np.ones(moments.size, dtype=bool)
+    last = np.full(moments.size, size)
+    speed, part = np.zeros(moments.size), np.zeros(moments.size)
+    for sensor in np.flatnonzero(drop.offsets < drop.plate_radius):
+        row = motions[:, sensor]
+        before, start, after = (_between(row, moments + d, drop) for d in (-step, 0.0, step))
+        speed_up = ((after - before) / (2 * step))[:, None]
+        free = start[:, None] + speed_up * flight + 0.5 * GRAVITY * flight**2 + way
+        gap = free - result[:, sensor]
+        flying = (flight > 0) & (gap < 0)
+        jumps &= flying.any(axis=1)
+        first = np.argmax(flying, axis=1)
+        down = ~flying & (index > first[:, None])
+        lands = down.any(axis=1)
+        last = np.where(lands, np.argmax(down, axis=1), size)
+        here = np.minimum(last, size - 1)
+        now, then = gap[rows, here], gap[rows, here - 1]
+        fall = np.where(lands, now - then, 1.0)
+        speed = np.where(lands, np.maximum(fall / step, 0.0), speed)
+        part = np.where(lands, -then / fall, part)
+        aloft = (index >= first[:, None]) & (index < last[:, None])
+        result[:, sensor] = np.where(aloft, free, result[:, sensor])
+    back = last < size
+    if back.any():
+        # The plate is back with its momentum, load and weight press again.
+        given = np.clip(index - last[:, None] + 1.5 - part[:, None], 0.0, 1.0) * pressing
+        there, push = np.flatnonzero(back), masses * speed / step
+        given[there, last[there] - 1] += (push * (1 - part))[there]
+        given[there, last[there]] += (push * part)[there]
+        result += _forced(kernel, np.where(back[:, None], given, 0.0), step)
+    # A plate that never leaves the ground changes nothing.
+    result[~jumps] = motions[~jumps]
+    return result
+
+
+def _forced(kernel: ComplexArray, force: FloatArray, step: float) -> FloatArray:
+    """Motions (m, n_sensors, n) under forces (m, n), N, of impulse responses' transforms."""
+    size = force.shape[-1]
+    moved = np.fft.irfft(kernel * np.fft.rfft(force, 2 * size, axis=-1)[:, None], 2 * size, axis=-1)
+    result: FloatArray = step * moved[..., :size]
+    return result
+
+
+def _between(rows: FloatArray, moments: FloatArray, drop: DropContext) -> FloatArray:
+    """Rows (m, n), each at a moment within the record, (m,)."""
+    place = (moments - drop.time[0]) / drop.step
+    left = np.clip(place.astype(int), 0, drop.time.size - 2)
+    share, row = place - left, np.arange(left.size)
+    found: FloatArray = (1.0 - share) * rows[row, left] + share * rows[row, left + 1]
+    return found
+
+
 def _way(acceleration: FloatArray, step: float) -> FloatArray:
-    """Twice integrated by trapezoids, (n,)."""
-    speed = np.concatenate([[0.0], np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1]))])
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (speed[1:] + speed[:-1]))])
+    """Twice integrated by trapezoids, (m, n)."""
+    way = acceleration
+    for _ in range(2):
+        steps = np.zeros_like(way)
+        np.cumsum(0.5 * step * (way[:, 1:] + way[:, :-1]), axis=1, out=steps[:, 1:])
+        way = steps
+    return way

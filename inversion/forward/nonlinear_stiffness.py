@@ -15,13 +15,14 @@ Newton's method on all samples at once; the system is lower triangular.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import next_fast_len
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from inversion.arrays import FloatArray
 
@@ -96,13 +97,13 @@ def effective_force(
     force : (n,) ndarray, N
     displacement : (n,) ndarray, m, of the plate
     """
-    toeplitz = _lower_toeplitz(plate)
+    toeplitz = np.asfortranarray(_lower_toeplitz(plate))
     linear = toeplitz @ load
     guess = linear if start is None else start
     w, settled = _solve(toeplitz, guess, linear, load, law, stiffness, reference)
     if not settled:
         w = _march(plate, load, law, stiffness, reference)
-    force, _, _ = _resistance(w, _turning_point(w, load), law, stiffness, reference)
+    force, _, _ = _resistance(w, _turning_point(w, _loaded(load)), law, stiffness, reference)
     return load - force + stiffness * w, w
 
 
@@ -123,28 +124,25 @@ def forces_nearby(
     displacement : (n,) ndarray, m, its solution
     nearby : hat response, law, stiffness and reference of each of the m grounds
     """
-    w, turn = displacement, _turning_point(displacement, load)
+    w, turn = displacement, _turning_point(displacement, _loaded(load))
 
     def left(hats: FloatArray, forces: FloatArray) -> FloatArray:
         return w - convolve_rows(hats, load - forces)
 
     force, slope, in_peak = _resistance(w, turn, *there)
-    toeplitz = _lower_toeplitz(plate)
-    system = toeplitz * (slope - there[1])
-    system[np.diag_indices(load.size)] += 1.0
-    if in_peak is not None:
-        assert turn is not None
-        system[:, turn] += toeplitz @ in_peak
-    extra = np.stack(
-        [_resistance(w, turn, law, k, reference)[0] - k * w for _, law, k, reference in nearby]
-    )
-    hats = np.stack([hat for hat, *_ in nearby])
+    toeplitz = np.asfortranarray(_lower_toeplitz(plate))
+    laws = _Laws.of([own for _, *own in nearby])
+    stiffness = laws.stiffness
+    extra = np.empty((1 + len(nearby), load.size))
+    extra[0] = force - there[1] * w
+    extra[1:] = _resistances(np.broadcast_to(w, extra[1:].shape), turn, laws) - stiffness * w
+    hats = np.stack([plate, *(hat for hat, *_ in nearby)])
+    remainders = left(hats, extra)
     # What the solution itself leaves is no step.
-    moved = left(hats, extra) - left(plate[None], (force - there[1] * w)[None])
-    steps = solve_triangular(system, moved.T, lower=True, check_finite=False).T
-    found = np.empty_like(extra)
-    for row, step, (_, law, k, reference) in zip(found, steps, nearby, strict=True):
-        row[:] = load - _resistance(w - step, turn, law, k, reference)[0] + k * (w - step)
+    moved = remainders[1:] - remainders[0]
+    steps = _newton_step(toeplitz, slope - there[1], turn, in_peak, moved.T).T
+    there_too = w - steps
+    found: FloatArray = load - _resistances(there_too, turn, laws) + stiffness * there_too
     return found
 
 
@@ -168,16 +166,12 @@ def _solve(
 ) -> tuple[FloatArray, bool]:
     """Displacement of the plate, (n,), m, and whether Newton's steps converged."""
     scale = float(np.abs(linear).max())
-    w, diagonal = guess.copy(), np.arange(load.size)
+    w, loaded = guess.copy(), _loaded(load)
     for _ in range(_NEWTON_STEPS):
-        turn = _turning_point(w, load)
+        turn = _turning_point(w, loaded)
         force, slope, in_peak = _resistance(w, turn, law, stiffness, reference)
         left = w - linear + toeplitz @ (force - stiffness * w)
-        system = toeplitz * (slope - stiffness)
-        system[diagonal, diagonal] += 1.0
-        if in_peak is not None:
-            system[:, turn] += toeplitz @ in_peak
-        step = solve_triangular(system, left, lower=True, check_finite=False)
+        step = _newton_step(toeplitz, slope - stiffness, turn, in_peak, left)
         size = float(np.abs(step).max())
         if not np.isfinite(size):
             return w, False
@@ -185,6 +179,28 @@ def _solve(
         if size < _CONVERGED * scale:
             return w, True
     return w, False
+
+
+def _newton_step(
+    toeplitz: FloatArray,
+    slope: FloatArray,
+    turn: int | None,
+    in_peak: FloatArray | None,
+    left: FloatArray,
+) -> FloatArray:
+    """What is taken off the displacement, (n,) or (n, m), to take away what is left.
+
+    The system is :math:`1 + H S`, H the hat response as a (Fortran ordered) lower triangular
+    matrix, S the slope of the resistance beyond the linear one, in the peak too.
+    """
+    system = toeplitz * slope
+    system.ravel(order="K")[:: slope.size + 1] += 1.0
+    if in_peak is not None:
+        assert turn is not None
+        system[:, turn] += toeplitz @ in_peak
+    # Without the checks of scipy's own function, which take longer than the solution.
+    step, singular = dtrtrs(system, left, lower=1)
+    return np.full_like(left, np.nan) if singular else np.asarray(step)
 
 
 def _march(
@@ -255,9 +271,14 @@ def _lower_toeplitz(kernel: FloatArray) -> FloatArray:
     return np.asarray(sliding_window_view(padded, kernel.size)[::-1])
 
 
-def _turning_point(w: FloatArray, load: FloatArray) -> int | None:
+def _loaded(load: FloatArray) -> slice:
+    """Samples from the first to the last under load."""
     loaded = np.flatnonzero(load > _LOADED * load.max())
-    turn = int(loaded[0] + np.argmax(w[loaded[0] : loaded[-1] + 1]))
+    return slice(int(loaded[0]), int(loaded[-1]) + 1)
+
+
+def _turning_point(w: FloatArray, loaded: slice) -> int | None:
+    turn = int(loaded.start + np.argmax(w[loaded]))
     return turn if w[turn] > 0.0 else None
 
 
@@ -277,6 +298,49 @@ def _resistance(
     in_peak = np.zeros_like(w)
     in_peak[turn + 1 :] = power * top / peak * value - top * steep * later / (peak**2 * free)
     return force, slope, in_peak
+
+
+@dataclass(frozen=True, eq=False)
+class _Laws:
+    """Laws of m grounds, each array (m, 1), with their static stiffness and reference."""
+
+    power: FloatArray
+    unloading_exponent: FloatArray
+    unrecovered: FloatArray
+    stiffness: FloatArray
+    reference: FloatArray
+
+    @classmethod
+    def of(cls, laws: Iterable[Sequence[Any]]) -> _Laws:
+        """From law, stiffness and reference of each."""
+        numbers = [
+            (
+                1.0 / (1.0 - law.stress_exponent),
+                law.unloading_exponent,
+                law.unrecovered,
+                stiffness,
+                reference,
+            )
+            for law, stiffness, reference in laws
+        ]
+        return cls(*np.array(numbers).T[:, :, None])
+
+
+def _resistances(w: FloatArray, turn: int | None, laws: _Laws) -> FloatArray:
+    """Force of `_resistance` on displacements (m, n) of grounds with laws of their own."""
+    force = _force(w / laws.reference, laws.power) * (laws.stiffness * laws.reference)
+    if turn is not None:
+        # On the path of loading the way back is the same to rounding.
+        peak, top = w[:, turn, None], force[:, turn, None]
+        ratio = (w[:, turn + 1 :] / peak - laws.unrecovered) / (1.0 - laws.unrecovered)
+        force[:, turn + 1 :] = top * _force(ratio, laws.power * laws.unloading_exponent)
+    return force
+
+
+def _force(ratio: FloatArray, exponent: FloatArray) -> FloatArray:
+    """sign(x) |x|^p as of `_power`, of rows with exponents (m, 1)."""
+    result: FloatArray = ratio * np.maximum(np.abs(ratio), _STRAIGHT_BELOW) ** (exponent - 1.0)
+    return result
 
 
 def _power(ratio: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:

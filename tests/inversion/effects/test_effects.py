@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
-from inversion.effects.base import Effect, convolve, geophone, shift
+from inversion.effects.base import Effect, geophone, shift
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
 )
@@ -117,11 +117,15 @@ def test_a_geophone_follows_its_equation_of_motion(frequency: float, damping: fl
     np.testing.assert_allclose(got, expected, atol=3e-5)
 
 
-def test_convolution_with_an_exponential() -> None:
-    # 1 - exp(-t/tau) for a step.
-    tau = 0.01
-    got = convolve(np.ones((1, 600)), np.exp(-TIME / tau) / tau, 1e-4)[0]
-    np.testing.assert_allclose(got, 1 - np.exp(-TIME / tau), atol=2e-5)
+@pytest.mark.parametrize("damping", [0.02, 0.6, 1.0, 1.4])
+def test_a_geophone_shows_a_step_at_the_start_as_it_decays(damping: float) -> None:
+    # u'' + 2 h w u' + w^2 u = 0, u(0) = 1, u'(0) = -2 h w.
+    omega = 2 * np.pi * 10.0
+    root = np.sqrt(complex(damping**2 - 1.0) + 1e-9)
+    first, second = omega * (-damping + root), omega * (-damping - root)
+    terms = first * np.exp(first * TIME) - second * np.exp(second * TIME)
+    got = geophone(np.ones((2, 600)), 10.0, damping, 1e-4)
+    np.testing.assert_allclose(got[1], (terms / (first - second)).real, atol=4e-5)
 
 
 def test_a_delay_shifts() -> None:
@@ -193,6 +197,28 @@ def test_what_treats_rows_alike_may_see_those_of_many_records(effect: Effect) ->
         # It does not: the sensor that the level belongs to is another one.
         assert effect.name == "saturation"
         assert not np.allclose(each[0][0], each[2][1])
+
+
+@pytest.mark.parametrize(
+    "effect", [e for e in CATALOGUE if type(e).motion is not Effect.motion], ids=lambda e: e.name
+)
+def test_many_motions_are_each_that_of_its_own_values(effect: Effect) -> None:
+    drop = context(flat_load=6400.0, load_left=-0.2 * 8000.0 * PULSE, offsets=np.array([0.0, 0.1]))
+    if effect.name == "rebound":
+        # Nothing holds the plate down: it leaves the ground.
+        drop = context(load=np.zeros_like(TIME))
+    rows = np.stack([MOTION, -2.0 * MOTION, 4 * MOTION, 4 * MOTION, 9 * MOTION])
+    impulses = 1e-6 * np.stack([MOTION + k * MOTION[:, ::-1] for k in range(5)]) / 5e-4
+    parts = np.linspace(0.1, 0.45, 5)
+    values = {p.name: np.array([p.value(x) for x in parts]) for p in effect.parameters_for(drop)}
+    kept = rows.copy()
+    together = effect.motions(rows, values, drop, lambda: impulses)
+    for row in range(5):
+        own = {name: float(value[row]) for name, value in values.items()}
+        alone = effect.motion(rows[row], own, drop, lambda row=row: impulses[row])  # type: ignore[misc]
+        np.testing.assert_allclose(together[row], alone, atol=1e-12 * np.abs(alone).max())
+    np.testing.assert_array_equal(rows, kept)
+    assert np.any(together != rows)
 
 
 def test_permanent_set_stays_under_the_plate() -> None:
