@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.problem import Problem, Unknown
+from inversion.diagnosis.trust_region import Tolerances, least_squares
 from inversion.fitting.parameters import on_bound
 
 _MOST_ITERATIONS = 30
 _SMALLEST_GAIN = 1e-5
+_ARRIVED = Tolerances(_SMALLEST_GAIN, 1e-5, 1e-10)
 _LARGEST_STEP = 0.25
 # How far from a bound a fit begins, and what stands for a residual without a value.
 _INSIDE = 2e-3
@@ -37,7 +39,7 @@ class Fit:
     cost : float, sum of squares of the weighted residuals (`DropModel.weighted_residual`), the
         priors' not among them
     independent : float, what it would be if they were noise
-    normal : (n, n) ndarray, J^T J in unit_values; the device's block first
+    prior_weight : float, of the problem when it was fitted
     """
 
     problem: Problem
@@ -45,7 +47,7 @@ class Fit:
     own: tuple[FloatArray, ...]
     cost: float
     independent: float
-    normal: FloatArray
+    prior_weight: float = 0.0
 
     @property
     def unit_values(self) -> FloatArray:
@@ -70,6 +72,16 @@ class Fit:
     def excess(self) -> float:
         """Root of the cost over what noise would leave."""
         return float(np.sqrt(self.cost / self.independent))
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        """J^T J in unit_values, (n, n); the device's block first."""
+        problem, weight = self.problem, self.problem.prior_weight
+        problem.prior_weight = self.prior_weight
+        residuals = _residuals(problem, self.device, self.own)
+        normal, _ = _linearise(problem, self.device, self.own, residuals)
+        problem.prior_weight = weight
+        return np.nan_to_num(normal, nan=0.0, posinf=0.0, neginf=0.0)
 
     def deviations(self) -> FloatArray:
         """Standard deviations of the unit_values; a residual larger than noise counts."""
@@ -131,49 +143,36 @@ def fit(
         tuple(owns),
         problem.data_cost(device, owns) if problem.prior_weight else cost,
         problem.independent,
-        normal,
+        problem.prior_weight,
     )
 
 
 def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations: int) -> Fit:
     """A single point: few unknowns, many of them near a bound, where the method that keeps away
-    from bounds (Branch, Coleman and Li 1999, SIAM J. Sci. Comput. 21(1), 1-23) does not get stuck.
+    from bounds (`inversion.diagnosis.trust_region`) does not get stuck.
     """
     width = len(device)
-    last: list[tuple[bytes, FloatArray]] = []
 
     def residual(unit_values: FloatArray) -> FloatArray:
-        # The derivatives are asked for where the residual was.
-        for place, known in last:
-            if place == unit_values.tobytes():
-                return known
         found = problem.residual(0, unit_values[:width], unit_values[width:])
-        found = np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
-        last[:] = [(unit_values.tobytes(), found)]
-        return found
+        return np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
-    def jacobian(unit_values: FloatArray) -> FloatArray:
-        found = problem.jacobian(0, unit_values[:width], unit_values[width:], residual(unit_values))
+    def jacobian(unit_values: FloatArray, there: FloatArray) -> FloatArray:
+        found = problem.jacobian(0, unit_values[:width], unit_values[width:], there)
         return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
     start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
-    found = least_squares(
-        residual,
-        start,
-        jacobian,
-        bounds=(0.0, 1.0),
-        method="trf",
-        xtol=1e-5,
-        ftol=_SMALLEST_GAIN,
-        gtol=1e-10,
-        max_nfev=iterations,
-    )
-    unit_values, cost = found.x, 2.0 * float(found.cost)
+    found = least_squares(residual, jacobian, start, iterations, _ARRIVED)
+    unit_values, cost = found.place, found.cost
     if problem.prior_weight:
         cost = problem.data_cost(unit_values[:width], [unit_values[width:]])
-    normal = found.jac.T @ found.jac
     return Fit(
-        problem, unit_values[:width], (unit_values[width:],), cost, problem.independent, normal
+        problem,
+        unit_values[:width],
+        (unit_values[width:],),
+        cost,
+        problem.independent,
+        problem.prior_weight,
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import DeviceValues, HeldOutPart, PointDiagnosis
@@ -90,40 +89,44 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> tuple[float, float
     """Errors of a drop, whole record and contact, on the ground that the others gave.
 
     What belongs to a single drop (how it sat, what it left behind) cannot be known from others:
-    that alone is taken from the drop itself.
+    that alone is taken from the drop itself.  How the drop sat with which the others are compared
+    is in the values of those: there these are held.
     """
     problem = candidate.fit.problem
-    drops = range(len(problem.points[0].drops))
-    others = _without(problem, {left_out})
-    found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
-    device, own = found.device, found.own[0].copy()
-    free = [i for i, unknown in enumerate(problem.own[0]) if unknown.drop == left_out]
-    if free:
-        alone = _without(problem, set(drops) - {left_out})
-
-        def residual(unit_values: FloatArray) -> FloatArray:
-            own[free] = unit_values
-            return np.nan_to_num(alone.residual(0, device, own), nan=1e6, posinf=1e6, neginf=-1e6)
-
-        def jacobian(unit_values: FloatArray) -> FloatArray:
-            there = residual(unit_values)
-            slopes = alone.jacobian(0, device, own, there)[:, device.size :][:, free]
-            return np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
-
-        start = np.clip(candidate.fit.own[0][free], 2e-3, 1.0 - 2e-3)
-        solved = least_squares(
-            residual, start, jacobian, bounds=(0.0, 1.0), max_nfev=_STEPS_OF_HELD_OUT
-        )
-        own[free] = solved.x
-    predicted = problem.predict(0, device, own)[left_out]
     model = problem.points[0].drops[left_out]
+    unknowns = list(enumerate([*problem.device, *problem.own[0]]))
+    compared = {
+        place
+        for place, unknown in unknowns
+        if unknown.drop is not None
+        and unknown.effect is not None
+        and not unknown.effect.acts_on(model.context)
+    }
+    others = _without(problem, {left_out}, held=compared)
+    found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
+    device, own = found.device, found.own[0]
+    free = {place for place, unknown in unknowns if unknown.drop == left_out}
+    if free:
+        own = own.copy()
+        for place in free:
+            own[place - device.size] = candidate.fit.own[0][place - device.size]
+        drops = range(len(problem.points[0].drops))
+        rest = {place for place, _ in unknowns} - free
+        alone = _without(problem, set(drops) - {left_out}, held=rest)
+        own = fit(alone, device, [own], _STEPS_OF_HELD_OUT).own[0]
+    predicted = problem.predict(0, device, own)[left_out]
     return (
         model.residual_over_peak(predicted, contact_only=False),
         model.residual_over_peak(predicted, contact_only=True),
     )
 
 
-def _without(problem: Problem, drops: Collection[int], sensors: Collection[int] = ()) -> Problem:
+def _without(
+    problem: Problem,
+    drops: Collection[int],
+    sensors: Collection[int] = (),
+    held: Collection[int] = (),
+) -> Problem:
     return Problem(
         problem.points,
         problem.effects,
@@ -132,6 +135,7 @@ def _without(problem: Problem, drops: Collection[int], sensors: Collection[int] 
         left_out={(0, drop) for drop in drops},
         prior_weight=problem.prior_weight,
         silent=sensors,
+        held=held,
     )
 
 

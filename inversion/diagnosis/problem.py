@@ -31,6 +31,10 @@ _STEP = 1e-4
 # Modulus of the ground under layers over that by the peak method.
 _BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
+# So many residuals, of the starts that are followed side by side, and Jacobians are remembered.
+_RESIDUALS, _JACOBIANS = 32, 2
+_Place = tuple[int, bytes, bytes]
+
 Active = list[tuple[Effect, dict[str, float]]]
 
 
@@ -198,6 +202,7 @@ class Problem:
     prior_weight : float, weighted residual that one standard deviation from a prior counts as; 0:
         priors do not count
     silent : places of sensors that count for nothing
+    held : places of a point's unknowns, the device's first, that stay as they are
     """
 
     def __init__(
@@ -211,6 +216,7 @@ class Problem:
         left_out: Collection[tuple[int, int]] = (),
         prior_weight: float = 0.0,
         silent: Collection[int] = (),
+        held: Collection[int] = (),
     ) -> None:
         self.prior_weight = prior_weight
         self.points = tuple(points)
@@ -219,6 +225,7 @@ class Problem:
         self.scope = scope
         self.left_out = frozenset(left_out)
         self.silent = frozenset(silent)
+        self.held = frozenset(held)
         self.device = [
             Unknown(p, effect)
             for effect in effects
@@ -228,6 +235,8 @@ class Problem:
         of_points = local or [self.effects] * len(self.points)
         self.own = [point.unknowns(own) for point, own in zip(self.points, of_points, strict=True)]
         self.solves = 0
+        self._residuals: dict[_Place, FloatArray] = {}
+        self._jacobians: dict[_Place, FloatArray] = {}
 
     @property
     def size(self) -> int:
@@ -271,18 +280,25 @@ class Problem:
 
     def residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
         """Of a point, (n,); see `DropModel.weighted_residual`.  The priors' stand last."""
-        count = len(self.points[index].drops)
-        parts = [self.residual_drop(index, device, own, i) for i in range(count)]
-        return np.concatenate([*parts, self._from_priors(index, device, own)[0]])
+        left = self._data_residual(index, device, own)
+        return np.concatenate([left, self._from_priors(index, device, own)[0]])
+
+    def _data_residual(self, index: int, device: FloatArray, own: FloatArray) -> FloatArray:
+        """What the data of a point leave, (n,); remembered, as a fit goes on where one ended."""
+        place = index, device.tobytes(), own.tobytes()
+        known = self._residuals.get(place)
+        if known is None:
+            count = len(self.points[index].drops)
+            known = np.concatenate(
+                [self.residual_drop(index, device, own, i) for i in range(count)]
+            )
+            _keep(self._residuals, place, known, _RESIDUALS)
+        return known
 
     def data_cost(self, device: FloatArray, owns: Sequence[FloatArray]) -> float:
         """Sum of squares of what the data leave, without the priors."""
-        total = 0.0
-        for index, own in enumerate(owns):
-            for number in range(len(self.points[index].drops)):
-                left = self.residual_drop(index, device, own, number)
-                total += float(left @ left)
-        return total
+        lefts = [self._data_residual(index, device, own) for index, own in enumerate(owns)]
+        return sum(float(left @ left) for left in lefts)
 
     def _from_priors(
         self, index: int, device: FloatArray, own: FloatArray
@@ -340,6 +356,23 @@ class Problem:
 
         By differences; a unit_value that belongs to one drop moves that drop alone.
         """
+        place = index, device.tobytes(), own.tobytes()
+        known = self._jacobians.get(place)
+        slopes = self._from_priors(index, device, own)[1]
+        if slopes.size:
+            slopes[list(self.held)] = 0.0
+        if known is None:
+            known = self._data_jacobian(index, device, own, there[: there.size - slopes.size])
+            _keep(self._jacobians, place, known, _JACOBIANS)
+        result = np.zeros((there.size, device.size + own.size))
+        result[: known.shape[0]] = known
+        result[known.shape[0] :][np.diag_indices(slopes.size)] = slopes
+        return result
+
+    def _data_jacobian(
+        self, index: int, device: FloatArray, own: FloatArray, there: FloatArray
+    ) -> FloatArray:
+        """Of what the data of a point leave, (n, d + k)."""
         point = self.points[index]
         rows = np.cumsum([0, *self.sizes(index)])
         result = np.zeros((there.size, device.size + own.size))
@@ -350,7 +383,13 @@ class Problem:
         for number, model in enumerate(point.drops):
             if (index, number) in self.left_out:
                 continue
-            columns = [i for i, unknown in enumerate(unknowns) if unknown.drop in (None, number)]
+            columns = [
+                i
+                for i, unknown in enumerate(unknowns)
+                if unknown.drop in (None, number) and i not in self.held
+            ]
+            if not columns:
+                continue
             ground = point.ground(self.own[index], own)
             active = self.values(index, device, own, number)
             moved = []
@@ -369,8 +408,6 @@ class Problem:
             there_moved = model.weighted_residuals(predicted, self.scope, self.silent)
             part = slice(rows[number], rows[number + 1])
             result[part, columns] = ((there_moved - there[part]) / steps[columns, None]).T
-        slopes = self._from_priors(index, device, own)[1]
-        result[rows[-1] :][np.diag_indices(slopes.size)] = slopes
         return result
 
     def sizes(self, index: int) -> list[int]:
@@ -380,6 +417,12 @@ class Problem:
             size = model.weighted_size(self.scope)
             sizes.append(0 if (index, number) in self.left_out else size)
         return sizes
+
+
+def _keep(memory: dict[_Place, FloatArray], place: _Place, value: FloatArray, most: int) -> None:
+    if len(memory) >= most:
+        memory.pop(next(iter(memory)))
+    memory[place] = value
 
 
 def _with_value(active: Active, unknown: Unknown, value: float) -> Active:

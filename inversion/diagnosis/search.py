@@ -691,7 +691,7 @@ def _best_of_drops(
 
 def _at(problem: Problem, device: FloatArray, own: Sequence[FloatArray]) -> Fit:
     """Unit values as if a fit had ended there."""
-    return Fit(problem, device, tuple(own), np.nan, problem.independent, np.zeros((0, 0)))
+    return Fit(problem, device, tuple(own), np.nan, problem.independent)
 
 
 def _start_of_full(
