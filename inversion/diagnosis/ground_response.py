@@ -33,7 +33,7 @@ from inversion.forward.surrogate import Surrogate
 _REMEMBERED = 24
 _HOMOGENEOUS = ("modulus", "viscosity", "density", "inverse_depth")
 _OF_MEDIUM: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
-_Key = tuple[int, complex, complex, Ground]
+_Key = tuple[int, complex, Ground]
 _K = TypeVar("_K")
 
 
@@ -59,6 +59,7 @@ class GroundResponse:
         self._poisson_ratio = surrogate.problem.poisson_ratio
         self._known: dict[_Key, ComplexArray] = {}
         self._known_slopes: dict[tuple[_Key, tuple[int, ...]], ComplexArray] = {}
+        self._instruments: dict[float, Instrument] = {}
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
         """Displacement over load at every sensor, (n_sensors, n), m/N."""
@@ -69,11 +70,46 @@ class GroundResponse:
                 grounds = LayeredGrounds.of([self._layered(ground)])
                 found = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
             else:
-                instrument = replace(self._instrument, plate_mass=ground.plate_mass)
-                every = transfer_function(self.surrogate, instrument, s, _homogeneous(ground))[0]
+                instrument = self._with_mass(ground.plate_mass)
+                every = transfer_function(self.surrogate, instrument, s, _homogeneous([ground]))[0]
                 found = every[-self._sensors :]
             _keep(self._known, key, found)
         return found
+
+    def look_ahead(self, grounds: Sequence[Ground], s: ComplexArray) -> None:
+        """Solve together for grounds that are going to be asked for, with their derivatives.
+
+        Those of the drops of a point, which differ in little. Layered grounds are not among them.
+        """
+        new = [
+            ground
+            for ground in dict.fromkeys(grounds)
+            if not ground.above and _key(s, ground) not in self._known
+        ]
+        for mass, rock in dict.fromkeys((g.plate_mass, g.inverse_depth > 0.0) for g in new):
+            alike = [g for g in new if (g.plate_mass, g.inverse_depth > 0.0) == (mass, rock)]
+            columns = tuple(range(_moving(alike[0])))
+            found, slopes = self._solved(alike, s, columns)
+            for ground, value, slope in zip(alike, found, slopes, strict=True):
+                _keep(self._known, _key(s, ground), value)
+                _keep(self._known_slopes, (_key(s, ground), columns), slope)
+
+    def _solved(
+        self, grounds: Sequence[Ground], s: ComplexArray, columns: Sequence[int]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Of homogeneous grounds under plates of one mass, with derivatives by some fields."""
+        instrument = self._with_mass(grounds[0].plate_mass)
+        names = [_HOMOGENEOUS[column] for column in columns]
+        found, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(grounds), names)
+        return found[:, -self._sensors :], slopes[:, :, -self._sensors :]
+
+    def _with_mass(self, mass: float) -> Instrument:
+        """The instrument with a plate of this mass."""
+        known = self._instruments.get(mass)
+        if known is None:
+            known = replace(self._instrument, plate_mass=mass)
+            self._instruments = {mass: known}
+        return known
 
     def nearby(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> ComplexArray:
         """Responses of a ground and of others a small step from it, (1 + m, n_sensors, n), m/N.
@@ -99,6 +135,9 @@ class GroundResponse:
             start = self._fields(ground)
             steps = np.stack([self._fields(moved[place - 1]) for place in alike]) - start
             columns = np.flatnonzero(steps.any(axis=0))
+            if not ground.above:
+                # As `look_ahead` has them.
+                columns = np.arange(_moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
             result[alike] += changes.reshape(len(alike), *here.shape)
@@ -121,10 +160,7 @@ class GroundResponse:
         if known is not None:
             return known
         if not ground.above:
-            instrument = replace(self._instrument, plate_mass=ground.plate_mass)
-            names = [_HOMOGENEOUS[column] for column in columns]
-            _, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(ground), names)
-            found = slopes[0, :, -self._sensors :]
+            found: ComplexArray = self._solved([ground], s, key[1])[1][0]
         else:
             width = len(_OF_MEDIUM)
             varied = [
@@ -150,8 +186,13 @@ class GroundResponse:
         return LayeredGround((*ground.above, below), rock)
 
 
+def _moving(ground: Ground) -> int:
+    """Number of the fields that a small step may move: the depth of rock where there is some."""
+    return len(_HOMOGENEOUS) if ground.inverse_depth > 0.0 else len(_HOMOGENEOUS) - 1
+
+
 def _key(s: ComplexArray, ground: Ground) -> _Key:
-    return s.size, complex(s[0]), complex(s[-1]), ground
+    return s.size, complex(s[0]), ground
 
 
 def _keep(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
@@ -160,10 +201,6 @@ def _keep(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
     memory[key] = value
 
 
-def _homogeneous(ground: Ground) -> Grounds:
-    return Grounds(
-        np.array([ground.modulus]),
-        np.array([ground.viscosity]),
-        np.array([ground.density]),
-        np.array([ground.inverse_depth]),
-    )
+def _homogeneous(grounds: Sequence[Ground]) -> Grounds:
+    fields = [[getattr(ground, name) for name in _HOMOGENEOUS] for ground in grounds]
+    return Grounds(*np.array(fields).T)

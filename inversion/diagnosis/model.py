@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,8 @@ _BAND_HZ = 900.0
 _REMEMBERED = 24
 # 1/s; slow enough for the ground to be at rest.
 _STILL = 1e-3
+# Layered ground has an answer at rest itself.
+_AT_REST = np.zeros(1, dtype=np.complex128)
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
@@ -44,6 +46,7 @@ _SOON = 1.3
 
 Active = Sequence[tuple[Effect, Values]]
 _Motion = tuple[FloatArray, FloatArray | None]
+_A = TypeVar("_A", FloatArray, ComplexArray)
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,7 @@ class DropModel:
         self.peak: FloatArray = drop.peak_displacement
         self._motions: dict[tuple[object, ...], _Motion] = {}
         self._last_displacement: FloatArray | None = None
+        self._latest: tuple[Ground, Active, _Stages] | None = None
         self._plate = int(np.argmin(self.context.offsets))
         self._under_plate = self.context.offsets < self.context.plate_radius
         self.nonlinear_solves = 0
@@ -176,12 +180,14 @@ class DropModel:
         if self.record.instrument.load_filter is not None:
             band = min(band, 2.0 * self.record.instrument.load_filter)
         transform = DampedTransform(self._duration or float(time[-1]), band)
-        self._s = transform.s
+        s = transform.s
+        # Behind them the ground at rest, which is asked for with the others.
+        self.s = np.append(s, _STILL)
         spectrum = transform.of_samples(self.drop.time, load)
-        spectrum = spectrum * self._instrument.response(self._s)
+        spectrum = spectrum * self._instrument.response(s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
-        ramp = transform.synthesis(time) / self._s[:, None] ** 2
+        ramp = transform.synthesis(time) / s[:, None] ** 2
         # To the response after a hat of 1 N over one sample, see `hat_response`.
         self._hats = hat_response(np.vstack([ramp.real, -ramp.imag]), float(time[1] - time[0]))
 
@@ -224,7 +230,7 @@ class DropModel:
         stages = self._stages(ground, active)
         motion = self._ground_motion(stages)
         for effect, values in active:
-            if _changes(effect, "motion"):
+            if "motion" in _stages_of(effect):
                 motion = effect.motion(
                     motion, values, self.context, partial(self._impulse_response, stages)
                 )
@@ -246,7 +252,7 @@ class DropModel:
         """Motions (m, n_sensors, n) as sensors and processing show them, m."""
         records = self._padded(motions)
         for effect, values in active:
-            if _changes(effect, "record"):
+            if "record" in _stages_of(effect):
                 records = self._recorded_by(effect, values, records)
         return records
 
@@ -283,7 +289,7 @@ class DropModel:
         motions, places = self._motions_nearby(ground, active, moved, steps)
         records = self._padded(motions)
         for number, (effect, values) in enumerate(active):
-            if not _changes(effect, "record"):
+            if "record" not in _stages_of(effect):
                 continue
             found = [self._recorded_by(effect, values, records)]
             count = records.shape[0]
@@ -310,7 +316,7 @@ class DropModel:
         """
         start = self._stages(ground, active)
         stages = {start: 0}
-        acting = [i for i, (effect, _) in enumerate(active) if _changes(effect, "motion")]
+        acting = [i for i, (effect, _) in enumerate(active) if "motion" in _stages_of(effect)]
         # Of each row of motions its ground, and what has moved of the effects of this stage.
         rows: dict[tuple[object, ...], int] = {(0,): 0}
         where, places = [0], []
@@ -345,10 +351,9 @@ class DropModel:
         Each (m, n_sensors, n), m and m/N; the latter where something is ``forced`` to move.
         """
         start = stages[0]
-        compliances = self._compliances_nearby(stages)
-        parts = np.concatenate([compliances.real, compliances.imag], axis=2)
-        flat = parts.reshape(-1, parts.shape[2])
-        shape = (len(stages), parts.shape[1], -1)
+        compliances = self._compliances_nearby(stages, self.s)
+        flat = _parts(_rows(compliances))
+        shape = (len(stages), compliances.shape[1], -1)
         nonlinear = any(not stage.law.linear for stage in stages)
         hats: FloatArray = np.empty(0)
         if forced or nonlinear:
@@ -356,40 +361,45 @@ class DropModel:
         if nonlinear and len(stages) == 1:
             return self._ground_motion(start)[None], hats
         motions: FloatArray = (flat @ self._synthesis).reshape(shape)
-        return (self._bent_nearby(stages, motions, hats) if nonlinear else motions), hats
+        if nonlinear:
+            if start.ground.above:
+                compliances = self._compliances_nearby(stages, _AT_REST)
+            motions = self._bent_nearby(stages, motions, hats, compliances[..., -1])
+        return motions, hats
 
-    def _compliances_nearby(self, stages: Sequence[_Stages]) -> ComplexArray:
+    def _compliances_nearby(self, stages: Sequence[_Stages], s: ComplexArray) -> ComplexArray:
         """Displacement over load of a ground and of others a small step from it."""
         start, *others = stages
-        found = self.response.nearby(start.ground, [o.ground for o in others], self._s)
+        found = self.response.nearby(start.ground, [o.ground for o in others], s)
         if not any(stage.shaping for stage in stages):
             return found
         return np.stack(
             [
-                self._shaped(compliance, stage.shaping, self._s)
+                self._shaped(compliance, stage.shaping, s)
                 for compliance, stage in zip(found, stages, strict=True)
             ]
         )
 
     def _bent_nearby(
-        self, stages: Sequence[_Stages], motions: FloatArray, hats: FloatArray
+        self,
+        stages: Sequence[_Stages],
+        motions: FloatArray,
+        hats: FloatArray,
+        still: ComplexArray,
     ) -> FloatArray:
         """Motions (m, n_sensors, n) of linear grounds with their nonlinear resistance.
 
-        The first is the ground that was solved for; `hats` as `hat_response` gives them.
+        The first is the ground that was solved for; `hats` as `hat_response` gives them, the
+        compliances (m, n_sensors) at rest.
         """
         load, plate = self.context.load, self._plate
         self._ground_motion(stages[0])
         motion, solution = self._motions[stages[0].key]
         if solution is None:
             solution = convolve_rows(hats[0, plate], load)
-        rest = self._rest(stages[0])
-        still = self.response.nearby(stages[0].ground, [o.ground for o in stages[1:]], rest)
         laws = []
-        for stage, compliance in zip(stages, still, strict=True):
-            shaped = self._shaped(compliance, stage.shaping, rest)
-            stiffness = 1.0 / float(shaped[plate, 0].real)
-            laws.append((stage.law, stiffness, self.context.largest_load / stiffness))
+        for stage, compliance in zip(stages, still[:, plate].real.tolist(), strict=True):
+            laws.append((stage.law, 1.0 / compliance, self.context.largest_load * compliance))
         forces = forces_nearby(
             hats[0, plate],
             load,
@@ -403,19 +413,29 @@ class DropModel:
         result[0] = motion
         return result
 
+    def ground_below(self, ground: Ground, active: Active) -> Ground:
+        """The ground as the drop meets it."""
+        return self._stages(ground, active).ground
+
     def _stages(self, ground: Ground, active: Active) -> _Stages:
         """What the ground does: its parameters, its law, and what shapes its compliance."""
-        law = NonlinearStiffness()
+        if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
+            return self._latest[2]
+        here, law = ground, NonlinearStiffness()
         shaping = []
         for effect, values in active:
-            if _changes(effect, "ground"):
-                ground = effect.ground(ground, values, self.context)
-            if _changes(effect, "nonlinear_stiffness"):
+            stages = _stages_of(effect)
+            if "ground" in stages:
+                here = effect.ground(here, values, self.context)
+            if "nonlinear_stiffness" in stages:
                 law = effect.nonlinear_stiffness(law, values, self.context)
-            if _changes(effect, "compliance"):
+            if "compliance" in stages:
                 shaping.append((effect, values))
-        key = (ground, law, *((e.name, *v.values()) for e, v in shaping))
-        return _Stages(key, ground, law, shaping)
+        key = (here, law, *((e.name, *v.values()) for e, v in shaping))
+        found = _Stages(key, here, law, shaping)
+        # It is asked for twice: before the grounds of all drops are solved for, and after.
+        self._latest = ground, active, found
+        return found
 
     def _ground_motion(self, stages: _Stages) -> FloatArray:
         """Motion of the ground, whose static resistance may be nonlinear.
@@ -425,48 +445,41 @@ class DropModel:
         known = self._motions.get(stages.key)
         if known is not None:
             return known[0]
-        parts = self._parts(stages)
+        compliance = self._compliance(stages, self.s)
+        parts = _parts(compliance)
         motion: FloatArray = parts @ self._synthesis
         solution = None
         if not stages.law.linear:
-            bent, solution = self._nonlinear_motion(parts, stages)
+            if stages.ground.above:
+                compliance = self._compliance(stages, _AT_REST)
+            still = float(compliance[self._plate, -1].real)
+            bent, solution = self._nonlinear_motion(parts, stages.law, still)
             motion[self._under_plate] += bent
         if len(self._motions) >= _REMEMBERED:
             self._motions.pop(next(iter(self._motions)))
         self._motions[stages.key] = motion, solution
         return motion
 
-    def _parts(self, stages: _Stages) -> FloatArray:
-        """Real and imaginary parts of the compliance, (n_sensors, 2 n), m/N."""
-        compliance = self._compliance(stages, self._s)
-        return np.concatenate([compliance.real, compliance.imag], axis=1)
-
     def _impulse_response(self, stages: _Stages) -> FloatArray:
         """Motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
-        response: FloatArray = self._parts(stages) @ self._hats / self.context.step
+        parts = _parts(self._compliance(stages, self.s))
+        response: FloatArray = parts @ self._hats / self.context.step
         return response
 
-    @staticmethod
-    def _rest(stages: _Stages) -> ComplexArray:
-        """The Laplace variable of ground at rest, (1,), 1/s."""
-        return np.array([(0.0 if stages.ground.above else _STILL) + 0j])
-
     def _nonlinear_motion(
-        self, parts: FloatArray, stages: _Stages
+        self, parts: FloatArray, law: NonlinearStiffness, still: float
     ) -> tuple[FloatArray, FloatArray]:
         """What the nonlinear static resistance adds to the motion of the linear ground.
 
         (sensors under the plate, n), m: ground beside it feels the force on it, not how far it
         deflects under it. And the displacement of the plate that it was solved for, (n,), m.
+        From parts of the compliance and, m/N, the plate's at rest.
         """
         self.nonlinear_solves += 1
-        still = self._compliance(stages, self._rest(stages))
-        stiffness = 1.0 / float(still[self._plate, 0].real)
         hats = parts @ self._hats
-        load = self.context.load
-        reference = self.context.largest_load / stiffness
+        load, reference = self.context.load, self.context.largest_load * still
         force, solution = effective_force(
-            hats[self._plate], load, stages.law, stiffness, reference, self._last_displacement
+            hats[self._plate], load, law, 1.0 / still, reference, self._last_displacement
         )
         self._last_displacement = solution
         # What the samples of the load leave out is small and linear: it stays in the motion.
@@ -581,21 +594,27 @@ class DropModel:
 
 
 @cache
-def _changes_stage(kind: Any, stage: str) -> bool:
-    return getattr(kind, stage) is not getattr(Effect, stage)
+def _stages_of_kind(kind: Any) -> frozenset[str]:
+    stages = ("ground", "compliance", "nonlinear_stiffness", "motion", "record")
+    return frozenset(s for s in stages if getattr(kind, s) is not getattr(Effect, s))
 
 
-def _changes(effect: Effect, stage: str) -> bool:
-    """Whether an effect acts in a stage."""
+def _stages_of(effect: Effect) -> frozenset[str]:
+    """The stages in which an effect acts."""
     kind: Any = type(effect)
-    return _changes_stage(kind, stage)
+    return _stages_of_kind(kind)
 
 
 def _shapes_ground(effect: Effect) -> bool:
     """Whether an effect acts before there is motion."""
-    return any(_changes(effect, s) for s in ("ground", "compliance", "nonlinear_stiffness"))
+    return bool(_stages_of(effect) & {"ground", "compliance", "nonlinear_stiffness"})
 
 
-def _rows(records: FloatArray) -> FloatArray:
-    """Records (m, n_sensors, n) one below the other."""
+def _parts(compliances: ComplexArray) -> FloatArray:
+    """Real and imaginary parts, (k, 2 n), of compliances (k, n + 1), the last of them at rest."""
+    return np.concatenate([compliances[:, :-1].real, compliances[:, :-1].imag], axis=1)
+
+
+def _rows(records: _A) -> _A:
+    """Those of sensors (m, n_sensors, n) one below the other."""
     return records.reshape(-1, records.shape[-1])

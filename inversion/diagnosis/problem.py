@@ -31,11 +31,11 @@ _STEP = 1e-4
 # Modulus of the ground under layers over that by the peak method.
 _BELOW: dict[str, Any] = {"lower": 0.005, "upper": 50.0}
 
+Active = list[tuple[Effect, dict[str, float]]]
+
 # So many residuals, of the starts that are followed side by side, and Jacobians are remembered.
 _RESIDUALS, _JACOBIANS = 32, 2
 _Place = tuple[int, bytes, bytes]
-
-Active = list[tuple[Effect, dict[str, float]]]
 
 
 def relative_soil(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
@@ -166,6 +166,22 @@ class Point:
             plate_mass=record.instrument.plate_mass,
         )
 
+    def look_ahead(self, drops: Sequence[tuple[int, Ground, Active]]) -> None:
+        """Solve for the grounds of some drops together, where their records are alike.
+
+        Parameters
+        ----------
+        drops : number, ground and effects of each
+        """
+        by_variables: dict[tuple[int, complex], list[tuple[DropModel, Ground]]] = {}
+        for number, ground, active in drops:
+            model = self.drops[number]
+            found = model.ground_below(ground, active)
+            by_variables.setdefault((model.s.size, complex(model.s[0])), []).append((model, found))
+        for alike in by_variables.values():
+            model = alike[0][0]
+            model.response.look_ahead([ground for _, ground in alike], model.s)
+
 
 def _first_look(records: PointRecords) -> FirstLook:
     """The drops of a point as layered ground."""
@@ -288,12 +304,29 @@ class Problem:
         place = index, device.tobytes(), own.tobytes()
         known = self._residuals.get(place)
         if known is None:
-            count = len(self.points[index].drops)
-            known = np.concatenate(
-                [self.residual_drop(index, device, own, i) for i in range(count)]
-            )
+            known = np.concatenate(self._residuals_of_drops(index, device, own))
             _keep(self._residuals, place, known, _RESIDUALS)
         return known
+
+    def _residuals_of_drops(
+        self, index: int, device: FloatArray, own: FloatArray
+    ) -> list[FloatArray]:
+        """Of each drop that counts, (n,)."""
+        point = self.points[index]
+        ground = point.ground(self.own[index], own)
+        drops = [
+            (number, ground, self.values(index, device, own, number))
+            for number in range(len(point.drops))
+            if (index, number) not in self.left_out
+        ]
+        point.look_ahead(drops)
+        self.solves += len(drops)
+        found = []
+        for number, _, active in drops:
+            model = point.drops[number]
+            predicted = model.predict(ground, active)
+            found.append(model.weighted_residual(predicted, self.scope, self.silent))
+        return found
 
     def data_cost(self, device: FloatArray, owns: Sequence[FloatArray]) -> float:
         """Sum of squares of what the data leave, without the priors."""

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from inversion.arrays import ComplexArray, FloatArray
+from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, ImpulseResponse, ManyValues, Values
 from inversion.fitting.parameters import Parameter
+from inversion.forward.nonlinear_stiffness import convolve_rows
 
 GRAVITY = 9.80665
 # Logarithm; of the mass in flight about that of the plate.
@@ -90,12 +91,11 @@ def _flown(
     """Motions (m, n_sensors, n) with plates that lift off at moments within the record."""
     time, step, size = drop.time, drop.step, drop.time.size
     flight = time - moments[:, None]
-    kernel = np.fft.rfft(impulses, 2 * size, axis=-1)
     # What the ground does once the plate has left it: neither load nor weight press on it.
     pressing = drop.load + (masses * GRAVITY)[:, None]
     # Parts of samples count, so that the times have a smooth influence.
     flown = np.clip(flight / step + 0.5, 0.0, 1.0)
-    result = motions + _forced(kernel, -flown * pressing, step)
+    result = motions + step * convolve_rows(impulses, (-flown * pressing)[:, None])
     way = _way(flown * drop.load / masses[:, None], step)
     rows, index = np.arange(moments.size), np.arange(size)
     jumps = np.ones(moments.size, dtype=bool)
@@ -127,17 +127,10 @@ def _flown(
         there, push = np.flatnonzero(back), masses * speed / step
         given[there, last[there] - 1] += (push * (1 - part))[there]
         given[there, last[there]] += (push * part)[there]
-        result += _forced(kernel, np.where(back[:, None], given, 0.0), step)
+        given[~back] = 0.0
+        result += step * convolve_rows(impulses, given[:, None])
     # A plate that never leaves the ground changes nothing.
     result[~jumps] = motions[~jumps]
-    return result
-
-
-def _forced(kernel: ComplexArray, force: FloatArray, step: float) -> FloatArray:
-    """Motions (m, n_sensors, n) under forces (m, n), N, of impulse responses' transforms."""
-    size = force.shape[-1]
-    moved = np.fft.irfft(kernel * np.fft.rfft(force, 2 * size, axis=-1)[:, None], 2 * size, axis=-1)
-    result: FloatArray = step * moved[..., :size]
     return result
 
 

@@ -28,6 +28,9 @@ from inversion.arrays import FloatArray
 
 _NEWTON_STEPS = 12
 _CONVERGED = 1e-6
+# After such a step the next one would be shorter than that: it is about the square, as long as no
+# power below 1 is infinitely steep at rest.
+_NEXT_CONVERGED = 1e-4
 # The ground unloads from its largest displacement while the load is above this fraction.
 _LOADED = 0.2
 # Below this ratio a power is a straight line: its slope at rest stays finite.
@@ -149,6 +152,9 @@ def forces_nearby(
 def convolve_rows(kernels: FloatArray, rows: FloatArray) -> FloatArray:
     """Causal convolution of rows (..., n) with kernels (..., n), row by row."""
     n = rows.shape[-1]
+    if rows.size == kernels.size == n:
+        alone: FloatArray = np.convolve(kernels.ravel(), rows.ravel())[:n]
+        return alone.reshape(np.broadcast_shapes(kernels.shape, rows.shape))
     size = next_fast_len(2 * n - 1, real=True)
     spectrum = np.fft.rfft(kernels, size, axis=-1) * np.fft.rfft(rows, size, axis=-1)
     result: FloatArray = np.fft.irfft(spectrum, size, axis=-1)[..., :n]
@@ -167,6 +173,9 @@ def _solve(
     """Displacement of the plate, (n,), m, and whether Newton's steps converged."""
     scale = float(np.abs(linear).max())
     w, loaded = guess.copy(), _loaded(load)
+    power = 1.0 / (1.0 - law.stress_exponent)
+    smooth = min(power, power * law.unloading_exponent) >= 1.0
+    enough = (_NEXT_CONVERGED if smooth else _CONVERGED) * scale
     for _ in range(_NEWTON_STEPS):
         turn = _turning_point(w, loaded)
         force, slope, in_peak = _resistance(w, turn, law, stiffness, reference)
@@ -177,6 +186,8 @@ def _solve(
             return w, False
         w = w - step * min(1.0, 0.5 * scale / size) if size > 0.0 else w
         if size < _CONVERGED * scale:
+            return w, True
+        if size < enough and _turning_point(w, loaded) == turn:
             return w, True
     return w, False
 

@@ -131,6 +131,9 @@ class ToyPoint(Point):
     def __init__(self, drops: Sequence[Any]) -> None:
         self.drops = tuple(drops)
 
+    def look_ahead(self, drops: Sequence[Any]) -> None:
+        """Nothing is solved for."""
+
     def soil(self, below: bool = False) -> list[Unknown]:
         """The one."""
         return [Unknown(SOIL)]
