@@ -100,7 +100,17 @@ class Identity:
     centre_sensor: Literal["plate", "ground"] = "plate"
     """What the sensor at offset 0 stands on."""
     protocol_version: int = 1
-    """Version that was agreed on."""
+    """Version that was agreed on; what follows is said from version 2 on."""
+    ring_samples: int = 0
+    """So many of the last samples can be asked for again; 0: none."""
+    drop_samples: int = 0
+    """Samples of the longest drop that it keeps until it is acknowledged; 0: it keeps none."""
+    drop_slots: int = 0
+    """Drops that may wait for that."""
+    lasting: bool = False
+    """Whether the drops that it keeps outlast a reset."""
+    streams: bool = True
+    """Whether it can send samples as they are taken."""
 
     def __post_init__(self) -> None:
         where = f"identity of {self.serial_number!r}"
@@ -124,6 +134,11 @@ class Identity:
     def volts_per_count(self) -> float:
         """V."""
         return self.adc_range / (1 << (self.adc_bits - 1))
+
+    @property
+    def keeps_drops(self) -> bool:
+        """Whether it finds drops itself and keeps them until they are acknowledged."""
+        return self.drop_samples > 0 and self.drop_slots > 0
 
 
 def _require(holds: bool, where: str, expected: str, came: object) -> None:

@@ -4,12 +4,13 @@ import bisect
 import datetime
 import math
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.items import Gap, Item, Samples, StreamBegan
 from pfwd_device.identity import Identity
-from pfwd_device.wire.messages import SampleBlock
+from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 
 LATE = 0.05
 """s; a block that comes up to so much later than its successors is put in its place."""
@@ -20,6 +21,16 @@ PATIENCE = 0.5
 """s; when nothing comes any more, the blocks that wait are handed on."""
 _MOST_WAITING = 256
 """Blocks; more would be nonsense or an attack."""
+_MOST_WAITING_FOR_RESENT = 4096
+"""The same while missing samples are asked for: ten seconds of blocks of 5 ms, and more of those
+that came together."""
+RESEND_EVERY = 0.15
+"""s; so soon what was asked for again has come over a link that has room for it."""
+RESEND_PATIENCE = 2.5
+"""s; the ring that is recommended (2 s) has gone round by then."""
+_MOST_COUNT = 2**32 - 1
+_MOST_REQUESTS = 4
+"""Ranges that are asked for at a time: an instrument keeps few of them in mind."""
 _STREAMS_KEPT = 4
 """Where the last streams stood: a stray block of an old one must not repeat samples."""
 
@@ -41,11 +52,23 @@ class _Waiting:
         return self.block.first_sample + len(self.block.counts)
 
 
+@dataclass(slots=True)
+class _Asked:
+    """Samples that were asked for again."""
+
+    first: int
+    end: int
+    at: float
+    """s; when it was, or when the last of them came."""
+
+
 class Assembler:
     """Turns blocks into samples and gaps.
 
     A gap is told when blocks behind it have come from more than a window away; one that is longer
     than the window needs a second block that agrees with the first, since an index may be wrong.
+    An instrument that keeps its last samples is asked for those that are missing, and a gap is told
+    when it has them no more or does not send them within `RESEND_PATIENCE`.
     A stream that is met near its start began with sample 0; elsewhere it is joined where it is.
 
     Parameters
@@ -62,6 +85,8 @@ class Assembler:
         self._expected = 0
         self._known: OrderedDict[int, int] = OrderedDict()
         self._waiting: list[_Waiting] = []
+        self._newest = 0
+        self._asked: list[_Asked] = []
         self.configure(identity)
 
     @property
@@ -69,15 +94,17 @@ class Assembler:
         """Number of the current run of the sampler."""
         return self._stream
 
-    def is_new(self, block: SampleBlock) -> bool:
-        """Whether a block holds samples that have not been handed on or given up."""
+    def is_newest(self, block: SampleBlock) -> bool:
+        """Whether a block holds later samples than all before it: it did not come again, and no
+        other overtook it."""
         end = block.first_sample + len(block.counts)
-        return block.stream != self._stream or end > self._expected
+        return block.stream != self._stream or end > max(self._expected, self._newest)
 
     def configure(self, identity: Identity) -> None:
         """Go on with what the instrument says of itself now."""
         rate = identity.sampling_rate
         self._channels = len(identity.channels)
+        self._ring = identity.ring_samples
         blocks = 2 * _VALUES_PER_BLOCK // self._channels
         self._window = math.ceil(max(LATE * rate, min(blocks, _LATEST * rate)))
 
@@ -100,6 +127,10 @@ class Assembler:
             items += self.flush()
             items.append(self._begin(block))
         new = _Waiting(block, received, time_utc, self._expected)
+        if new.end > self._newest:
+            self._newest = new.end
+        elif new.end > self._expected:
+            self._count_recovered(new)
         if new.first > self._expected:
             self._keep(new)
             self._give_up(new, items)
@@ -122,9 +153,74 @@ class Assembler:
         if before is not None and all(each.received >= before for each in self._waiting):
             return items
         while self._waiting and not (before is not None and self._is_lonely()):
+            if before is not None and self._ring and self._waiting[0].received >= before:
+                break  # what is missing here may still come
             self._release(items)
             self._advance(items)
         return items
+
+    @property
+    def patience(self) -> float:
+        """After so many seconds nobody waits any more for what is missing."""
+        return RESEND_PATIENCE if self._ring else PATIENCE
+
+    @property
+    def due(self) -> float | None:
+        """Monotonic time at which `requests` may have something new, s; None: nothing is."""
+        if not self._ring or not self._waiting:
+            return None
+        return min((asked.at + RESEND_EVERY for asked in self._asked), default=None)
+
+    def requests(self, now: float) -> list[HostMessage]:
+        """What to ask for again: samples that are missing before others that have come."""
+        self._asked = [
+            asked
+            for asked in self._asked
+            if asked.end > self._expected and now < asked.at + RESEND_EVERY
+        ]
+        if not self._ring or not self._waiting or self._stream is None or self._is_lonely():
+            return []
+        found: list[HostMessage] = []
+        for first, end in self._holes():
+            if len(self._asked) >= _MOST_REQUESTS:
+                break
+            if not any(asked.first <= first and end <= asked.end for asked in self._asked):
+                self._asked.append(_Asked(first, end, now))
+                found.append(Resend(self._stream, first, min(end - first, _MOST_COUNT)))
+        return found
+
+    def gone(self, message: SamplesGone) -> list[Item]:
+        """The instrument cannot send these again: what is missing of them is a gap."""
+        items: list[Item] = []
+        end = message.first_sample + message.count
+        known = self._ring and message.stream == self._stream and self._waiting
+        if known and message.first_sample <= self._expected < end:
+            self._lose(min(end, self._waiting[0].first), items)
+            self._advance(items)
+        return items
+
+    def _holes(self) -> Iterator[tuple[int, int]]:
+        """(first, end) of samples that are missing before those that wait."""
+        position = self._expected
+        for each in self._waiting:
+            if each.first > position:
+                yield position, each.first
+            position = max(position, each.end)
+
+    def _count_recovered(self, new: _Waiting) -> None:
+        for asked in self._asked:
+            if asked.first < new.end and new.first < asked.end:
+                asked.at = new.received
+                self._counters.samples_recovered += new.end - max(new.first, self._expected)
+                return
+
+    def _lose(self, end: int, items: list[Item]) -> None:
+        """What is missing before `end` will not come."""
+        assert self._stream is not None
+        length = end - self._expected
+        self._counters.samples_lost += length
+        items.append(Gap(self._stream, self._expected, length))
+        self._expected = end
 
     def _begin(self, block: SampleBlock) -> StreamBegan:
         if self._stream is not None:
@@ -132,6 +228,8 @@ class Assembler:
             while len(self._known) > _STREAMS_KEPT:
                 self._known.popitem(last=False)
         self._stream = block.stream
+        self._newest = block.first_sample
+        self._asked.clear()
         start = 0 if block.first_sample <= self._window else block.first_sample
         self._expected = self._known.pop(block.stream, start)
         self._counters.streams += 1
@@ -150,12 +248,15 @@ class Assembler:
 
     def _give_up(self, new: _Waiting, items: list[Item]) -> None:
         """Tell the gaps that a new block proves; what comes in order proves none."""
-        while self._waiting and (len(self._waiting) > _MOST_WAITING or self._is_proof(new)):
+        most = _MOST_WAITING_FOR_RESENT if self._ring else _MOST_WAITING
+        while self._waiting and (len(self._waiting) > most or self._is_proof(new)):
             self._release(items)
             self._advance(items)
 
     def _is_proof(self, new: _Waiting) -> bool:
         """Whether a block is so far ahead, and not alone, that what is missing has been lost."""
+        if self._ring:
+            return new.received - self._waiting[0].received > RESEND_PATIENCE
         if new.end - self._expected <= self._window:
             return False
         if new.first - self._expected <= self._window:
@@ -169,6 +270,7 @@ class Assembler:
             for each in self._waiting
             if each.first - each.expected <= 2 * self._window
             or self._expected - each.expected <= self._window
+            or (self._ring and self._has_company(each))
         ]
         self._counters.blocks_refused += len(self._waiting) - len(kept)
         self._waiting = kept
@@ -178,6 +280,9 @@ class Assembler:
         head, *others = self._waiting[:2]
         far = head.first - self._expected > self._window
         return far and not any(self._are_near(head, each) for each in others)
+
+    def _has_company(self, waiting: _Waiting) -> bool:
+        return any(each is not waiting and self._are_near(each, waiting) for each in self._waiting)
 
     def _are_near(self, first: _Waiting, other: _Waiting) -> bool:
         apart = max(first.first - other.end, other.first - first.end)
@@ -191,10 +296,7 @@ class Assembler:
             self._counters.blocks_refused += 1
             return
         if head.first > self._expected:
-            length = head.first - self._expected
-            self._counters.samples_lost += length
-            items.append(Gap(head.block.stream, self._expected, length))
-            self._expected = head.first
+            self._lose(head.first, items)
         self._hand_on(head, items)
 
     def _hand_on(self, waiting: _Waiting, items: list[Item]) -> None:

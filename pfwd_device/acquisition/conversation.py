@@ -118,6 +118,7 @@ class Conversation:
         self._stream: int | None = None
         self._last_block: float | None = None
         self._sampling: bool | None = None
+        self._streams = True
 
     @property
     def due(self) -> float | None:
@@ -149,7 +150,7 @@ class Conversation:
         match message:
             case Start():
                 self._wanted, self._ended = True, False
-                if self.stage is Stage.RESTING:
+                if self.stage is Stage.RESTING and self._streams:
                     self._start(now)
             case Stop():
                 self._wanted = False
@@ -258,7 +259,8 @@ class Conversation:
     def _settle(self, identity: Identity, now: float, action: SampleAction) -> SampleAction:
         again, self._met = self._met, True
         self._serial_number = identity.serial_number
-        if not self._wanted:
+        self._streams = identity.streams
+        if not (self._wanted and self._streams):
             self._rest(now)
         elif self._last_block is not None or not self._answers:
             self._enter(Stage.RUNNING, now)

@@ -25,6 +25,10 @@ class Counters:
     """Samples that came before the instrument had said what it is, more than could be kept."""
     blocks_refused: int = 0
     """Blocks with another number of channels than the identity, or with an impossible index."""
+    samples_recovered: int = 0
+    """Samples that were lost on the way and came when they were asked for again."""
+    drops_kept: int = 0
+    """Drops that the instrument found itself and that came whole."""
     streams: int = 0
     """Runs of the sampler."""
     reconnects: int = 0

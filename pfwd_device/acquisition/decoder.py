@@ -3,18 +3,25 @@
 import datetime
 from collections import deque
 
-from pfwd_device.acquisition.assembler import PATIENCE, Assembler
+from pfwd_device.acquisition.assembler import Assembler
 from pfwd_device.acquisition.clock import DeviceClock
 from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.items import Connected, Item
+from pfwd_device.acquisition.kept_drops import KeptDrops
 from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
+    Armed,
+    DropBlock,
+    DropOffer,
     Event,
     EventKind,
+    HostMessage,
     InstrumentMessage,
     Refusal,
+    Released,
     SampleBlock,
+    SamplesGone,
     Status,
 )
 
@@ -43,6 +50,8 @@ class Decoder:
         self.url = url
         self.counters = Counters(link=dialect.counters)
         self.clock = DeviceClock()
+        self.kept = KeptDrops(self.counters)
+        """Drops that the instrument finds itself."""
         self.identity: Identity | None = None
         """What the instrument said last."""
         self.accepted: Identity | None = None
@@ -54,6 +63,7 @@ class Decoder:
         self._early: deque[tuple[SampleBlock, float, datetime.datetime]] = deque()
         self._early_bytes = 0
         self._overruns = 0
+        self._clock_seen: tuple[int, datetime.datetime] | None = None
 
     def feed(self, data: bytes, received: float, time_utc: datetime.datetime) -> list[Item]:
         """What these bytes complete.
@@ -85,15 +95,26 @@ class Decoder:
                     self.accepted = None
                 return []
             case Status():
+                self._clock_seen = message.clock_us, time_utc
                 self._count_status(message, received)
+            case DropOffer() | DropBlock() | Released():
+                return self._take_kept(message, received, time_utc)
+            case SamplesGone():
+                if self._assembler is None:
+                    return []
+                return self._assembler.gone(message)
+            case Armed() | Refusal():
+                self.kept.take(message, received, None)
             case Event(kind=EventKind.BOOT):
                 self.counters.instrument_resets += 1
                 self.clock.restart()
                 self._overruns = 0
+                self._clock_seen = None
+                self.kept.cut()
                 return [*self._flush(), message]
             case Event(kind=EventKind.END):
                 return [*self._flush(), message]
-            case Event() | Refusal():
+            case Event():
                 pass
         return [message]
 
@@ -126,6 +147,7 @@ class Decoder:
     def cut(self) -> list[Item]:
         """The link was cut: what waited for its place is handed on, half a frame is forgotten."""
         self.dialect.reset()
+        self.kept.cut()
         items = self._flush()
         self.drop_early()
         self.suspend()
@@ -146,7 +168,49 @@ class Decoder:
         now : float, s
             Monotonic clock.
         """
-        return self._assembler.flush(now - PATIENCE) if self._assembler is not None else []
+        if self._assembler is None:
+            return []
+        return self._assembler.flush(now - self._assembler.patience)
+
+    def requests(self, now: float) -> list[HostMessage]:
+        """What has to be asked of the instrument now: drops that it keeps, samples that are
+        missing.
+
+        Parameters
+        ----------
+        now : float, s
+            Monotonic clock.
+        """
+        if self.accepted is None:
+            return []
+        self.kept.tick(now)
+        said, self.kept.outbox = self.kept.outbox, []
+        return said + (self._assembler.requests(now) if self._assembler is not None else [])
+
+    @property
+    def due(self) -> float | None:
+        """Monotonic time at which `requests` may have something new, s; None: nothing is due."""
+        if self.accepted is None:
+            return None
+        waits = self._assembler.due if self._assembler is not None else None
+        return min((at for at in (self.kept.due, waits) if at is not None), default=None)
+
+    def _take_kept(
+        self,
+        message: DropOffer | DropBlock | Released,
+        received: float,
+        time_utc: datetime.datetime,
+    ) -> list[Item]:
+        items: list[Item] = []
+        if self._automatic and self.accepted is None and self._introduced:
+            items = self.accept(time_utc)
+        if self.accepted is None:  # it is offered again
+            return items
+        if isinstance(message, DropOffer) and message.channels != len(self.accepted.channels):
+            self.counters.blocks_refused += 1
+            return items
+        drop = self.kept.take(message, received, self._clock_seen)
+        return items if drop is None else [*items, drop]
 
     def _take_block(
         self, block: SampleBlock, received: float, time_utc: datetime.datetime
@@ -157,7 +221,7 @@ class Decoder:
         if self.accepted is None or self._assembler is None:
             self._keep_early(block, received, time_utc)
             return items
-        if block.clock_us is not None and self._assembler.is_new(block):
+        if block.clock_us is not None and self._assembler.is_newest(block):
             rate = self.accepted.sampling_rate
             self._compare_clocks(block.clock_us / 1e6 + len(block.counts) / rate, received, "block")
         return items + self._assembler.add(block, received, time_utc)

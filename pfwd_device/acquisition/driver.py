@@ -30,6 +30,7 @@ from pfwd_device.transport.finder import PortFinder
 from pfwd_device.transport.opening import BAUD_RATE
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
+    Arm,
     Configure,
     Hello,
     HostMessage,
@@ -37,10 +38,14 @@ from pfwd_device.wire.messages import (
     Shunt,
     Start,
     Stop,
+    Trigger,
 )
 
 _LONGEST_NAP = 0.25
 """s; so often blocks that wait for their place are looked at."""
+
+DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
+"""Nobody is there any more who would take the drops."""
 
 
 class Driver:
@@ -72,6 +77,9 @@ class Driver:
         The instrument is lost when it says nothing for so long.
     answer_time : float, s
         How long to wait for an answer.
+    trigger : callable or None
+        For the identity of an instrument that keeps drops: how it is to find them; None: it is not
+        to. Without it no instrument is told to.
 
     Examples
     --------
@@ -95,9 +103,11 @@ class Driver:
         queue_bytes: int = QUEUE_BYTES,
         silence: float = SILENCE,
         answer_time: float = ANSWER_TIME,
+        trigger: Callable[[Identity], Trigger | None] | None = None,
     ) -> None:
         url = port if isinstance(port, str) else ""
         self._decoder = Decoder(dialect, url, automatic=False)
+        self._trigger = trigger
         self._takes_commands = bool(dialect.encode(Hello()))
         self._conversation = Conversation(
             sampling_rate,
@@ -115,6 +125,7 @@ class Driver:
         self._identity: Identity | None = None
         self._items: deque[Item] = deque()
         self._commands: deque[HostMessage] = deque()
+        self._acknowledgements: deque[tuple[int, int]] = deque()
         self._speaking = threading.Lock()
         self._opened = self._closed = False
         self._lost_since: float | None = None
@@ -206,6 +217,9 @@ class Driver:
         self._closed = True
         transport = self._transport
         if transport is not None and self._conversation.stage is not Stage.CLOSED:
+            identity = self._identity
+            if self._trigger is not None and identity is not None and identity.keeps_drops:
+                self._say(transport, Arm(DISARMED))
             self._say(transport, Stop())
         if self._opened:
             self._link.close()
@@ -242,6 +256,38 @@ class Driver:
         """
         self._require_commands()
         self._queue_command(Configure(sampling_rate))
+
+    def acknowledge(self, stream: int, first_sample: int) -> None:
+        """Tell the instrument that this drop of those it keeps is safe.
+
+        It is told again until it has let go of it, and whenever it offers the drop anew.
+        """
+        self._acknowledgements.append((stream, first_sample))
+        self._queue.put(WakeUp())
+
+    def settle(self, timeout: float) -> bool:
+        """Wait until the instrument has let go of what was acknowledged; items that come meanwhile
+        are lost. In place of `next`, before `close`.
+
+        Parameters
+        ----------
+        timeout : float, s
+
+        Returns
+        -------
+        bool
+            Whether it has.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            self._acknowledge()
+            self._conclude()
+            if not self._decoder.kept.unreleased:
+                return True
+            left = deadline - time.monotonic()
+            if left <= 0 or self._transport is None or self._closed:
+                return False
+            self.next(min(left, _LONGEST_NAP))
 
     def next(self, timeout: float | None = None) -> Item | None:
         """The next item.
@@ -308,8 +354,8 @@ class Driver:
 
     def _nap(self, now: float, left: float | None) -> float:
         """How long nothing needs to be done, s."""
-        due = self._conversation.due
-        naps = [_LONGEST_NAP, left, None if due is None else due - now]
+        dues = (self._conversation.due, self._decoder.due)
+        naps = [_LONGEST_NAP, left, *(None if due is None else due - now for due in dues)]
         return max(0.0, min(nap for nap in naps if nap is not None))
 
     def _attend(self) -> None:
@@ -330,12 +376,17 @@ class Driver:
             case Lost():
                 self._lose(link_event)
             case WakeUp():
+                self._acknowledge()
                 while self._commands:
                     action = self._conversation.request(self._commands.popleft(), time.monotonic())
                     if action is SampleAction.SUSPEND:
                         self._decoder.suspend()
         self._conversation.tick(time.monotonic(), received_all=False)
         self._conclude()
+
+    def _acknowledge(self) -> None:
+        while self._acknowledgements:
+            self._decoder.kept.acknowledge(*self._acknowledgements.popleft(), time.monotonic())
 
     def _take(self, chunk: Chunk) -> None:
         for message in self._decoder.dialect.feed(chunk.data):
@@ -357,7 +408,9 @@ class Driver:
             again = any(isinstance(item, Connected) and item.again for item in items)
             self.counters.reconnects += again
         self._lost_since = self._last_error = self._last_reported = None
-        self._identity = self._decoder.accepted
+        self._identity = identity = self._decoder.accepted
+        if identity is not None and identity.keeps_drops and self._trigger is not None:
+            self._decoder.kept.arm(self._trigger(identity), time.monotonic())
         self._link.settled()
         self._items += items
 
@@ -369,7 +422,7 @@ class Driver:
         if transport is None:
             return
         if failure is None:
-            for message in outbox:
+            for message in (*outbox, *self._decoder.requests(time.monotonic())):
                 self._say(transport, message)
             return
         conversation.closed()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.identity import Identity
-from pfwd_device.wire.messages import Event, Refusal, Status
+from pfwd_device.wire.messages import Armed, DropOffer, Event, Refusal, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,4 +72,29 @@ class Gap:
     """How many."""
 
 
-Item = Connected | Disconnected | StreamBegan | Samples | Gap | Status | Event | Refusal
+@dataclass(frozen=True, eq=False, slots=True)
+class KeptDrop:
+    """A drop that the instrument found itself, whole; it keeps it until it is acknowledged."""
+
+    offer: DropOffer
+    """What the instrument says of it."""
+    counts: NDArray[np.int32]
+    """(n, channels), as the converter gave them."""
+    time_utc: datetime.datetime | None
+    """Of the trigger; None: it is from before the last reset of the instrument."""
+    received: float
+    """Monotonic clock of the host when the last of it had come, s."""
+
+
+Item = (
+    Connected
+    | Disconnected
+    | StreamBegan
+    | Samples
+    | Gap
+    | KeptDrop
+    | Armed
+    | Status
+    | Event
+    | Refusal
+)

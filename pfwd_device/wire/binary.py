@@ -1,4 +1,4 @@
-"""The binary protocol, version 1: messages as packets. Byte tables in docs/protocol.md."""
+"""The binary protocol, versions 1 and 2: messages as packets. Byte tables in docs/protocol.md."""
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pfwd_device.errors import ProtocolError, SetupError
-from pfwd_device.identity import MOST_CHANNELS, Identity
+from pfwd_device.identity import FASTEST_SAMPLING, MOST_CHANNELS, Identity
 from pfwd_device.wire.dialect import LinkCounters
 from pfwd_device.wire.fields import (
     BYTE,
@@ -21,36 +21,61 @@ from pfwd_device.wire.fields import (
 from pfwd_device.wire.framing import Deframer, Packet, encode_frame
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
     Configure,
+    DropBlock,
+    DropOffer,
     Event,
+    Fetch,
     Hello,
     HostMessage,
     InstrumentMessage,
     Message,
     Refusal,
     RefusalCode,
+    Released,
+    Resend,
     SampleBlock,
+    SamplesGone,
     Shunt,
     Start,
     Status,
     Stop,
+    Trigger,
 )
 
-VERSION = 1
+OLDEST_VERSION, VERSION = 1, 2
 MAGIC = b"PFWD"
 NO_CLOCK = 2**64 - 1
 LAST_SAMPLE = 2**63 - 1
 """Higher indices are damaged: what counts samples further on has signed integers."""
 MOST_SAMPLE_BYTES = 6144
 """Bytes of the samples in one block: 2048 values of 3 bytes."""
+MOST_DROP_SAMPLES = 10 * int(FASTEST_SAMPLING)
+"""Samples of a drop: ten seconds, the longest that a setup file can ask for."""
+MOST_BLOCKS = 65535
 
 HELLO, CONFIGURE, START, STOP, SHUNT = 0x01, 0x02, 0x03, 0x04, 0x05
+ARM, FETCH, ACKNOWLEDGE, RESEND = 0x06, 0x07, 0x08, 0x09
 IDENTITY, SAMPLES, STATUS, EVENT, REFUSAL = 0x81, 0x82, 0x83, 0x84, 0x85
+ARMED, OFFER, BLOCK, RELEASED, GONE = 0x86, 0x87, 0x88, 0x89, 0x8A
 
 _HELLO = struct.Struct("<4sBB")
 _RATE = struct.Struct("<d")
 _SAMPLES = struct.Struct("<IQQBBH")
 _STATUS = struct.Struct("<QffQB")
+_DROPS = struct.Struct("<HI")
+"""What a status of version 2 has more."""
+_TRIGGER = struct.Struct("<BBIHIII")
+_FETCH = struct.Struct("<IQHH")
+_NAME = struct.Struct("<IQ")
+"""Of a drop: run of the sampler and index of the first sample."""
+_RANGE = struct.Struct("<IQI")
+_OFFER = struct.Struct("<IQQIIBBHId")
+_BLOCK = struct.Struct("<IQH")
+_OFFER_FLAGS = ("shunt", "by_operator", "earlier")
 _EVENT = struct.Struct("<HQ")
 _REFUSAL = struct.Struct("<H")
 _SHUNT_ON = 1
@@ -90,6 +115,8 @@ def _pack(message: Message) -> tuple[int, bytes]:
             battery, temperature = or_nan(message.battery_v), or_nan(message.temperature_c)
             flags = _SAMPLING if message.sampling else 0
             payload = _STATUS.pack(message.clock_us, battery, temperature, message.overruns, flags)
+            if message.drops_waiting is not None:
+                payload += _DROPS.pack(message.drops_waiting, message.drops_lost or 0)
             return STATUS, payload
         case Event():
             return EVENT, _EVENT.pack(message.kind, message.clock_us) + text(message.text)
@@ -107,6 +134,69 @@ def _pack(message: Message) -> tuple[int, bytes]:
             return STOP, b""
         case Shunt():
             return SHUNT, BYTE.pack(message.on)
+        case _:
+            return _pack_kept(message)
+
+
+def _pack_kept(
+    message: Arm
+    | Fetch
+    | Acknowledge
+    | Resend
+    | Armed
+    | DropOffer
+    | DropBlock
+    | Released
+    | SamplesGone,
+) -> tuple[int, bytes]:
+    """What version 2 says of drops and samples that are kept."""
+    match message:
+        case Arm():
+            return ARM, _pack_trigger(message.trigger)
+        case Armed():
+            return ARMED, _pack_trigger(message.trigger)
+        case Fetch(stream, first, block, blocks):
+            return FETCH, _FETCH.pack(stream, first, block, blocks)
+        case Acknowledge(stream, first):
+            return ACKNOWLEDGE, _NAME.pack(stream, first)
+        case Released(stream, first):
+            return RELEASED, _NAME.pack(stream, first)
+        case Resend(stream, first, count):
+            return RESEND, _RANGE.pack(stream, first, count)
+        case SamplesGone(stream, first, count):
+            return GONE, _RANGE.pack(stream, first, count)
+        case DropBlock(stream, first, number, data):
+            return BLOCK, _BLOCK.pack(stream, first, number) + data
+        case DropOffer():
+            return OFFER, _pack_offer(message)
+
+
+def _pack_trigger(trigger: Trigger) -> bytes:
+    return _TRIGGER.pack(
+        trigger.on,
+        trigger.channel,
+        trigger.threshold,
+        trigger.confirm,
+        trigger.before,
+        trigger.after,
+        trigger.hold_off,
+    )
+
+
+def _pack_offer(offer: DropOffer) -> bytes:
+    flags = sum(getattr(offer, name) << bit for bit, name in enumerate(_OFFER_FLAGS))
+    return _OFFER.pack(
+        offer.stream,
+        offer.first_sample,
+        NO_CLOCK if offer.clock_us is None else offer.clock_us,
+        offer.trigger,
+        offer.samples,
+        offer.channels,
+        flags,
+        offer.block_samples,
+        offer.crc,
+        offer.sampling_rate,
+    )
 
 
 def _pack_samples(block: SampleBlock) -> bytes:
@@ -138,10 +228,13 @@ def _read_samples(payload: bytes) -> SampleBlock:
 
 
 def _read_status(payload: bytes) -> Status:
-    clock, battery, temperature, overruns, flags = Reader(payload).fields(_STATUS)
+    reader = Reader(payload)
+    clock, battery, temperature, overruns, flags = reader.fields(_STATUS)
     sampling = bool(flags & _SAMPLING)
     battery, temperature = finite_or_none(battery), finite_or_none(temperature)
-    return Status(clock, battery, temperature, overruns, sampling)
+    rest = reader.rest()
+    drops = _DROPS.unpack_from(rest) if len(rest) >= _DROPS.size else (None, None)
+    return Status(clock, battery, temperature, overruns, sampling, *drops)
 
 
 def _read_event(payload: bytes) -> Event:
@@ -174,12 +267,51 @@ def _read_shunt(payload: bytes) -> Shunt:
     return Shunt(bool(Reader(payload).fields(BYTE)[0]))
 
 
+def _read_trigger(payload: bytes) -> Trigger:
+    on, *others = Reader(payload).fields(_TRIGGER)
+    return Trigger(bool(on), *others)
+
+
+def _read_offer(payload: bytes) -> DropOffer:
+    stream, first, clock, trigger, samples, channels, flags, block, crc, rate = Reader(
+        payload
+    ).fields(_OFFER)
+    sound = (
+        1 <= channels <= MOST_CHANNELS
+        and 1 <= samples <= MOST_DROP_SAMPLES
+        and trigger <= samples
+        and block >= 1
+        and -(-samples // block) <= MOST_BLOCKS
+        and first <= LAST_SAMPLE - samples
+        and 0 < rate <= FASTEST_SAMPLING
+    )
+    if not sound:
+        raise ValueError(f"a drop of {samples} samples of {channels} channels in blocks of {block}")
+    said = {name: bool(flags >> bit & 1) for bit, name in enumerate(_OFFER_FLAGS)}
+    clock_us = None if clock == NO_CLOCK else clock
+    return DropOffer(stream, first, clock_us, trigger, samples, channels, block, crc, rate, **said)
+
+
+def _read_block(payload: bytes) -> DropBlock:
+    reader = Reader(payload)
+    stream, first, number = reader.fields(_BLOCK)
+    data = reader.rest()
+    if not data or len(data) % 3:
+        raise ValueError(f"a block of {len(data)} bytes of counts")
+    return DropBlock(stream, first, number, data)
+
+
 _FROM_INSTRUMENT: dict[int, Callable[[bytes], InstrumentMessage]] = {
     IDENTITY: _read_identity,
     SAMPLES: _read_samples,
     STATUS: _read_status,
     EVENT: _read_event,
     REFUSAL: _read_refusal,
+    ARMED: lambda payload: Armed(_read_trigger(payload)),
+    OFFER: _read_offer,
+    BLOCK: _read_block,
+    RELEASED: lambda payload: Released(*Reader(payload).fields(_NAME)),
+    GONE: lambda payload: SamplesGone(*Reader(payload).fields(_RANGE)),
 }
 _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
     HELLO: _read_hello,
@@ -187,6 +319,10 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
     START: lambda payload: Start(),
     STOP: lambda payload: Stop(),
     SHUNT: _read_shunt,
+    ARM: lambda payload: Arm(_read_trigger(payload)),
+    FETCH: lambda payload: Fetch(*Reader(payload).fields(_FETCH)),
+    ACKNOWLEDGE: lambda payload: Acknowledge(*Reader(payload).fields(_NAME)),
+    RESEND: lambda payload: Resend(*Reader(payload).fields(_RANGE)),
 }
 
 

@@ -7,8 +7,14 @@ from pfwd_device.errors import SetupError
 from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
 from pfwd_device.wire.fields import BYTE, Reader, day, day_of, or_nan, or_none, text
 
+BUFFERS_SINCE = 2
+"""Version of the protocol from which on an identity tells what is kept."""
+
 _CONVERTER = struct.Struct("<dBdddBB")
 _CHANNEL = struct.Struct("<BddddddII")
+_BUFFERS = struct.Struct("<IIHB")
+"""Ring, longest drop, drops that may wait, flags; from version 2 on."""
+_LASTING, _STREAMS = 1, 2
 _ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
 _SEATS = ("plate", "ground")
 
@@ -27,7 +33,14 @@ def pack_identity(identity: Identity) -> bytes:
     names = (identity.serial_number, identity.model, identity.firmware)
     channels = map(_pack_channel, identity.channels)
     version = BYTE.pack(identity.protocol_version)
-    return b"".join([version, *map(text, names), converter, *channels])
+    buffers = _pack_buffers(identity) if identity.protocol_version >= BUFFERS_SINCE else b""
+    return b"".join([version, *map(text, names), converter, *channels, buffers])
+
+
+def _pack_buffers(identity: Identity) -> bytes:
+    flags = _LASTING * identity.lasting + _STREAMS * identity.streams
+    slots = identity.drop_slots
+    return _BUFFERS.pack(identity.ring_samples, identity.drop_samples, slots, flags)
 
 
 def _pack_channel(channel: ChannelIdentity) -> bytes:
@@ -58,6 +71,10 @@ def read_identity(payload: bytes) -> Identity:
     (version,) = reader.fields(BYTE)
     serial_number, model, firmware = (reader.text(LONGEST_NAME) for _ in range(3))
     rate, bits, volts, radius, mass, seat, count = reader.fields(_CONVERTER)
+    channels = tuple(_read_channel(reader) for _ in range(count))
+    ring, longest, slots, flags = 0, 0, 0, _STREAMS
+    if version >= BUFFERS_SINCE:
+        ring, longest, slots, flags = reader.fields(_BUFFERS)
     return Identity(
         serial_number=serial_number,
         model=model,
@@ -68,8 +85,13 @@ def read_identity(payload: bytes) -> Identity:
         plate_radius=or_none(radius),
         plate_mass=or_none(mass),
         centre_sensor="ground" if seat == 1 else "plate",
-        channels=tuple(_read_channel(reader) for _ in range(count)),
+        channels=channels,
         protocol_version=version,
+        ring_samples=ring,
+        drop_samples=longest,
+        drop_slots=slots,
+        lasting=bool(flags & _LASTING),
+        streams=bool(flags & _STREAMS),
     )
 
 

@@ -23,6 +23,8 @@ def metadata_of(
     settings: DetectionSettings,
     time_utc: datetime.datetime,
     more: Mapping[str, Any],
+    *,
+    by_instrument: bool = False,
 ) -> dict[str, Any]:
     """What is recorded with a drop.
 
@@ -37,6 +39,8 @@ def metadata_of(
         Of the trigger, by the host.
     more : mapping
         Checks, status, link counters.
+    by_instrument : bool
+        The instrument found it, not the detection here.
     """
     trigger = raw.first + raw.trigger
     return {
@@ -54,6 +58,7 @@ def metadata_of(
             "at_rest": dataclasses.asdict(raw.at_rest),
             "threshold": raw.threshold,
             "by_operator": raw.by_operator,
+            **({"by_instrument": True} if by_instrument else {}),
         },
         "missing": [list(gap) for gap in raw.missing],
         "marks": list(marks_of(raw, identity)),
@@ -123,7 +128,9 @@ def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
     try:
         for start, length in record.metadata["missing"]:
             _ = operator.index(start) + operator.index(length)
-        first, by_operator = detection["first_sample"], detection["by_operator"]
+        first = detection["first_sample"]
+        # The trigger was not this detection's: it is given, not looked for.
+        forced = detection["by_operator"] or detection.get("by_instrument", False)
         return RecordedDrop(
             record,
             identity_from_dict(record.metadata["identity"]),
@@ -131,7 +138,7 @@ def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
             operator.index(detection["stream"]),
             operator.index(first),
             AtRest(**detection["at_rest"]),
-            first + detection["trigger"] if by_operator else None,
+            first + detection["trigger"] if forced else None,
             file,
         )
     except (KeyError, TypeError, ValueError) as err:

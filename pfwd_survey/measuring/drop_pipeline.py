@@ -32,6 +32,7 @@ class _Coming:
 
     received: float | None
     source: RecordedDrop | ImportedDrop | None
+    release: Callable[[], None] | None
 
 
 class DropPipeline:
@@ -97,15 +98,21 @@ class DropPipeline:
         record: DropRecord,
         received: float | None = None,
         source: RecordedDrop | ImportedDrop | None = None,
+        release: Callable[[], None] | None = None,
     ) -> None:
-        """Have a drop saved; it is acknowledged when it is safe."""
+        """Have a drop saved; it is acknowledged when it is safe.
+
+        `release` is called then: whoever else keeps the drop need not any more.
+        """
         if self.recorder is not None and (known := self.recorder.find(record)) is not None:
             self._last = None
+            if release is not None and self.recorder.is_safe(record):
+                release()
             text = f"drop {known} of the survey came again; nothing is recorded twice"
             self._tell(Notice(text, kind="drops that came again"))
             return
         key = record.point, record.drop.number
-        self._coming[key] = _Coming(received, source)
+        self._coming[key] = _Coming(received, source, release)
         self._last, self._last_record = key, None
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
         if self.recorder is not None:
@@ -132,6 +139,8 @@ class DropPipeline:
         """A drop is safe: acknowledge it, then have it inverted."""
         key = record.point, record.drop.number
         coming = self._coming.pop(key)
+        if coming.release is not None:
+            coming.release()
         setup = setup_of(record.declared, f"drop {record.point}")
         file = coming.source.file if coming.source is not None else ""
         if self.recorder is not None and number is not None:

@@ -66,6 +66,14 @@ class Feed(Protocol):
         """Switch the calibration shunt of the load cell."""
         ...
 
+    def acknowledge(self, stream: int, first_sample: int) -> None:
+        """A drop that the instrument keeps is safe here: it need not keep it any more."""
+        ...
+
+    def settle(self) -> None:
+        """Wait a moment until the instrument has let go of such drops, before the end."""
+        ...
+
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded, by name, and the drift of the clock in ppm."""
         ...

@@ -9,7 +9,11 @@ from pfwd_device.acquisition.driver import Driver
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.recording import CaptureWriter
 from pfwd_survey.measuring.feeds import FeedItem
+from pfwd_survey.measuring.kept_drops import trigger_for
 from pfwd_survey.measuring.setup_file import MeasuringSetup
+
+LAST_RELEASES = 1.0
+"""s; an answer comes within so much. A drop that is offered again to this survey is recognised."""
 
 
 class LiveFeed:
@@ -44,6 +48,7 @@ class LiveFeed:
             sampling_rate=device.sampling_rate,
             capture=self._keep if capture is not None else None,
             baud_rate=device.baud_rate,
+            trigger=lambda identity: trigger_for(setup.identity_with(identity), device.detection),
         )
 
     def open(self) -> None:
@@ -65,6 +70,14 @@ class LiveFeed:
             self._driver.shunt(on)
         except DeviceRefused:
             return  # it only talks: then it has no shunt that could be asked for
+
+    def acknowledge(self, stream: int, first_sample: int) -> None:
+        """A drop that the instrument keeps is safe here."""
+        self._driver.acknowledge(stream, first_sample)
+
+    def settle(self) -> None:
+        """Wait a moment until the instrument has let go of the drops that are safe."""
+        self._driver.settle(LAST_RELEASES)
 
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded, by name, and the drift of the clock in ppm."""

@@ -88,6 +88,12 @@ class RecordedFeed:
     def shunt(self, on: bool) -> None:
         """There is nothing to switch."""
 
+    def acknowledge(self, stream: int, first_sample: int) -> None:
+        """There is no instrument to be told."""
+
+    def settle(self) -> None:
+        """There is nothing to wait for."""
+
     def counters(self) -> dict[str, float | None]:
         """Nothing is discarded."""
         return {}

@@ -16,13 +16,20 @@ from typing import Any
 
 from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
 from pfwd_device.acquisition.detector import Detector, Found
-from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
+from pfwd_device.acquisition.items import (
+    Connected,
+    Disconnected,
+    Gap,
+    KeptDrop,
+    Samples,
+    StreamBegan,
+)
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
 from pfwd_device.errors import RecordingError
 from pfwd_device.identity import Identity
-from pfwd_device.recording.record import DropRecord, point_name
+from pfwd_device.recording.record import DropRecord, Rebound, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
-from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
+from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
@@ -41,6 +48,7 @@ from pfwd_survey.measuring.events import (
     SessionEvent,
 )
 from pfwd_survey.measuring.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
+from pfwd_survey.measuring.kept_drops import marks_of_kept, raw_drop_of, settings_of
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.sensor_check import SensorChecker
@@ -120,6 +128,8 @@ class Session:
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
         self._status: Status | None = None
+        self._armed: Trigger | None = None
+        """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
         self._found_again = True
         self._requests: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
@@ -210,6 +220,7 @@ class Session:
         if self._recorder is not None:
             self._recorder.finish(hurry)
         self._pipeline.end_of_rebounds()
+        self._feed.settle()
 
     def _run(self) -> Ending:
         while not self._finished():
@@ -297,6 +308,10 @@ class Session:
                 self._on_connected(item)
             case Disconnected():
                 self._on_disconnected(item)
+            case KeptDrop():
+                self._on_kept(item)
+            case Armed():
+                self._on_armed(item)
             case StreamBegan():
                 self._finish_drop("the instrument began to sample anew")
             case Status():
@@ -325,7 +340,7 @@ class Session:
         sensor_channels(identity)  # refused now, not when the first drop falls
         self._detector = Detector(identity, setup.device.detection)
         self._identity, self._declared = identity, declared
-        self._was_ready = False
+        self._was_ready, self._armed = False, None
         self._connected, self._connection_kept = item, False
         untold = self._kept_events.due("connected")
         if untold is not None:
@@ -370,7 +385,8 @@ class Session:
 
     def _on_event(self, item: Event) -> None:
         if item.kind == EventKind.TRIGGER:
-            self._on_trigger()
+            if self._armed is None:  # else it keeps that drop itself
+                self._on_trigger()
         elif item.kind == EventKind.END:
             self._finish_drop("the instrument has nothing more")
             self._ended = True
@@ -429,6 +445,32 @@ class Session:
             self._recorder.keep_check(self._last_check)
         self._tell(SensorCheck(details, faults))
 
+    def _on_armed(self, item: Armed) -> None:
+        self._armed = item.trigger if item.trigger.on else None
+        streams = self._identity is not None and self._identity.streams
+        if self._armed is not None and not streams and not self._was_ready:
+            self._was_ready = True
+            self._tell(Ready())
+
+    def _on_kept(self, item: KeptDrop) -> None:
+        """A drop that the instrument found; it keeps it until it is safe here."""
+        if self._detector is None or self._identity is None:
+            return
+        identity = replace(self._identity, sampling_rate=item.offer.sampling_rate)
+        raw = raw_drop_of(item, self._armed, identity)
+        settings = settings_of(item, self._detector.settings)
+        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
+        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
+        metadata["marks"] += marks_of_kept(item)
+        name = item.offer.stream, item.offer.first_sample
+        self._pipeline.end_of_rebounds()
+        self._pipeline.take(
+            self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point)),
+            item.received,
+            release=lambda: self._feed.acknowledge(*name),
+        )
+        self._pipeline.end_of_rebounds()
+
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
         self._end_recorded()
@@ -466,6 +508,10 @@ class Session:
 
     def _found(self, found: list[Found]) -> None:
         for detected in found:
+            if self._armed is not None and not (
+                isinstance(detected, RawDrop) and detected.by_operator
+            ):
+                continue  # it comes from the instrument itself
             match detected:
                 case RawDrop():
                     self._on_drop(detected)
@@ -486,10 +532,7 @@ class Session:
         if source is None:
             number = self._pipeline.number_for(self._point)
             settings = self._detector.settings
-            state = state_of(self._last_check, self._status, self._feed.counters())
-            where = self._plan.position
-            state |= {"position": where.record()} if where is not None else {}
-            metadata = metadata_of(raw, identity, settings, self._time_of(raw), state)
+            metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
         else:
             if self._found_again:
                 self._tell(Notice("another drop was found in one that was recorded", serious=True))
@@ -497,17 +540,28 @@ class Session:
             self._found_again = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
             metadata = dict(source.record.metadata)
-        record = DropRecord(
-            self._point,
-            calibrate(number, raw.counts, raw.missing, raw.trigger, identity),
-            raw.counts,
-            self._declared,
-            metadata,
-            source.record.rebounds if source is not None else (),
-        )
+        rebounds = source.record.rebounds if source is not None else ()
+        record = self._record_of(raw, identity, metadata, number, rebounds)
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
         self._pipeline.take(record, received, source)
+
+    def _state(self) -> dict[str, Any]:
+        """What is recorded of instrument, link and place with a drop that falls now."""
+        state = state_of(self._last_check, self._status, self._feed.counters())
+        where = self._plan.position
+        return state | ({"position": where.record()} if where is not None else {})
+
+    def _record_of(
+        self,
+        raw: RawDrop,
+        identity: Identity,
+        metadata: dict[str, Any],
+        number: int,
+        rebounds: tuple[Rebound, ...] = (),
+    ) -> DropRecord:
+        drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
+        return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
         """Of the trigger, from when the last samples came."""

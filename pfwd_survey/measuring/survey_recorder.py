@@ -84,6 +84,11 @@ class SurveyRecorder:
         held = [record for record in self._held if record.metadata.get("key") == key]
         return f"{held[0].point}/{held[0].drop.number}" if held else None
 
+    def is_safe(self, record: DropRecord) -> bool:
+        """Whether the same samples are on the disk already."""
+        key = record.metadata.get("key")
+        return isinstance(key, str) and self.writer.find_key(key) is not None
+
     def keep(self, record: DropRecord) -> None:
         """Save a drop, or hold it."""
         self._held.append(record)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pfwd_device.identity import FASTEST_SAMPLING
-from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, VERSION
+from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, OLDEST_VERSION
 from pfwd_device.wire.messages import (
     Configure,
     Event,
@@ -165,10 +165,11 @@ class PortlessInstrument:
     def _answer(self, message: HostMessage | None) -> None:
         match message:
             case Hello():
-                if message.oldest_version <= VERSION <= message.newest_version:
+                if message.oldest_version <= OLDEST_VERSION <= message.newest_version:
                     self._send(self.scenario.device.identity(self._rate))
                 else:
-                    self._refuse(RefusalCode.VERSION, f"this instrument speaks version {VERSION}")
+                    speaks = f"this instrument speaks version {OLDEST_VERSION}"
+                    self._refuse(RefusalCode.VERSION, speaks)
             case Configure():
                 self._configure(message.sampling_rate)
             case Start():

@@ -109,6 +109,7 @@ class ScriptedFeed:
         self.live = live
         self.lost_since: float | None = None
         self.shunts: list[bool] = []
+        self.acknowledged: list[tuple[int, int]] = []
         self.closed = False
         self.hushed = 0
         self._forever = forever
@@ -128,6 +129,12 @@ class ScriptedFeed:
 
     def shunt(self, on: bool) -> None:
         self.shunts.append(on)
+
+    def acknowledge(self, stream: int, first_sample: int) -> None:
+        self.acknowledged.append((stream, first_sample))
+
+    def settle(self) -> None:
+        pass
 
     def counters(self) -> dict[str, float | None]:
         return {"samples_lost": 3, "drift_ppm": None}

@@ -109,6 +109,20 @@ IDENTITY = (
     + CENTRE
 )
 ROWS = [[0, -1], [1000, -70000], [8388607, -8388608]]
+NAME = u(0x1234ABCD, 4) + u(300, 8)
+TRIGGER = u(1, 1) + u(0, 1) + u(2622, 4) + u(3, 2) + u(200, 4) + u(1000, 4) + u(15000, 4)
+KEPT = b"".join(u(value, 3) for row in ROWS for value in row)
+OFFER = (
+    NAME
+    + u(1_029_900, 8)
+    + u(1, 4)
+    + u(3, 4)
+    + u(2, 1)
+    + u(0, 1)
+    + u(40, 2)
+    + u(crc32(KEPT), 4)
+    + f64(10_000.0)
+)
 EXAMPLES = {
     "Hello": (0x01, 0, b"PFWD" + u(1, 1) + u(1, 1)),
     "Configure": (0x02, 1, f64(20_000.0)),
@@ -120,6 +134,25 @@ EXAMPLES = {
     "Status": (0x83, 2, u(1_500_000, 8) + f32(12.5) + f32(-3.25) + u(7, 8) + u(1, 1)),
     "Event": (0x84, 3, u(2, 2) + u(1_600_000, 8) + txt("button")),
     "Refusal": (0x85, 4, u(3, 2) + txt("sampling rate up to 10000 Hz")),
+    "Arm": (0x06, 5, TRIGGER),
+    "Fetch": (0x07, 6, NAME + u(7, 2) + u(1, 2)),
+    "Acknowledge": (0x08, 7, NAME),
+    "Resend": (0x09, 8, NAME + u(50, 4)),
+    "IdentityOfVersion2": (
+        0x81,
+        5,
+        u(2, 1) + IDENTITY[1:] + u(20_000, 4) + u(4000, 4) + u(4, 2) + u(3, 1),
+    ),
+    "StatusOfVersion2": (
+        0x83,
+        6,
+        u(1_500_000, 8) + f32(12.5) + f32(-3.25) + u(7, 8) + u(1, 1) + u(2, 2) + u(1, 4),
+    ),
+    "Armed": (0x86, 7, TRIGGER),
+    "Offer": (0x87, 8, OFFER),
+    "Block": (0x88, 9, NAME + u(0, 2) + KEPT),
+    "Released": (0x89, 10, NAME),
+    "Gone": (0x8A, 11, NAME + u(50, 4)),
 }
 """Type, counter and payload of the frames that the document shows."""
 

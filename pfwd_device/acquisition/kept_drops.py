@@ -1,0 +1,231 @@
+"""Drops that the instrument finds itself: fetched block by block, given back when they are safe.
+
+Free of ports, threads and clocks. What is to be said to the instrument lies in `outbox`; who holds
+no link to it (a replay of recorded bytes) leaves it there.
+"""
+
+import datetime
+import zlib
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.wire.fields import unpack_int24
+from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
+    DropBlock,
+    DropOffer,
+    Fetch,
+    HostMessage,
+    Refusal,
+    RefusalCode,
+    Released,
+    Trigger,
+)
+
+Name = tuple[int, int]
+"""Of a drop: number of the run of the sampler, index of the first sample."""
+
+FETCH_AGAIN = 0.4
+"""s without a block after which the missing ones are asked for again: twice the longest way through
+a Bluetooth adapter and back."""
+ARM_AGAIN = 1.0
+"""s; so soon an instrument answers."""
+ACKNOWLEDGE_AGAIN = 0.3
+"""s; until the instrument says that it has let go of the drop."""
+_SAFE_KEPT = 1024
+"""Names of drops that are safe; one that is offered again is given back again."""
+_MOST_COMING = 64
+"""Drops that have been begun; an instrument offers them one by one."""
+
+
+@dataclass(slots=True)
+class _Coming:
+    """A drop of which blocks have come."""
+
+    offer: DropOffer
+    blocks: dict[int, bytes] = field(default_factory=dict)
+    until: int = 0
+    """Before this block ends what was asked for last."""
+    progress: float | None = None
+    """When the last block came or was asked for, s; None: nothing is asked for now."""
+
+
+class KeptDrops:
+    """The host's part in the drops that an instrument keeps.
+
+    Parameters
+    ----------
+    counters : Counters
+    """
+
+    def __init__(self, counters: Counters) -> None:
+        self.outbox: list[HostMessage] = []
+        """What is to be said now; the driver takes it."""
+        self._counters = counters
+        self._coming: OrderedDict[Name, _Coming] = OrderedDict()
+        self._handed: set[Name] = set()
+        self._safe: OrderedDict[Name, float | None] = OrderedDict()
+        """When it was acknowledged last, s; None: the instrument has let go of it."""
+        self._trigger: Trigger | None = None
+        self._arm_at: float | None = None
+
+    @property
+    def due(self) -> float | None:
+        """Monotonic time of the next `tick`, s; None: nothing is waited for."""
+        times = [self._arm_at] if self._arm_at is not None else []
+        times += [
+            coming.progress + FETCH_AGAIN
+            for coming in self._coming.values()
+            if coming.progress is not None
+        ]
+        times += [at + ACKNOWLEDGE_AGAIN for at in self._safe.values() if at is not None]
+        return min(times, default=None)
+
+    @property
+    def unreleased(self) -> int:
+        """Drops that were acknowledged and that the instrument may still keep."""
+        return sum(at is not None for at in self._safe.values())
+
+    def arm(self, trigger: Trigger | None, now: float) -> None:
+        """Have the instrument look for drops so; None: not at all."""
+        self._trigger, self._arm_at = trigger, None if trigger is None else now
+        self.tick(now)
+
+    def cut(self) -> None:
+        """The link was cut; what has come of a drop stays, the rest is fetched afterwards."""
+        self.outbox.clear()
+        self._trigger, self._arm_at = None, None
+        for coming in self._coming.values():
+            coming.progress = None
+        for name, at in self._safe.items():
+            if at is not None:
+                self._safe[name] = None  # it is offered again if it is kept still
+
+    def acknowledge(self, stream: int, first_sample: int, now: float) -> None:
+        """The drop of this name is safe: the instrument need not keep it any more."""
+        name = stream, first_sample
+        self._handed.discard(name)
+        self._safe[name] = now
+        self._safe.move_to_end(name)
+        while len(self._safe) > _SAFE_KEPT:
+            self._safe.popitem(last=False)
+        self.outbox.append(Acknowledge(*name))
+
+    def take(
+        self,
+        message: Armed | DropOffer | DropBlock | Released | Refusal,
+        now: float,
+        clock: tuple[int, datetime.datetime] | None,
+    ) -> KeptDrop | None:
+        """Take in what the instrument says; a drop when it is complete.
+
+        Parameters
+        ----------
+        message
+        now : float, s
+        clock : (int, datetime) or None
+            A time by the instrument's clock (microseconds) and by the host's.
+        """
+        match message:
+            case Armed():
+                self._arm_at = None
+            case Refusal(code=RefusalCode.UNKNOWN | RefusalCode.ARGUMENT):
+                self._arm_at = None  # it would refuse again; who listens is told by the refusal
+            case DropOffer():
+                self._take_offer(message, now)
+            case DropBlock():
+                return self._take_block(message, now, clock)
+            case Released(stream, first):
+                if (stream, first) in self._safe:
+                    self._safe[stream, first] = None
+        return None
+
+    def tick(self, now: float) -> None:
+        """Ask again for what did not come."""
+        if self._arm_at is not None and self._trigger is not None and now >= self._arm_at:
+            self.outbox.append(Arm(self._trigger))
+            self._arm_at = now + ARM_AGAIN
+        for name, coming in self._coming.items():
+            if coming.progress is not None and now >= coming.progress + FETCH_AGAIN:
+                self._fetch(name, coming, now)
+        for name, at in self._safe.items():
+            if at is not None and now >= at + ACKNOWLEDGE_AGAIN:
+                self._safe[name] = now
+                self.outbox.append(Acknowledge(*name))
+
+    def _take_offer(self, offer: DropOffer, now: float) -> None:
+        name = offer.stream, offer.first_sample
+        if name in self._safe:
+            self.acknowledge(*name, now)  # the first one did not arrive
+            return
+        if name in self._handed:
+            return
+        coming = self._coming.get(name)
+        if coming is None or coming.offer.crc != offer.crc:
+            coming = self._coming[name] = _Coming(offer)
+            while len(self._coming) > _MOST_COMING:
+                self._coming.popitem(last=False)
+        if coming.progress is None:
+            self._fetch(name, coming, now)
+
+    def _take_block(
+        self, block: DropBlock, now: float, clock: tuple[int, datetime.datetime] | None
+    ) -> KeptDrop | None:
+        name = block.stream, block.first_sample
+        coming = self._coming.get(name)
+        if coming is None:
+            self._counters.blocks_refused += name not in self._handed and name not in self._safe
+            return None
+        offer = coming.offer
+        if len(block.data) != _length(offer, block.number):
+            self._counters.blocks_refused += 1
+            return None
+        coming.blocks[block.number] = block.data
+        coming.progress = now
+        if len(coming.blocks) < offer.blocks:
+            if block.number + 1 >= coming.until:
+                self._fetch(name, coming, now)
+            return None
+        data = b"".join(coming.blocks[number] for number in range(offer.blocks))
+        if zlib.crc32(data) != offer.crc:
+            # Each block was right and the whole is not: none of them can be believed.
+            self._counters.blocks_refused += offer.blocks
+            coming.blocks.clear()
+            self._fetch(name, coming, now)
+            return None
+        del self._coming[name]
+        self._handed.add(name)
+        self._counters.drops_kept += 1
+        counts = unpack_int24(data).reshape(offer.samples, offer.channels)
+        return KeptDrop(offer, counts, _time_of(offer, clock), now)
+
+    def _fetch(self, name: Name, coming: _Coming, now: float) -> None:
+        """Ask for the first row of blocks that are missing."""
+        missing = [number for number in range(coming.offer.blocks) if number not in coming.blocks]
+        first = missing[0]
+        count = next(
+            (at for at, number in enumerate(missing) if number != first + at), len(missing)
+        )
+        coming.until, coming.progress = first + count, now
+        self.outbox.append(Fetch(*name, first, count))
+
+
+def _length(offer: DropOffer, number: int) -> int:
+    """Bytes of a block, 0 when there is none of this number."""
+    left = offer.samples - number * offer.block_samples
+    return 3 * offer.channels * max(0, min(offer.block_samples, left))
+
+
+def _time_of(
+    offer: DropOffer, clock: tuple[int, datetime.datetime] | None
+) -> datetime.datetime | None:
+    if clock is None or offer.clock_us is None or offer.earlier:
+        return None
+    try:
+        return clock[1] - datetime.timedelta(microseconds=clock[0] - offer.clock_us)
+    except OverflowError:
+        return None

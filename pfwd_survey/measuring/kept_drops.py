@@ -1,0 +1,103 @@
+"""Drops that the instrument finds itself: how it is told to, and what becomes of them here."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop
+from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.calibration import counts_per_unit, load_channel
+from pfwd_device.identity import Identity
+from pfwd_device.wire.messages import Trigger
+
+_FEWEST_AT_REST = 8
+"""Samples before the trigger from which the load at rest is known."""
+_SHORTEST = 1e-9
+"""s; stands for no time before the trigger, which settings cannot say."""
+
+
+def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
+    """How the instrument is to find drops, by the detection that was set up.
+
+    Parameters
+    ----------
+    identity : Identity
+        With what the setup file says.
+    settings : DetectionSettings
+
+    Raises
+    ------
+    SetupError
+        If it has no load cell.
+    """
+    channel = load_channel(identity)
+    rate = identity.sampling_rate
+    per_newton = abs(counts_per_unit(identity.channels[channel], identity))
+    highest = 1 << (identity.adc_bits - 1)
+    return Trigger(
+        on=True,
+        channel=channel,
+        threshold=min(highest - 1, max(1, math.ceil(settings.threshold * per_newton))),
+        confirm=max(2, round(settings.confirm * rate)),
+        before=round(settings.pre_trigger * rate),
+        after=max(1, round(settings.post_trigger * rate)),
+        hold_off=round(settings.rebound_window * rate),
+    )
+
+
+def raw_drop_of(item: KeptDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
+    """The drop as the detection here would have found it.
+
+    Parameters
+    ----------
+    item : KeptDrop
+    trigger : Trigger or None
+        How the instrument looks for drops now.
+    identity : Identity
+        Of the time when it fell.
+    """
+    offer, counts = item.offer, item.counts
+    load = counts[:, load_channel(identity)]
+    before = load[: offer.trigger]
+    at_rest = AtRest(0.0, 0.0)
+    if len(before) >= _FEWEST_AT_REST:
+        steps = np.diff(before.astype(float))
+        noise = math.sqrt(float(steps @ steps) / (2 * len(steps)))
+        at_rest = AtRest(float(np.median(before)), noise)
+    full = 1 << (identity.adc_bits - 1)
+    over = (counts >= full - 1) | (counts <= -full)
+    return RawDrop(
+        stream=offer.stream,
+        first=offer.first_sample,
+        trigger=offer.trigger,
+        counts=counts,
+        missing=(),
+        at_rest=at_rest,
+        threshold=0.0 if offer.by_operator or trigger is None else float(trigger.threshold),
+        by_operator=offer.by_operator,
+        cut_off=None,
+        saturated=tuple(
+            (channel, int(count)) for channel, count in enumerate(over.sum(axis=0)) if count
+        ),
+    )
+
+
+def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSettings:
+    """The detection with the times that this drop was kept for, so that a replay cuts it alike."""
+    rate, offer = item.offer.sampling_rate, item.offer
+    return replace(
+        settings,
+        pre_trigger=max(_SHORTEST, offer.trigger / rate),
+        post_trigger=max(1, offer.samples - offer.trigger) / rate,
+    )
+
+
+def marks_of_kept(item: KeptDrop) -> list[str]:
+    """What is odd about it, beside what is odd about any record."""
+    marks = []
+    if item.offer.shunt:
+        marks.append("the calibration shunt was on")
+    if item.offer.earlier:
+        marks.append("kept by the instrument over a reset: its time is that of its arrival")
+    return marks

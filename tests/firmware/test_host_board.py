@@ -1,0 +1,123 @@
+"""The compiled core as an instrument: what is put into it is recorded, bit for bit."""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd_device.acquisition.detection import DetectionSettings
+from pfwd_device.acquisition.driver import Driver
+from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.recording import read_survey
+from pfwd_device.transport.opening import open_transport
+from pfwd_device.wire.binary import BinaryDialect
+from pfwd_device.wire.messages import Arm, Hello
+from pfwd_survey.measuring.events import DropSaved, SessionEvent
+from pfwd_survey.measuring.kept_drops import trigger_for
+from pfwd_survey.measuring.measure import measure, replay
+from pfwd_survey.measuring.session import Ending, SessionPlan
+from simulators.firmware import (
+    BoardOptions,
+    FirmwareError,
+    HostBoard,
+    Played,
+    build_host,
+    play_scenario,
+)
+from tests.firmware.compiled import needs_compiler
+
+pytestmark = [needs_compiler, pytest.mark.timeout(60)]
+QUICK = {"drops": {"first": 0.6, "interval": 2.0, "quiet": 0.5, "bounces": [0, 0]}}
+
+
+@pytest.fixture(scope="module")
+def played() -> Played:
+    return play_scenario(QUICK, drops=2, seed=3)
+
+
+def measured(board: HostBoard, folder: Path, drops: int = 2) -> list[SessionEvent]:
+    events: list[SessionEvent] = []
+    assert measure(board.url, folder, events.append, SessionPlan(drops=drops)) is Ending.DONE
+    return events
+
+
+def assert_recorded_bit_for_bit(folder: Path, played: Played) -> None:
+    for drop in read_survey(folder).drops:
+        record = drop.read()
+        assert record.counts is not None
+        found = record.metadata["detection"]
+        assert record.metadata["missing"] == []
+        first = found["first_sample"]
+        put_in = played.counts[first : first + len(record.counts)]
+        np.testing.assert_array_equal(record.counts, put_in)
+        touch = played.truth[drop.number - 1]["touch_sample"]
+        assert 0 <= first + found["trigger"] - touch < 30  # the load takes 3 ms to the threshold
+
+
+@pytest.mark.parametrize("streams", [True, False], ids=["streaming", "buffered"])
+def test_drops_are_recorded_bit_for_bit(tmp_path: Path, played: Played, streams: bool) -> None:
+    with HostBoard(played, BoardOptions(streams=streams, speed=4.0)) as board:
+        measured(board, tmp_path / "survey")
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+
+
+def test_an_instrument_that_only_streams_is_recorded_bit_for_bit(
+    tmp_path: Path, played: Played
+) -> None:
+    with HostBoard(played, BoardOptions(drop_samples=0, speed=4.0)) as board:
+        measured(board, tmp_path / "survey")
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+
+
+@pytest.mark.posix
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_it_is_found_at_a_pseudo_terminal(tmp_path: Path, played: Played) -> None:
+    with HostBoard(played, BoardOptions(listen="pty", speed=4.0)) as board:
+        assert board.url.startswith("/dev/")
+        measured(board, tmp_path / "survey", drops=1)
+
+
+def test_a_drop_that_the_instrument_found_is_found_again_in_a_replay(
+    tmp_path: Path, played: Played
+) -> None:
+    with HostBoard(played, BoardOptions(streams=False, speed=4.0)) as board:
+        measured(board, tmp_path / "survey")
+    events: list[SessionEvent] = []
+    replay(tmp_path / "survey", events.append)
+    saved = [event for event in events if isinstance(event, DropSaved)]
+    assert [event.identical for event in saved] == [True, True]
+
+
+def test_drops_that_wait_outlast_the_host_and_the_instrument(
+    tmp_path: Path, played: Played
+) -> None:
+    store, log = tmp_path / "store", tmp_path / "log"
+    options = BoardOptions(streams=False, speed=4.0, store=store, log=log)
+    trigger = trigger_for(played.identity, DetectionSettings(rebound_window=0.5))
+    with HostBoard(played, options) as board:
+        transport, dialect = open_transport(board.url), BinaryDialect()
+        transport.write(dialect.encode(Hello()) + dialect.encode(Arm(trigger)))
+        end = time.monotonic() + 20
+        while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
+            time.sleep(0.02)
+        transport.close()  # a host that is killed says no more
+        board.kill()
+    options = replace(options, begin=len(played.counts) - 1)
+    with HostBoard(played, options) as board:
+        events = measured(board, tmp_path / "survey")
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+    saved = [event for event in events if isinstance(event, DropSaved)]
+    assert [event.marks for event in saved] == [
+        ("kept by the instrument over a reset: its time is that of its arrival",)
+    ] * 2
+    with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:
+        items = [driver.next(0.5) for _ in range(4)]
+    assert not [item for item in items if isinstance(item, KeptDrop)]  # it has let go of them
+
+
+def test_what_does_not_compile_says_so() -> None:
+    with pytest.raises(FirmwareError, match=r"expected it to compile, came .*error"):
+        build_host("-DPFWD_FAULT=(")
