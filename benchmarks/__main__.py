@@ -15,6 +15,8 @@ PARTS = {
     "scale": "every command on 2,500 and on 10,000 drops (ten minutes; --short)",
     "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short; --below)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
+    "wire": "cables pulled, instruments killed, bytes damaged, 115200 baud (half an hour; --short)",
+    "firmware": "sizes of the instrument's core on a Cortex-M3",
     "archive": "an archive inverted anew, its cost and its safety (six minutes; --short)",
     "devices": "ten grounds under ten unlike devices (some minutes; --short)",
     "loop": "the diagnosis on a blind campaign of drops with undeclared effects (half an hour)",

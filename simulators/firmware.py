@@ -17,9 +17,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -45,6 +45,8 @@ LONGEST_STOP = 5.0
 """s."""
 DROP_SAMPLES = 4000
 """Of the longest drop that the host board keeps."""
+MOST_DROPS = 60
+"""Drops that are played when nobody says how many: five minutes."""
 _HEAD = struct.Struct("<8sII")
 _MAGIC = b"PFWDPLAY"
 
@@ -394,16 +396,30 @@ class HostBoard:
         self.close()
 
 
-@contextmanager
 def serve_firmware(
     scenario: str | Path | Mapping[str, Any] = "default",
     *,
-    drops: int = 6,
+    drops: int | None = None,
     seed: int = 0,
     rate: float = 1.0,
     listen: str = "tcp://127.0.0.1:0",
-) -> Iterator[HostBoard]:
+) -> HostBoard:
     """The compiled core that plays the drops of a scenario; open its `url`.
+
+    Parameters
+    ----------
+    scenario : as for `simulators.instrument.serve`
+    drops : int or None
+        None: `MOST_DROPS`.
+    seed : int
+    rate : float
+        Times real time, > 0.
+    listen : str
+
+    Raises
+    ------
+    FirmwareError
+        If it cannot be compiled, or what is asked for cannot be played.
 
     Examples
     --------
@@ -412,6 +428,21 @@ def serve_firmware(
     """
     if not (math.isfinite(rate) and rate > 0):
         raise FirmwareError(f"firmware: rate: expected a number > 0, came {rate:g}")
-    played = play_scenario(scenario, drops=drops, seed=seed)
-    with HostBoard(played, BoardOptions(listen=listen, speed=rate)) as board:
-        yield board
+    loaded = load_scenario(scenario)
+    if loaded.link.dialect != "pfwd" or loaded.faults:
+        raise FirmwareError(
+            f"firmware: scenario {loaded.name}: expected one without faults in the binary "
+            "protocol, which is all that the core plays; leave --firmware out for this one"
+        )
+    played = play_scenario(loaded, drops=drops or MOST_DROPS, seed=seed)
+    named = replace(played.identity, model="PFWD core, host board", firmware=core_version())
+    options = BoardOptions(listen=listen, speed=rate)
+    return HostBoard(replace(played, identity=named), options)
+
+
+def core_version() -> str:
+    """Version of the core's sources: the beginning of their digest."""
+    digest = hashlib.sha256()
+    for path in core_sources():
+        digest.update(path.read_bytes())
+    return f"core {digest.hexdigest()[:8]}"

@@ -97,6 +97,12 @@ def _add_demo(commands: "Commands") -> None:
         metavar="X",
         help="times real time, in which a drop falls every 5 s (default: 3; on the screen 1)",
     )
+    demo.add_argument(
+        "--firmware",
+        action="store_true",
+        help="the instrument's core in C, compiled here, plays the drops (needs a C compiler, or "
+        "pip install 'pfwd[firmware]')",
+    )
     demo.add_argument("--json", action="store_true", help="one JSON object a line")
     demo.add_argument("--lines", action="store_true", help="lines on a terminal too, no screen")
     _add_plot(demo)

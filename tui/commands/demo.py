@@ -10,7 +10,8 @@ from typing import Any
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.session import SessionPlan
-from simulators.instrument import serve
+from simulators.firmware import HostBoard, serve_firmware
+from simulators.instrument import SimulatedInstrument, serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
 from tui.log_file import close_log, open_log
@@ -33,14 +34,18 @@ def run(args: argparse.Namespace) -> int:
     drops = args.drops or DROPS
     rate = RATE if args.rate is None else args.rate
     try:
-        instrument = serve(args.scenario, drops=drops, seed=args.seed, rate=rate)
+        start = serve_firmware if args.firmware else serve
+        instrument: SimulatedInstrument | HostBoard = start(
+            args.scenario, drops=drops, seed=args.seed, rate=rate
+        )
     except SimulationError as err:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
     plan = SessionPlan(drops=drops, options=AnalysisOptions(seed=args.seed))
     with instrument:
-        say(f"simulated instrument at {instrument.url}")
+        what = "compiled core playing simulated drops" if args.firmware else "simulated instrument"
+        say(f"{what} at {instrument.url}")
         handler = open_log(folder)
         try:
             ending = measure(instrument.url, folder, lines.tell, plan, control=stopped_by_signals)
@@ -72,6 +77,7 @@ def _on_screen(args: argparse.Namespace) -> int:
         drops=args.drops,
         seed=args.seed,
         rate=1.0 if args.rate is None else args.rate,
+        firmware=args.firmware,
     )
     status = show(source, "demo", moduli=found)
     say(f"recorded into {source.survey}")

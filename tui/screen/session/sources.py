@@ -86,6 +86,8 @@ class DemoSource:
     seed : int
     rate : float
         Times real time.
+    firmware : bool
+        The compiled core of an instrument plays the drops.
     """
 
     writes = True
@@ -100,7 +102,9 @@ class DemoSource:
         drops: int | None = None,
         seed: int = 0,
         rate: float = 1.0,
+        firmware: bool = False,
     ) -> None:
+        self._firmware = firmware
         self.survey: Path | None = survey or Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
         self.plan, self.url = plan, ""
         self.title = "demo"
@@ -116,10 +120,12 @@ class DemoSource:
 
     def run(self, listener: Listener, control: Control) -> Ending:
         """Start the instrument if it does not run, and measure with it."""
+        from simulators.firmware import serve_firmware
         from simulators.instrument import serve
 
         if self._instrument is None:
-            self._instrument = serve(**self._settings)
+            start = serve_firmware if self._firmware else serve
+            self._instrument = start(**self._settings)
             self.url = self._instrument.url
         assert self.survey is not None
         return measure(self.url, self.survey, listener, self.plan, control=control)

@@ -1,0 +1,56 @@
+"""Sizes of the instrument's core on a Cortex-M3, as the figures of docs/build-an-instrument.md."""
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.output import Reporter
+from simulators.emulated import build_emulated, section_sizes
+from simulators.firmware import FirmwareError, Played, play_scenario
+
+MOST_CODE, MOST_MEMORY = 24 * 1024, 16 * 1024
+"""Bytes on a Cortex-M3, beside the ring."""
+
+
+def run(arguments: list[str]) -> int:
+    """Compile for a Cortex-M3 and tell what takes how much; 1 when it is too much, 2 without zig."""
+    parser = argparse.ArgumentParser(prog="pfwd bench firmware")
+    parser.add_argument("--json", action="store_true")
+    parser.parse_args(arguments)
+    reporter = Reporter(arguments)
+    reporter.title("core and emulated board on a Cortex-M3, bytes")
+    try:
+        sizes = _sizes()
+    except FirmwareError as err:
+        print(err)
+        return 2
+    code = sizes[".text"] + sizes.get(".ARM.exidx", 0)
+    memory = sizes[".bss"] + sizes.get(".data", 0)
+    ring = sizes[".ring"]
+    for channels in (2, 4, 8):
+        samples = ring // 2 // (3 * channels)
+        slots = (ring // 2 - 64) // (64 + 3 * channels * 1200)
+        reporter.record(
+            channels=channels, ring_samples=samples, drops_of_1200_samples=min(slots, 16)
+        )
+    reporter.record(
+        code=code,
+        code_limit=MOST_CODE,
+        memory=memory,
+        stack=sizes[".stack"],
+        memory_limit=MOST_MEMORY,
+        ring=ring,
+    )
+    return 0 if code <= MOST_CODE and memory + sizes[".stack"] <= MOST_MEMORY else 1
+
+
+def _sizes() -> dict[str, int]:
+    played: Played = play_scenario(drops=1)
+    short = replace(played, counts=np.ascontiguousarray(played.counts[:10]))
+    with tempfile.TemporaryDirectory() as work:
+        image = Path(work) / "board.elf"
+        build_emulated(short, image)
+        return section_sizes(image)

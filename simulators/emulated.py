@@ -1,0 +1,257 @@
+"""The instrument's core on an emulated Cortex-M3: cross-compiled by zig, run by QEMU."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from pfwd_device.identity import Identity
+from pfwd_device.wire.fields import day
+from simulators.firmware import (
+    LONGEST_START,
+    LONGEST_STOP,
+    STRICT,
+    FirmwareError,
+    Played,
+    core_sources,
+    firmware_folder,
+    run_compiler,
+    zig_command,
+)
+
+TARGET = ("-target", "thumb-freestanding-eabi", "-mcpu=cortex_m3")
+MACHINE = "mps2-an385"
+_QUIET = ("-display", "none", "-monitor", "none")
+EMULATOR = "qemu-system-arm"
+DROP_SAMPLES = 1200
+"""Of the longest drop that it keeps: 0.12 s at 10 kHz, three of them in half of 48 kB."""
+
+
+def emulator() -> str | None:
+    """The command of QEMU; None: it is not installed."""
+    return shutil.which(EMULATOR)
+
+
+def cross_compile(
+    sources: Sequence[Path], image: Path, linked: Path | None, *flags: str, target: Sequence[str]
+) -> None:
+    """Compile for bare metal; without a linker script to one object that is linked no further.
+
+    Raises
+    ------
+    FirmwareError
+        If zig is missing or refuses.
+    """
+    compiler = zig_command("cc")
+    if compiler is None:
+        raise FirmwareError(
+            "firmware: expected zig, which compiles for other processors, came none; "
+            "`pip install ziglang` brings it (400 MB)"
+        )
+    common = [*STRICT, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
+    common += ["-fdata-sections", "-fno-builtin"]
+    script = ["-T", str(linked), "-Wl,--gc-sections"] if linked is not None else ["-r"]
+    run_compiler(
+        [
+            *compiler,
+            *target,
+            *common,
+            *flags,
+            *map(str, sources),
+            *script,
+            "-o",
+            str(image),
+        ]
+    )
+
+
+def build_emulated(played: Played, image: Path, *flags: str) -> None:
+    """The image of the emulated board with these samples in it.
+
+    Parameters
+    ----------
+    played : Played
+    image : path
+        Of the ELF file that is written.
+
+    Raises
+    ------
+    FirmwareError
+    """
+    folder = firmware_folder() / "mps2"
+    with tempfile.TemporaryDirectory(prefix="pfwd-image-") as work:
+        place = Path(work)
+        (place / "table.h").write_text(_HEADER, encoding="utf-8")
+        (place / "table.c").write_text(table_text(played), encoding="utf-8")
+        sources = [folder / "start.c", folder / "board.c", place / "table.c", *core_sources()]
+        include = [f"-I{place}", f"-I{folder.parent / 'core'}"]
+        cross_compile(sources, image, folder / "link.ld", *include, *flags, target=TARGET)
+
+
+_HEADER = """/* Written by simulators/emulated.py. */
+#ifndef TABLE_H
+#define TABLE_H
+#include "pfwd.h"
+extern const uint32_t table_sets;
+extern const int32_t table[];
+extern const pfwd_identity table_identity;
+#define TABLE_SETS table_sets
+#define TABLE_CHANNELS table_identity.channels
+#endif
+"""
+
+
+def table_text(played: Played, drop_samples: int = DROP_SAMPLES) -> str:
+    """Samples and identity as C."""
+    identity, counts = played.identity, played.counts
+    shunts = [
+        (number, channel.sensitivity * channel.shunt / identity.volts_per_count)
+        for number, channel in enumerate(identity.channels)
+        if channel.shunt is not None
+    ]
+    shunt_channel, shunt_counts = shunts[0] if shunts else (0, 0.0)
+    values = np.array2string(
+        counts.reshape(-1), separator=",", threshold=counts.size + 1, max_line_width=100
+    )[1:-1]
+    return f"""/* Written by simulators/emulated.py. */
+#include "table.h"
+const uint32_t table_sets = {len(counts)}u;
+__attribute__((section(".table"))) const int32_t table[] = {{
+{values}
+}};
+static const pfwd_channel channels[] = {{
+{_channels(identity)}}};
+static const uint32_t rates[] = {{{identity.sampling_rate:.0f}u}};
+const pfwd_identity table_identity = {{
+    .serial_number = {_text(identity.serial_number)},
+    .model = {_text(identity.model)},
+    .firmware = {_text(identity.firmware)},
+    .adc_bits = {identity.adc_bits},
+    .adc_range = {identity.adc_range!r},
+    .plate_radius = {_said(identity.plate_radius)},
+    .plate_mass = {_said(identity.plate_mass)},
+    .centre_seat = {int(identity.centre_sensor == "ground")},
+    .channels = {len(identity.channels)},
+    .channel = channels,
+    .rates = rates,
+    .rate_count = 1,
+    .shunt_channel = {shunt_channel},
+    .shunt_counts = {round(shunt_counts)},
+    .streams = true,
+    .drop_samples = {drop_samples},
+}};
+"""
+
+
+def _channels(identity: Identity) -> str:
+    roles = ("unused", "load", "geophone", "displacement")
+    lines = [
+        f"    {{{_text(each.name)}, {roles.index(each.role.value)}, {each.offset!r}, "
+        f"{each.sensitivity!r}, {each.zero!r}, {_said(each.natural_frequency)}, "
+        f"{_said(each.damping)}, {_said(each.shunt)}, {day(each.calibrated)}u, {day(each.due)}u}},"
+        for each in identity.channels
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    safe = "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in value)
+    return '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _said(value: float | None) -> str:
+    return "PFWD_NOT_SAID" if value is None else repr(value)
+
+
+def section_sizes(image: Path) -> dict[str, int]:
+    """Bytes of the sections of a 32-bit ELF file that take room in the processor's memory."""
+    data = image.read_bytes()
+    if data[:6] != b"\x7fELF\x01\x01":
+        raise FirmwareError(f"{image}: expected a 32-bit ELF file, came something else")
+    (offset,) = struct.unpack_from("<I", data, 32)
+    size, count, names = struct.unpack_from("<HHH", data, 46)
+    headers = [struct.unpack_from("<IIIIII", data, offset + k * size) for k in range(count)]
+    start = headers[names][4]
+    sizes: dict[str, int] = {}
+    for name, _, flags, _, _, length in headers:
+        if flags & 2:  # it takes room
+            end = data.index(b"\0", start + name)
+            text = data[start + name : end].decode()
+            sizes[text] = sizes.get(text, 0) + length
+    return sizes
+
+
+class EmulatedBoard:
+    """The emulated board, running; open its `url`.
+
+    Parameters
+    ----------
+    image : path of what `build_emulated` wrote
+
+    Raises
+    ------
+    FirmwareError
+        If QEMU is missing or does not start.
+    """
+
+    def __init__(self, image: Path) -> None:
+        program = emulator()
+        if program is None or sys.platform == "win32":
+            raise FirmwareError(
+                f"firmware: expected {EMULATOR}, came none; install QEMU (Debian: "
+                "qemu-system-arm); on Windows the emulated board is not run"
+            )
+        self._process = subprocess.Popen(
+            [program, "-M", MACHINE, "-kernel", str(image), *_QUIET, "-serial", "pty"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.url = self._place()
+
+    def _place(self) -> str:
+        assert self._process.stdout is not None
+        timer = threading.Timer(LONGEST_START, self._process.kill)
+        timer.start()
+        said = []
+        try:
+            for line in self._process.stdout:
+                said.append(line.strip())
+                if "redirected to" in line:
+                    return line.split("redirected to ")[1].split()[0]
+        finally:
+            timer.cancel()
+        self.close()
+        raise FirmwareError(f"{EMULATOR}: expected a serial port, came {' '.join(said) or 'none'}")
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(LONGEST_STOP)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def __enter__(self) -> EmulatedBoard:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,54 @@
+"""The core on an emulated Cortex-M3: `pfwd log` records drops bit for bit as put into it."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.recording import read_survey
+from simulators.emulated import EmulatedBoard, build_emulated, emulator, section_sizes
+from simulators.firmware import Played, play_scenario, zig_command
+from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
+from tests.tui.console import pfwd
+
+needs_zig = pytest.mark.skipif(zig_command() is None, reason="needs zig (pip install ziglang)")
+needs_qemu = pytest.mark.skipif(
+    emulator() is None or sys.platform == "win32", reason="needs qemu-system-arm and a terminal"
+)
+# Slow: zig takes 6 s; the same core runs as a process in the everyday tests.
+pytestmark = [needs_zig, pytest.mark.slow]
+
+MOST_CODE = 24 * 1024
+MOST_MEMORY = 16 * 1024
+"""Beside the ring, with all of the stack: what issue and docs promise of a Cortex-M3."""
+RING = 48 * 1024
+
+
+@pytest.fixture(scope="module")
+def played() -> Played:
+    return play_scenario(QUICK, drops=2, seed=3)
+
+
+@pytest.fixture(scope="module")
+def image(played: Played, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("image") / "board.elf"
+    build_emulated(played, path)
+    return path
+
+
+@needs_qemu
+@pytest.mark.posix
+def test_log_records_drops_bit_for_bit(tmp_path: Path, image: Path, played: Played) -> None:
+    with EmulatedBoard(image) as board:
+        done = pfwd("log", board.url, "-o", tmp_path / "survey", "--drops", 2, "--no-invert")
+    assert done.returncode == 0, done.stderr
+    assert len(read_survey(tmp_path / "survey").drops) == 2
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+
+
+def test_it_is_as_small_as_is_said(image: Path) -> None:
+    sizes = section_sizes(image)
+    assert sizes[".ring"] == RING
+    assert 4000 < sizes[".text"] + sizes[".ARM.exidx"] < MOST_CODE
+    memory = sizes[".bss"] + sizes[".stack"] + sizes.get(".data", 0)
+    assert 2000 < memory < MOST_MEMORY
