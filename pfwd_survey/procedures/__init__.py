@@ -34,7 +34,9 @@ marked ``verified = false``: it is shown, and not enforced unless the user says 
 """
 
 from pfwd_survey.procedures.judging import judge
+from pfwd_survey.procedures.plain import NO_PROCEDURE, PLAIN, plain_procedure
 from pfwd_survey.procedures.point import (
+    DiagnosedModulus,
     ExcludedDrop,
     Exclusion,
     Kind,
@@ -43,6 +45,7 @@ from pfwd_survey.procedures.point import (
     PointValue,
     StressDependence,
     Verdict,
+    unit_of,
 )
 from pfwd_survey.procedures.profile import Number, Procedure, Quantity, Target
 from pfwd_survey.procedures.reading import parse_procedure, read_procedure
@@ -50,6 +53,9 @@ from pfwd_survey.procedures.shipped import find_procedure, shipped_names, shippe
 from pfwd_survey.procedures.sorting import kind_of
 
 __all__ = [
+    "NO_PROCEDURE",
+    "PLAIN",
+    "DiagnosedModulus",
     "ExcludedDrop",
     "Exclusion",
     "Kind",
@@ -66,7 +72,9 @@ __all__ = [
     "judge",
     "kind_of",
     "parse_procedure",
+    "plain_procedure",
     "read_procedure",
     "shipped_names",
     "shipped_procedures",
+    "unit_of",
 ]

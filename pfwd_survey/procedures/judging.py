@@ -8,6 +8,7 @@ from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.procedures.instructing import next_step
 from pfwd_survey.procedures.moduli import mean, spread
 from pfwd_survey.procedures.point import (
+    DiagnosedModulus,
     Kind,
     PointDrop,
     PointProgress,
@@ -58,6 +59,8 @@ def judge(
     target: float | None = None,
     moisture: float | None = None,
     material: str | None = None,
+    diagnosed: DiagnosedModulus | None = None,
+    found_before: Sequence[str] = (),
 ) -> PointProgress:
     """What a procedure says of the drops of a point.
 
@@ -76,6 +79,11 @@ def judge(
         Chooses among the procedure's targets.
     material : str, optional
         The same.
+    diagnosed : DiagnosedModulus, optional
+        Counts in place of the fits' mean where the procedure judges the modulus of the inversion
+        and the diagnosis stands by it.
+    found_before : sequence of str
+        What is wrong with the point besides what the checks find; it is undecided then.
 
     Returns
     -------
@@ -91,9 +99,9 @@ def judge(
         raise OptionError(refusal("plate radius", "a number > 0, in m", f"{plate_radius:g}"))
     notes = _notes(procedure, plate_radius)
     sorted_drops = sort_drops(procedure, drops, notes)
-    value = value_of(procedure, sorted_drops.used, plate_radius, poisson_ratio, notes)
+    value = value_of(procedure, sorted_drops.used, plate_radius, poisson_ratio, notes, diagnosed)
     scatter = _scatter(sorted_drops.used)
-    faults = _point_faults(procedure, scatter, value, notes)
+    faults = [*found_before, *_point_faults(procedure, scatter, value, notes)]
     goal = _goal(procedure, target, moisture, material, notes)
     _note_s_over_v(procedure, scatter.s_over_v, notes)
     stress = stress_of(procedure, sorted_drops.usable, plate_radius, poisson_ratio)
@@ -181,7 +189,7 @@ def _goal(
     notes: list[str],
 ) -> _Goal:
     """The target of the point where it is of the quantity that is judged, or the procedure's."""
-    if given is not None and not _is_for(procedure, given):
+    if given is not None and not is_for(procedure, given):
         notes.append("the target is a modulus, the procedure judges a deflection: not compared")
         given = None
     if given is not None:
@@ -190,7 +198,7 @@ def _goal(
     return _Goal(None, "") if found is None else _Goal(found.value.value, found.value.source)
 
 
-def _is_for(procedure: Procedure, target: float) -> bool:
+def is_for(procedure: Procedure, target: float) -> bool:
     """Whether a target is of the quantity that is judged: moduli begin at 100 kPa, deflections
     end at a plate's radius."""
     return procedure.quantity is not Quantity.DEFLECTION or target < LARGEST_DEFLECTION

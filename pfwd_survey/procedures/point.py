@@ -86,6 +86,28 @@ class PointValue:
     pressure: float | None = None
     """Pa, in the formula: nominal for E_vd, measured for E_LWD."""
 
+    @property
+    def unit(self) -> str:
+        """SI unit of value and interval."""
+        return unit_of(self.quantity)
+
+
+def unit_of(quantity: Quantity) -> str:
+    """SI unit of what a procedure judges."""
+    return "m" if quantity is Quantity.DEFLECTION else "Pa"
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosedModulus:
+    """The modulus of a point after its residual was diagnosed."""
+
+    value: float
+    """Pa."""
+    interval: tuple[float, float] | None
+    """95 %, what is left unexplained included, Pa."""
+    corrected: bool
+    """Whether the diagnosis stands by it: only then is a point judged by it."""
+
 
 @dataclass(frozen=True, slots=True)
 class StressDependence:
@@ -168,6 +190,8 @@ class PointProgress:
     def as_dict(self) -> Mapping[str, Any]:
         """As JSON knows it; SI units."""
         known = {key: _plain(value) for key, value in asdict(self).items()}
+        if self.value is not None:
+            known["value"]["unit"] = self.value.unit
         return known | {"excluded": [[drop.number, drop.reason] for drop in self.excluded]}
 
 

@@ -1,5 +1,6 @@
 """The quantity of a procedure for a point, from the drops that are averaged."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -10,7 +11,12 @@ from pfwd_survey.procedures.moduli import (
     mean,
     stress_dependence,
 )
-from pfwd_survey.procedures.point import PointDrop, PointValue, StressDependence
+from pfwd_survey.procedures.point import (
+    DiagnosedModulus,
+    PointDrop,
+    PointValue,
+    StressDependence,
+)
 from pfwd_survey.procedures.profile import Procedure, Quantity
 
 ASSUMED_POISSON_RATIO = 0.35
@@ -27,10 +33,11 @@ def value_of(
     plate_radius: float,
     declared_ratio: float | None,
     notes: list[str],
+    diagnosed: DiagnosedModulus | None = None,
 ) -> PointValue | None:
     """The quantity that a procedure judges; None: the drops do not say it."""
     if procedure.quantity is Quantity.MODULUS:
-        return _inverted(used, plate_radius, notes)
+        return _with_diagnosis(_inverted(used, plate_radius, notes), diagnosed, notes)
     moved = [drop for drop in used if drop.peak_deflection]
     deflections, loads = known(moved, "peak_deflection"), known(moved, "peak_load")
     if not deflections:
@@ -148,6 +155,22 @@ def _inverted(
         mean(loads) if loads else None,
         plate_radius=plate_radius,
     )
+
+
+def _with_diagnosis(
+    value: PointValue | None, diagnosed: DiagnosedModulus | None, notes: list[str]
+) -> PointValue | None:
+    """The diagnosed modulus where the diagnosis stands by it, else that of the fits."""
+    if value is None or diagnosed is None:
+        return value
+    if not diagnosed.corrected:
+        notes.append("the diagnosis does not explain the residual: the modulus is that of the fits")
+        return value
+    notes.append(
+        f"the modulus is the diagnosed one, {diagnosed.value / 1e6:.3g} MPa; that of the fits "
+        f"is {value.value / 1e6:.3g} MPa"
+    )
+    return dataclasses.replace(value, value=diagnosed.value, interval=diagnosed.interval)
 
 
 def _around(value: float, half: float | None) -> tuple[float, float] | None:

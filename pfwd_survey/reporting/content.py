@@ -10,17 +10,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.peaks.basin import Basin
 from pfwd_survey.peaks.stiffness import Stiffness
-from pfwd_survey.procedures import PointDrop, PointProgress, Procedure, Quantity
-
-NO_PROCEDURE = Procedure(
-    name="none",
-    title="",
-    source="",
-    about="",
-    quantity=Quantity.MODULUS,
-    average="modulus",
-)
-"""Every measured drop is averaged, and the modulus of the inversion is judged."""
+from pfwd_survey.procedures import PointDrop, PointProgress, Procedure
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -19,7 +19,6 @@ from inversion import (
 )
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import (
-    LAYERED_PLATE_MODELS,
     LayeredForwardModel,
     LayeredGround,
     LayeredGrounds,
@@ -37,85 +36,10 @@ from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.worker.tasks import Curves
 
-SAME = 1e-9
-"""Relative; a result rests on the declared values when it agrees with them to rounding."""
-
-
-_NEEDED = (
-    "modulus_pa",
-    "viscosity_pa_s",
-    "density_kg_m3",
-    "poisson_ratio",
-    "plate_radius_m",
-    "model",
-)
-_SHOWN = (
-    "modulus_interval_pa",
-    "warnings",
-    "modulus_sd_pa",
-    "viscosity_sd_pa_s",
-    "density_sd_kg_m3",
-    "bedrock_depth_m",
-    "bedrock_depth_sd_m",
-    "residual_rms_over_peak",
-    "peak_modulus_pa",
-    "peak_factor",
-    "contact_end_s",
-    "window_end_s",
-    "layers",
-)
-
-
-def is_sound(result: DropResult) -> bool:
-    """Whether a result that was kept, by whatever program, says what a report needs of it."""
-    depth = result.bedrock_depth_m
-    return (
-        all(
-            getattr(result, key) is not None
-            for key in _NEEDED
-            # Layers may leave the lowest one's modulus open; then they say what is known.
-            if key != "modulus_pa" or not result.layers
-        )
-        and layers_are_whole(result)
-        and not result.unreadable.intersection(_SHOWN)
-        and (depth is None or depth > 0)
-        and result.plate in LAYERED_PLATE_MODELS
-    )
-
-
-def layers_are_whole(result: DropResult) -> bool:
-    """Whether all layers that a result names can be computed with."""
-    layers = result.layers or ()
-    return all(
-        not layer.unreadable
-        and layer.modulus_pa is not None
-        and layer.viscosity_pa_s is not None
-        and layer.density_kg_m3 is not None
-        and layer.poisson_ratio is not None
-        and (layer.thickness_m is not None or layer is layers[-1])
-        for layer in layers
-    )
-
 
 def is_layered(result: DropResult) -> bool:
     """Whether the result's model is that of layered ground."""
     return len(result.layers or ()) > 1 or result.plate not in PLATE_MODELS
-
-
-def rests_on(result: DropResult, setup: PointSetup) -> bool:
-    """Whether a stored result was found with what is declared of the point now.
-
-    Parameters
-    ----------
-    result : DropResult
-    setup : PointSetup
-    """
-    pairs = [(result.plate_radius_m, setup.plate_radius)]
-    if setup.poisson_ratio is not None:
-        pairs.append((result.poisson_ratio, setup.poisson_ratio))
-    if setup.density is not None:
-        pairs.append((result.density_kg_m3, setup.density))
-    return all(said is not None and math.isclose(said, now, rel_tol=SAME) for said, now in pairs)
 
 
 def curves_of(

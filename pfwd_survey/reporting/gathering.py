@@ -12,12 +12,10 @@ from typing import Any, TypeGuard
 
 from inversion import SurrogateLibrary
 from pfwd_device import Drop
-from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
-from pfwd_device.recording.survey_content import read_result
-from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
+from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.header import Declaration, PointSetup, setup_from, setup_warnings
+from pfwd_survey.files.header import PointSetup, declared_values, setup_warnings
 from pfwd_survey.files.reading import points_of
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
@@ -28,8 +26,8 @@ from pfwd_survey.inverting.diagnosis.kept import (
     last_diagnosis,
 )
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.keeping import keep_results
+from pfwd_survey.inverting.kept import rests_on
 from pfwd_survey.inverting.options import (
     AnalysisOptions,
     Layers,
@@ -39,22 +37,36 @@ from pfwd_survey.inverting.options import (
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
+from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_drop
+from pfwd_survey.judging.contents import (
+    discarding_of,
+    last_sound,
+    said_later,
+    setup_now,
+    target_of_point,
+)
+from pfwd_survey.judging.drops import compared
 from pfwd_survey.peaks.basin import Basin, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import (
     Kind,
+    PointDrop,
+    PointProgress,
     Procedure,
     Quantity,
     find_procedure,
-    judge,
-    parse_procedure,
-    shipped_names,
 )
-from pfwd_survey.reporting.content import NO_PROCEDURE, Report, ReportDrop, ReportPoint
-from pfwd_survey.reporting.fits import curves_of, is_sound, rests_on
+from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.fits import curves_of
 
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Whose versions a report names: they made its numbers and pictures."""
+
+_NO_BASIS = frozenset(
+    {"operator", "procedure", "seating_drops", "site", "time_utc", "latitude", "longitude"}
+    | {"source", "photos", "material", "moisture_percent", "temperature_c", "device", "point"}
+)
+"""Keys of a header on which no result rests."""
 
 Progress = Callable[[str], None]
 
@@ -110,6 +122,12 @@ class ReportOptions:
         """
         return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
 
+    def fallback(self, job: Job) -> tuple[float, str] | None:
+        """Target of points for which the survey has none, and where it is from."""
+        deflection = job.quantity is Quantity.DEFLECTION
+        value = self.target_deflection if deflection else self.target
+        return None if value is None else (value, "given with the report")
+
     @property
     def anew(self) -> bool:
         """Whether stored results do not count: they were found with other layers, or none."""
@@ -144,8 +162,8 @@ def gather(
     if not survey.drops:
         hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
-    procedure = _procedure(survey, options)
-    found = _Gatherer(survey, options, procedure or NO_PROCEDURE, tell)
+    job = _job(survey, options)
+    found = _Gatherer(survey, options, job, tell)
     points = [gathered for point in survey.points for gathered in found.points(point)]
     if options.store:
         failed = keep_results(str(folder), found.new, counting=not options.anew)
@@ -161,8 +179,8 @@ def gather(
         survey_id=survey.survey_id,
         made=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         software={name: _version(name) for name in PACKAGES},
-        procedure=procedure or NO_PROCEDURE,
-        chosen=procedure is not None,
+        procedure=job.procedure_in_force,
+        chosen=job.procedure is not None,
         instruments=tuple(found.instruments.values()),
         check=survey.checks[-1] if survey.checks else None,
         points=tuple(points),
@@ -183,33 +201,10 @@ def _silent(_text: str) -> None:
     return
 
 
-def _procedure(survey: Survey, options: ReportOptions) -> Procedure | None:
-    """As asked for, or as the drops were measured by; the last that was kept counts."""
-    if options.procedure is not None:
-        return find_procedure(options.procedure)
-    for event in reversed(survey.events):
-        if event.get("event") != "procedure":
-            continue
-        kept = event.get("details", event)
-        text = kept.get("text")
-        if isinstance(text, str) and text:
-            where = f"procedure {quote(kept.get('name'))} kept in {survey.folder}"
-            unverified = kept.get("enforce_unverified") is True
-            try:
-                found = parse_procedure(text, where, enforce_unverified=unverified)
-            except OptionError as err:  # of the survey, not of the command line
-                raise SurveyError(f"{err}; choose another one with --procedure") from err
-            file = kept.get("file")
-            return replace(found, file=file if isinstance(file, str) else None)
-    named = {str(point.declared["procedure"]) for point in survey.points if _names_one(point)}
-    if len(named) == 1:
-        return find_procedure(named.pop())
-    return None
-
-
-def _names_one(point: SurveyPoint) -> bool:
-    """Whether a point names a procedure of the program: a name in a survey opens no file."""
-    return point.declared.get("procedure") in shipped_names()
+def _job(survey: Survey, options: ReportOptions) -> Job:
+    """The survey's own, with the procedure that was asked for."""
+    chosen = None if options.procedure is None else find_procedure(options.procedure)
+    return job_of(survey, chosen)
 
 
 def _title(survey: Survey, points: Sequence[ReportPoint]) -> str:
@@ -260,12 +255,10 @@ def _command(folder: str, options: ReportOptions) -> str:
 class _Gatherer:
     """Works through the points of a survey."""
 
-    def __init__(
-        self, survey: Survey, options: ReportOptions, procedure: Procedure, tell: Progress
-    ) -> None:
+    def __init__(self, survey: Survey, options: ReportOptions, job: Job, tell: Progress) -> None:
         self._survey = survey
         self._options = options
-        self._procedure = procedure
+        self._job = job
         self._analysis = options.analysis
         self._library = SurrogateLibrary()
         self.tell = tell
@@ -274,58 +267,72 @@ class _Gatherer:
         """Results that the survey has not, with the numbers of their drops within it."""
 
     def points(self, point: SurveyPoint) -> list[ReportPoint]:
-        """A point; two of them when it was declared differently on the way."""
-        groups: list[tuple[dict[str, Any], list[tuple[SurveyDrop, DropRecord]]]] = []
+        """A point; several of them when it was measured with another plate on the way.
+
+        All of them stand as the point as a whole does.
+        """
+        later = said_later(point)
+        groups: list[tuple[PointSetup, list[tuple[SurveyDrop, DropRecord]]]] = []
         for drop in point.drops:
             record = drop.read()
-            declared = dict(record.declared) | _later(point)
-            if not groups or groups[-1][0] != declared:
-                groups.append((declared, []))
+            setup = setup_now(record.declared, later, f"{self._survey.folder}, point {point.title}")
+            setup = replace(setup, point=point.title)
+            if not groups or _basis(groups[-1][0]) != _basis(setup):
+                groups.append((setup, []))
             groups[-1][1].append((drop, record))
             self._note_instrument(record)
-        return [self._point(point, declared, drops) for declared, drops in groups]
+        worked = [(setup, kept, self._drops(point, setup, kept)) for setup, kept in groups]
+        measured = [
+            measured_drop(record.drop, setup, None, discarding_of(drop)).with_result(found.result)
+            for setup, kept, drops in worked
+            for (drop, record), found in zip(kept, drops, strict=True)
+        ]
+        whole = MeasuredPoint(point.title, measured, target_of_point(point), point.discarded)
+        progress = judge_point(self._job, whole, fallback=self._options.fallback(self._job))
+        facts = {fact.number: fact for fact in compared(measured)}
+        return [
+            self._point(
+                point,
+                setup,
+                kept,
+                tuple(replace(drop, facts=facts[drop.number]) for drop in drops),
+                progress,
+            )
+            for setup, kept, drops in worked
+        ]
 
     def _note_instrument(self, record: DropRecord) -> None:
         identity = record.metadata.get("identity")
         if isinstance(identity, Mapping):
             self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
 
-    def _point(
+    def _drops(
         self,
         point: SurveyPoint,
-        declared: Mapping[str, Any],
+        setup: PointSetup,
         drops: Sequence[tuple[SurveyDrop, DropRecord]],
-    ) -> ReportPoint:
+    ) -> tuple[ReportDrop, ...]:
         where = f"{self._survey.folder}, point {point.title}"
-        known = {key: Declaration(value, where) for key, value in declared.items()}
-        setup = setup_from(known | {"point": Declaration(point.title, where)}, where)
-        records = tuple(record.drop for _, record in drops)
-        whole = TracePoint(where, setup, records)
+        whole = TracePoint(where, setup, tuple(record.drop for _, record in drops))
         screenings = leave_out_bad_sensors(whole, screen_point(whole))
         self.tell(f"point {point.title}: {len(drops)} drops")
-        found = tuple(
+        return tuple(
             self._drop(kept, record, setup, screening)
             for (kept, record), screening in zip(drops, screenings, strict=True)
         )
-        own, asked = point.target, self._options.target
-        if self._procedure.quantity is Quantity.DEFLECTION:
-            own, asked = None, self._options.target_deflection  # that of a point is a modulus
-        target = own if own is not None else asked
-        progress = judge(
-            self._procedure,
-            [fit.facts for fit in found],
-            plate_radius=setup.plate_radius,
-            poisson_ratio=setup.poisson_ratio,
-            target=None if target is None else float(target),
-            moisture=setup.moisture,
-            material=None if setup.material is None else str(setup.material),
-        )
-        if own is None and target is not None:
-            progress = replace(progress, target_source="given with the report")
+
+    def _point(
+        self,
+        point: SurveyPoint,
+        setup: PointSetup,
+        drops: Sequence[tuple[SurveyDrop, DropRecord]],
+        found: tuple[ReportDrop, ...],
+        progress: PointProgress,
+    ) -> ReportPoint:
         warnings = list(setup_warnings(setup))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        warnings += _said_of_layers(found, self._procedure)
+        warnings += _said_of_layers(found, self._job.procedure_in_force)
         return ReportPoint(
             name=point.title,
             setup=setup,
@@ -343,7 +350,7 @@ class _Gatherer:
     ) -> ReportDrop:
         result, stored, warnings = None, False, list(screening.warnings)
         if not kept.discarded and screening.status != "rejected":
-            result = None if self._options.anew else _stored(kept)
+            result = None if self._options.anew else last_sound(kept)
             options = self._analysis
             if result is not None and not rests_on(result, setup):
                 options = with_layers_of(options, result)
@@ -364,9 +371,7 @@ class _Gatherer:
         return ReportDrop(
             number=kept.drop,
             record=kept.number,
-            facts=point_drop(
-                record.drop, setup, screening, result, _reason(kept) if kept.discarded else None
-            ),
+            facts=PointDrop(kept.drop, Kind.MEASURED),  # as the point as a whole has it, later
             result=result,
             stored=stored,
             curves=curves,
@@ -406,33 +411,10 @@ def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[s
     return [what]
 
 
-def _later(point: SurveyPoint) -> dict[str, Any]:
-    """What was said of a point after it was measured, as keys of a header; the last counts."""
-    said: dict[str, Any] = {}
-    for edit in point.edits:
-        what, value = edit["what"], edit.get("value")
-        if what == "declared" and isinstance(value, dict):
-            said |= value
-        elif what == "operator" and value is not None:
-            said["operator"] = value
-    return said
-
-
-def _reason(drop: SurveyDrop) -> str:
-    said = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
-    return str(said[-1]) if said and said[-1] else ""
-
-
-def _stored(drop: SurveyDrop) -> DropResult | None:
-    """The last result that was kept with a drop."""
-    for path in reversed(drop.results):
-        try:
-            result = DropResult.from_json(read_result(path), str(path))
-        except (RecordingError, SurveyError):
-            continue  # an older one, or a new fit, does as well
-        if is_sound(result) and not result.is_trial:
-            return result
-    return None
+def _basis(setup: PointSetup) -> dict[str, Any]:
+    """What a result rests on; the drops of a point may differ in everything else."""
+    said = declared_values(setup)
+    return {key: value for key, value in said.items() if key not in _NO_BASIS}
 
 
 def _checksum(file: Path | None) -> str:

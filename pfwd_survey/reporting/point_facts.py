@@ -1,9 +1,9 @@
 """What several parts of a report say of a point."""
 
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.procedures import Verdict, judge
+from pfwd_survey.procedures import NO_PROCEDURE, Verdict, judge
 from pfwd_survey.reporting import shown
-from pfwd_survey.reporting.content import NO_PROCEDURE, ReportDrop, ReportPoint
+from pfwd_survey.reporting.content import ReportDrop, ReportPoint
 from pfwd_survey.reporting.texts import Texts
 
 

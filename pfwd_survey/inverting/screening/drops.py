@@ -161,7 +161,7 @@ def screen_next(drop: Drop, setup: PointSetup, largest: float) -> tuple[Screenin
     found = screen(drop, setup)
     if found.status == "rejected":
         return found, largest
-    peak = _peak_load(drop)
+    peak = pulse_peak(drop)
     largest = max(largest, peak)
     return _compare(found, peak, largest), largest
 
@@ -183,7 +183,7 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     """
     found = [screen(drop, point.setup) for drop in point.drops]
     peaks = [
-        0.0 if screening.status == "rejected" else _peak_load(drop)
+        0.0 if screening.status == "rejected" else pulse_peak(drop)
         for drop, screening in zip(point.drops, found, strict=True)
     ]
     largest = max(peaks, default=0.0)
@@ -219,19 +219,37 @@ def counted(screening: Screening, number: int, rejected: int, setup: PointSetup)
     return dataclasses.replace(screening, status="seating" if seating else "measured")
 
 
-def _peak_load(drop: Drop) -> float:
+def pulse_peak(drop: Drop) -> float:
+    """Peak load by which the drops of a point are compared, single spikes left out, N."""
     return _find_pulse(whole_part(drop)[0]).peak
 
 
-def _compare(screening: Screening, peak: float, largest: float) -> Screening:
-    text = (
+def rebound_reason(peak: float, largest: float) -> str | None:
+    """Why a drop is a rebound or a knock beside the others of its point; None: it is a drop.
+
+    Parameters
+    ----------
+    peak, largest : float
+        `pulse_peak` of the drop, and the largest of the point, N.
+    """
+    if peak >= REBOUND_OVER_LARGEST * largest:
+        return None
+    return f"false trigger: {_part_of_largest(peak, largest)}: a rebound or a knock"
+
+
+def _part_of_largest(peak: float, largest: float) -> str:
+    return (
         f"peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of this point "
         f"({_kilonewton(largest)})"
     )
-    if peak < REBOUND_OVER_LARGEST * largest:
-        return Screening("rejected", f"false trigger: {text}: a rebound or a knock")
+
+
+def _compare(screening: Screening, peak: float, largest: float) -> Screening:
+    reason = rebound_reason(peak, largest)
+    if reason is not None:
+        return Screening("rejected", reason)
     if peak < PARTIAL_OVER_LARGEST * largest:
-        warning = f"partial drop: {text}"
+        warning = f"partial drop: {_part_of_largest(peak, largest)}"
         return dataclasses.replace(screening, warnings=(*screening.warnings, warning))
     return screening
 

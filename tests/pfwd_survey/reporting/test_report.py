@@ -20,6 +20,7 @@ from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.kept import is_sound
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.drops import screen
@@ -27,7 +28,7 @@ from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import fonts
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import draw_traces
-from pfwd_survey.reporting.fits import curves_of, is_sound
+from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.report import write_report
 from pfwd_survey.reporting.texts import load_texts

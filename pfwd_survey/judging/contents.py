@@ -1,0 +1,182 @@
+"""The points of a survey that is read, judged: from what is stored, nothing is inverted."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.header import Declaration, PointSetup, setup_from
+from pfwd_survey.inverting.kept import is_sound, rests_on
+from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
+from pfwd_survey.judging.job import Job, job_of
+from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point
+from pfwd_survey.procedures import DiagnosedModulus, Kind, PointDrop
+
+DAMAGED = "damaged record"
+
+
+@dataclass(frozen=True, slots=True)
+class KeptDrop:
+    """A drop of a survey, ready to be judged."""
+
+    drop: SurveyDrop
+    measured: MeasuredDrop
+    result: DropResult | None
+    """That counts; None: there is none that rests on what is declared now."""
+
+
+def judged_points(survey: SurveyContent, job: Job | None = None) -> Iterator[JudgedPoint]:
+    """The points of a survey in their order, each with how it stands.
+
+    Parameters
+    ----------
+    survey : SurveyContent
+    job : Job, optional
+        None: that of the survey.
+
+    Raises
+    ------
+    SurveyError
+        If the procedure that the survey keeps cannot be read.
+    """
+    job = job_of(survey) if job is None else job
+    for point in survey.points:
+        measured = measured_point(point)
+        yield JudgedPoint(point.title, judge_point(job, measured), point.discarded)
+
+
+def measured_point(point: SurveyPoint, diagnosed: DiagnosedModulus | None = None) -> MeasuredPoint:
+    """A point of a survey, ready to be judged."""
+    return MeasuredPoint(
+        name=point.title,
+        drops=tuple(kept.measured for kept in kept_drops(point)),
+        target=target_of_point(point),
+        discarded=point.discarded,
+        diagnosed=diagnosed,
+    )
+
+
+def kept_drops(point: SurveyPoint) -> Iterator[KeptDrop]:
+    """The drops of a point in the order they fell."""
+    later = said_later(point)
+    for drop in point.drops:
+        yield kept_drop(drop, later)
+
+
+def kept_drop(drop: SurveyDrop, later: Mapping[str, Any]) -> KeptDrop:
+    """One drop; a damaged one is rejected.
+
+    Parameters
+    ----------
+    drop : SurveyDrop
+    later : mapping
+        What was declared of its point after it was measured, see `said_later`.
+    """
+    try:
+        record = drop.read_traces()
+        setup = setup_now(record.declared, later, record.point)
+        measured = measured_drop(record.drop, setup, None, discarding_of(drop))
+    except (RecordingError, SurveyError) as err:
+        facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
+        return KeptDrop(drop, MeasuredDrop(facts, 0.0, _NO_SETUP), None)
+    result = kept_result(drop, setup)
+    return KeptDrop(drop, measured.with_result(result), result)
+
+
+_NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
+"""Of a drop that cannot be read; it takes part in nothing."""
+
+
+def kept_result(drop: SurveyDrop, setup: PointSetup) -> DropResult | None:
+    """The result of a drop that counts: the last whole one that is no trial.
+
+    None where there is none, or it was found with other values than are declared now.
+    """
+    found = last_sound(drop)
+    return found if found is not None and rests_on(found, setup) else None
+
+
+def last_sound(drop: SurveyDrop) -> DropResult | None:
+    """The last whole result of a drop that is no trial, whatever it rests on."""
+    try:
+        last = drop.read_last_result()
+        if last is None:
+            return None
+        result = DropResult.from_json(last)
+        if _counts(result):
+            return result
+    except (RecordingError, SurveyError):
+        pass  # an earlier one may be whole
+    for said in _readable(drop):
+        if _counts(said):
+            return said
+    return None
+
+
+def _readable(drop: SurveyDrop) -> Iterator[DropResult]:
+    """Those that can be read, the last one first."""
+    from pfwd_device.recording.survey_content import read_result
+
+    paths = drop.results
+    if not paths:  # within an exported survey
+        try:
+            stored = drop.read_results()
+        except RecordingError:
+            return
+        for said in reversed(stored):
+            try:
+                yield DropResult.from_json(said)
+            except SurveyError:
+                continue
+        return
+    for path in reversed(paths):
+        try:
+            yield DropResult.from_json(read_result(path), str(path))
+        except (RecordingError, SurveyError):
+            continue
+
+
+def _counts(result: DropResult) -> bool:
+    return not result.is_trial and is_sound(result)
+
+
+def said_later(point: SurveyPoint) -> dict[str, Any]:
+    """What was said of a point after it was measured, as keys of a header; the last counts."""
+    said: dict[str, Any] = {}
+    for edit in point.edits:
+        what, value = edit["what"], edit.get("value")
+        if what == "declared" and isinstance(value, dict):
+            said |= value
+        elif what == "operator" and value is not None:
+            said["operator"] = value
+    return said
+
+
+def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str) -> PointSetup:
+    """What is declared of a drop now.
+
+    Raises
+    ------
+    SurveyError
+        If a value is outside of its range.
+    """
+    known = {**declared, **later}
+    return setup_from({key: Declaration(value, where) for key, value in known.items()}, where)
+
+
+def discarding_of(drop: SurveyDrop) -> str | None:
+    """Why a person discarded a drop; "" without a reason, None: nobody did."""
+    if not drop.discarded:
+        return None
+    said = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    return str(said[-1]) if said and said[-1] else ""
+
+
+def target_of_point(point: SurveyPoint) -> float | None:
+    """What was said of the point itself, Pa or m; None: nothing that could be one."""
+    target = point.target
+    sound = isinstance(target, int | float) and not isinstance(target, bool)
+    return float(target) if sound and 0 < target < float("inf") else None

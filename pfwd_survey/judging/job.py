@@ -1,0 +1,428 @@
+"""The job of a survey: what it is measured by, kept in it as events with their dates.
+
+A procedure is an event ``procedure`` with the whole text of its profile; everything else is an
+event ``job`` with the keys that were said, null where one was taken back. What was said last
+counts. Programs that do not know the event leave it alone.
+Targets of single points are edits of these points.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pfwd_device.recording.survey_content import SurveyContent
+from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
+from pfwd_survey.procedures import (
+    NO_PROCEDURE,
+    Procedure,
+    Quantity,
+    find_procedure,
+    parse_procedure,
+    shipped_names,
+)
+
+PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
+
+MOST_STATIONS = 100_000
+"""More than the stations of any one job; a longer list is another file."""
+
+UNITS = ("si", "us")
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A place that is to be measured."""
+
+    name: str
+    """As the point is to be called."""
+    chainage_m: float | None = None
+    """Along the line, m."""
+    latitude: float | None = None
+    """Degrees, north positive."""
+    longitude: float | None = None
+    """Degrees, east positive."""
+    target: float | None = None
+    """Pa, or m for a deflection; None: that of the job."""
+
+    def as_kept(self) -> dict[str, Any]:
+        """Without what is not known."""
+        said = dataclasses.asdict(self)
+        return {key: value for key, value in said.items() if value is not None}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobChange:
+    """One thing that was said of a job."""
+
+    time_utc: str
+    """When, ISO 8601; empty: not known."""
+    key: str
+    """Field of `Job`."""
+    value: Any
+    """As JSON knows it; of a procedure its name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What a survey is measured by. None: nobody said."""
+
+    procedure: Procedure | None = None
+    target: float | None = None
+    """Of points that have none of their own, Pa, or m for a deflection."""
+    stations: tuple[Station, ...] = ()
+    step_m: float | None = None
+    """From one station to the next along the line, m."""
+    operator: str | None = None
+    device: str | None = None
+    """Serial number of the instrument."""
+    calibration: tuple[Mapping[str, Any], ...] = ()
+    """Channel, and when it was calibrated and is due again."""
+    units: str | None = None
+    """si or us, as they are shown."""
+    time_zone: str | None = None
+    """Where it is measured, as the offset of local time: +02:00."""
+    changes: tuple[JobChange, ...] = ()
+    """Everything that was said, in order."""
+    _stations_by_name: Mapping[str, Station] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        known = {station.name: station for station in self.stations}
+        object.__setattr__(self, "_stations_by_name", known)
+
+    @property
+    def procedure_in_force(self) -> Procedure:
+        """The chosen one, or the one that averages every measured drop."""
+        return self.procedure or NO_PROCEDURE
+
+    @property
+    def quantity(self) -> Quantity:
+        """What its points are judged by."""
+        return self.procedure_in_force.quantity
+
+    def station(self, name: str) -> Station | None:
+        """By its name."""
+        return self._stations_by_name.get(name)
+
+    def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
+        """The job as it is once this is said."""
+        said = request.said()
+        changes = [
+            JobChange(time_utc=time_utc, key=key, value=_plain(value))
+            for key, value in said.items()
+        ]
+        return dataclasses.replace(self, **said, changes=(*self.changes, *changes))
+
+    def as_json(self) -> dict[str, Any]:
+        """As one JSON object, SI units."""
+        unit = target_unit(self.procedure_in_force)[2]
+        return {
+            "procedure": None if self.procedure is None else self.procedure.name,
+            "quantity": self.quantity.value,
+            "target": self.target,
+            "unit": unit,
+            "stations": [station.as_kept() for station in self.stations],
+            "step_m": self.step_m,
+            "operator": self.operator,
+            "device": self.device,
+            "calibration": [dict(entry) for entry in self.calibration],
+            "units": self.units,
+            "time_zone": self.time_zone,
+            "changes": [dataclasses.asdict(change) for change in self.changes],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRequest:
+    """What is to be said of a job. None: nothing."""
+
+    procedure: Procedure | None = None
+    target: float | None = None
+    stations: tuple[Station, ...] | None = None
+    step_m: float | None = None
+    operator: str | None = None
+    device: str | None = None
+    calibration: tuple[Mapping[str, Any], ...] | None = None
+    units: str | None = None
+    time_zone: str | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.said())
+
+    def said(self) -> dict[str, Any]:
+        """The fields that are said, with their values."""
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def over(self, other: "JobRequest") -> "JobRequest":
+        """Both together; what this one says wins."""
+        return JobRequest(**{**other.said(), **self.said()})
+
+    def news(self, job: Job) -> "JobRequest":
+        """What of it the job does not say yet."""
+        said = self.said()
+        return JobRequest(
+            **{key: value for key, value in said.items() if not _same(getattr(job, key), value)}
+        )
+
+    def differences(self, job: Job) -> list[str]:
+        """Where it says otherwise than the job does, one sentence each."""
+        lines = []
+        for key, value in self.news(job).said().items():
+            old = getattr(job, key)
+            if old is None or old == ():
+                continue
+            title = _TITLES.get(key)
+            if title is None:  # nobody chose it: the instrument, the clock
+                continue
+            was, now = _shown(key, old, job), _shown(key, value, job.with_request(self))
+            lines.append(f"{title} of the survey was {was}, now it is {now}")
+        return lines
+
+    def events(self) -> list[tuple[str, dict[str, Any]]]:
+        """What a survey keeps of it: names and details of events."""
+        said = self.said()
+        found: list[tuple[str, dict[str, Any]]] = []
+        procedure = said.pop("procedure", None)
+        if procedure is not None:
+            found.append((PROCEDURE_EVENT, procedure.as_kept()))
+        if said:
+            found.append((JOB_EVENT, {key: _plain(value) for key, value in said.items()}))
+        return found
+
+
+_TITLES = {
+    "procedure": "the procedure",
+    "target": "the target",
+    "stations": "the list of stations",
+    "step_m": "the step between stations",
+    "operator": "the operator",
+    "units": "the units",
+}
+
+
+def _same(old: Any, new: Any) -> bool:
+    if isinstance(old, Procedure) and isinstance(new, Procedure):
+        kept = [(found.name, found.text, found.enforce_unverified) for found in (old, new)]
+        return kept[0] == kept[1]
+    return bool(old == new)
+
+
+def _shown(key: str, value: Any, job: Job) -> str:
+    match key:
+        case "procedure":
+            return str(value.name)
+        case "target":
+            return target_text(value, job.procedure_in_force)
+        case "stations":
+            return f"one of {len(value)}"
+        case "step_m":
+            return f"{value:g} m"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Procedure):
+        return value.name
+    if isinstance(value, tuple):
+        return [item.as_kept() if isinstance(item, Station) else dict(item) for item in value]
+    return value
+
+
+def target_unit(procedure: Procedure) -> tuple[str, float, str]:
+    """Unit of a procedure's targets as people say it, SI units in one of it, and the SI unit."""
+    return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
+
+
+def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
+    """A target in SI, from a number in the unit in which the procedure's quantity is shown.
+
+    Raises
+    ------
+    OptionError
+        If it is no number > 0, or is none that the quantity can have.
+    """
+    from pfwd_survey.procedures.judging import LARGEST_DEFLECTION
+
+    unit, scale, _ = target_unit(procedure)
+    if not 0 < shown < math.inf:
+        raise OptionError(refusal(where, f"a number > 0, in {unit}", f"{shown:g}"))
+    value = shown * scale
+    deflection = procedure.quantity is Quantity.DEFLECTION
+    if deflection and value >= LARGEST_DEFLECTION:
+        hint = f"the procedure {procedure.name} judges a deflection"
+        raise OptionError(refusal(where, "a deflection below 1000 mm", f"{shown:g}", hint))
+    return value
+
+
+def target_text(target: float, procedure: Procedure) -> str:
+    """A target with its unit, in that of the quantity that it can be one of."""
+    from pfwd_survey.procedures.judging import LARGEST_DEFLECTION
+
+    del procedure  # a survey may hold targets of another quantity than is judged now
+    if target < LARGEST_DEFLECTION:
+        return f"{target * 1e3:g} mm"
+    return f"{target / 1e6:g} MPa"
+
+
+def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
+    """What a survey is measured by, from its events; what cannot be read is left out.
+
+    Parameters
+    ----------
+    survey : SurveyContent
+    procedure : Procedure, optional
+        In place of the one that the survey keeps, which then may be damaged.
+
+    Raises
+    ------
+    SurveyError
+        If the procedure that it keeps cannot be read.
+    """
+    if procedure is not None:
+        events = [event for event in survey.events if event.get("event") != PROCEDURE_EVENT]
+        return job_from_events(events, survey.path, procedure)
+    return job_from_events(survey.events, survey.path, _named_procedure(survey))
+
+
+def job_from_events(
+    events: Iterable[Mapping[str, Any]], where: str, before: Procedure | None = None
+) -> Job:
+    """The job that events amount to.
+
+    Parameters
+    ----------
+    events : iterable of mapping
+        In order.
+    where : str
+        For messages.
+    before : Procedure, optional
+        That holds where no event says one.
+
+    Raises
+    ------
+    SurveyError
+        If the last procedure cannot be read.
+    """
+    kept: Mapping[str, Any] | None = None
+    values: dict[str, Any] = {}
+    changes: list[JobChange] = []
+    for event in events:
+        name, details = event.get("event"), event.get("details", event)
+        if name not in (PROCEDURE_EVENT, JOB_EVENT) or not isinstance(details, Mapping):
+            continue
+        time = event.get("time_utc")
+        when = time if isinstance(time, str) else ""
+        if name == PROCEDURE_EVENT:
+            if not isinstance(details.get("text"), str):
+                continue
+            if kept is None or _kept(kept) != _kept(details):  # it used to be said at each start
+                changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
+            kept = details
+            continue
+        for key, value in details.items():
+            read = _READERS.get(key)
+            if read is None:
+                continue
+            found = read(value)
+            if found is None and value is not None:
+                continue
+            values[key] = found
+            changes.append(JobChange(time_utc=when, key=key, value=value))
+    known: dict[str, Any] = {
+        key: value if value is not None else _EMPTY.get(key) for key, value in values.items()
+    }
+    procedure = before if kept is None or not kept["text"] else _procedure(kept, where)
+    return Job(procedure=procedure, changes=tuple(changes), **known)
+
+
+def _kept(details: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(details.get(key) for key in ("name", "text", "enforce_unverified"))
+
+
+def _procedure(kept: Mapping[str, Any], where: str) -> Procedure:
+    said = f"procedure {quote(kept.get('name'))} kept in {where}"
+    unverified = kept.get("enforce_unverified") is True
+    try:
+        found = parse_procedure(kept["text"], said, enforce_unverified=unverified)
+    except OptionError as err:  # of the survey, not of the command line
+        raise SurveyError(f"{err}; choose another one with --procedure") from err
+    file = kept.get("file")
+    return dataclasses.replace(found, file=file if isinstance(file, str) else None)
+
+
+def _named_procedure(survey: SurveyContent) -> Procedure | None:
+    """Of a survey of before, whose drops name a procedure of the program.
+
+    A name in a survey opens no file.
+    """
+    names = {point.declared.get("procedure") for point in survey.points}
+    known = {name for name in names if isinstance(name, str) and name in shipped_names()}
+    return find_procedure(known.pop()) if len(known) == 1 else None
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if 0 < value < math.inf else None
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) and 0 < len(value) <= 200 else None
+
+
+def _units(value: Any) -> str | None:
+    return value if isinstance(value, str) and value in UNITS else None
+
+
+def _degrees(value: Any, most: float) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) <= most else None
+
+
+def _any_number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def _stations(value: Any) -> tuple[Station, ...] | None:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MOST_STATIONS:
+        return None
+    found = []
+    for said in value:
+        name = _text(said.get("name")) if isinstance(said, Mapping) else None
+        if name is None:
+            return None
+        found.append(
+            Station(
+                name,
+                _any_number(said.get("chainage_m")),
+                _degrees(said.get("latitude"), 90.0),
+                _degrees(said.get("longitude"), 180.0),
+                _number(said.get("target")),
+            )
+        )
+    return tuple(found)
+
+
+def _mappings(value: Any) -> tuple[Mapping[str, Any], ...] | None:
+    sound = isinstance(value, list) and all(isinstance(item, Mapping) for item in value)
+    return tuple(value) if sound else None
+
+
+_READERS: Mapping[str, Any] = {
+    "target": _number,
+    "stations": _stations,
+    "step_m": _number,
+    "operator": _text,
+    "device": _text,
+    "calibration": _mappings,
+    "units": _units,
+    "time_zone": _text,
+}
+_EMPTY: Mapping[str, Any] = {"stations": (), "calibration": ()}

@@ -1,0 +1,157 @@
+"""From the job and the drops of a point to its value, interval, target and verdict."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_survey.judging.drops import MeasuredDrop, compared
+from pfwd_survey.judging.job import Job
+from pfwd_survey.procedures import (
+    DiagnosedModulus,
+    Kind,
+    PointProgress,
+    Procedure,
+    Verdict,
+    judge,
+)
+
+USUAL_RADIUS = 0.15
+"""m; stands in for the plate where no drop says it, and nothing is computed with it."""
+
+SAME_PLATE = 1e-9
+"""Relative difference up to which two declared radii are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredPoint:
+    """What is known of one point."""
+
+    name: str
+    """As it was named last."""
+    drops: Sequence[MeasuredDrop]
+    """All of them, in the order they fell."""
+    target: float | None = None
+    """Said of the point itself, Pa or m; None: nobody did."""
+    discarded: bool = False
+    diagnosed: DiagnosedModulus | None = None
+    """None: its residual was not diagnosed."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedPoint:
+    """A point and how it stands."""
+
+    name: str
+    progress: PointProgress
+    discarded: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """The line of a complete point, SI units."""
+        return point_line(self.name, self.progress)
+
+
+def point_line(name: str, progress: PointProgress) -> dict[str, Any]:
+    """A point as one JSON object: its name, and what ``pfwd report --json`` has for it."""
+    said: Mapping[str, Any] = progress.as_dict()
+    return {
+        "point": name,
+        "complete": progress.complete,
+        "value": said["value"],
+        "target": progress.target,
+        "verdict": progress.verdict.value,
+        "verdict_reason": progress.verdict_reason,
+        "used": list(progress.used),
+        "compaction": said["compaction"],
+    }
+
+
+def judge_point(
+    job: Job, point: MeasuredPoint, *, fallback: tuple[float, str] | None = None
+) -> PointProgress:
+    """What the job's procedure says of a point.
+
+    Parameters
+    ----------
+    job : Job
+    point : MeasuredPoint
+    fallback : tuple of float and str, optional
+        Target (Pa or m) of points for which the survey has none, and where it is from.
+
+    Returns
+    -------
+    PointProgress
+        With the target in this order: said of the point, of its station, of the job, `fallback`,
+        the procedure's own.
+    """
+    procedure = job.procedure_in_force
+    facts = compared(point.drops)
+    radius, ratio, faults = _plate(point.drops, facts)
+    target, source = target_of(job, point, fallback)
+    setup = point.drops[-1].setup if point.drops else None
+    progress = judge(
+        procedure,
+        facts,
+        plate_radius=radius,
+        poisson_ratio=ratio,
+        target=target,
+        moisture=None if setup is None else setup.moisture,
+        material=None if setup is None or setup.material is None else str(setup.material),
+        diagnosed=point.diagnosed,
+        found_before=faults,
+    )
+    if progress.target is not None and progress.target == target:
+        progress = dataclasses.replace(progress, target_source=source)
+    if point.discarded:
+        progress = dataclasses.replace(
+            progress, verdict=Verdict.NONE, verdict_reason="the point is discarded"
+        )
+    return progress
+
+
+def target_of(
+    job: Job, point: MeasuredPoint, fallback: tuple[float, str] | None = None
+) -> tuple[float | None, str]:
+    """What a point has to reach, Pa or m, and who said so; the first of the quantity judged."""
+    station = job.station(point.name)
+    said = (
+        (point.target, "of the point"),
+        (None if station is None else station.target, "of the station"),
+        (job.target, "of the survey"),
+        fallback or (None, ""),
+    )
+    known = [(value, source) for value, source in said if value is not None]
+    if not known:
+        return None, ""
+    fitting = [pair for pair in known if is_target_for(job.procedure_in_force, pair[0])]
+    # One of another quantity is handed on, so that the judgement can say that it does not count.
+    return (fitting or known)[0]
+
+
+def is_target_for(procedure: Procedure, target: float) -> bool:
+    """Whether a number can be a target of the quantity that a procedure judges."""
+    from pfwd_survey.procedures.judging import is_for
+
+    return is_for(procedure, target)
+
+
+def _plate(
+    drops: Sequence[MeasuredDrop], facts: Sequence[Any]
+) -> tuple[float, float | None, list[str]]:
+    """Plate radius (m) and Poisson's ratio of the point; what is wrong when drops differ."""
+    loaded = [
+        drop
+        for drop, fact in zip(drops, facts, strict=True)
+        if fact.kind not in (Kind.REJECTED, Kind.DISCARDED)
+    ]
+    if not loaded:
+        if not drops:
+            return USUAL_RADIUS, None, []
+        return drops[-1].setup.plate_radius or USUAL_RADIUS, drops[-1].setup.poisson_ratio, []
+    last = loaded[-1].setup
+    radii = sorted({drop.setup.plate_radius for drop in loaded})
+    faults = []
+    if radii[-1] - radii[0] > SAME_PLATE * radii[-1]:
+        listed = " and ".join(f"{radius:g} m" for radius in radii)
+        faults.append(f"its drops were measured with plates of {listed} radius")
+    return last.plate_radius, last.poisson_ratio, faults

@@ -1,0 +1,127 @@
+"""What a survey keeps of its job, and what is said of it later."""
+
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.errors import OptionError, SurveyError
+from pfwd_survey.files.header import declared_values
+from pfwd_survey.judging import Job, JobRequest, Station, job_of, target_si
+from pfwd_survey.procedures import NO_PROCEDURE, find_procedure, plain_procedure
+from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop
+
+MNDOT, PAPER = find_procedure("mndot"), find_procedure("paper")
+
+
+def survey_with(folder: Path, *requests: JobRequest, **declared: object) -> Path:
+    with SurveyWriter.open(folder, publish=False) as writer:
+        known = {**declared_values(SETUP), **declared}
+        writer.save_drop(DropRecord("1", half_sine_drop(1, 8000.0), None, known, {}))
+        for request in requests:
+            for event in request.events():
+                writer.note_event(*event)
+    return folder
+
+
+def test_what_is_said_is_read_again_with_its_date(tmp_path: Path) -> None:
+    stations = (Station("12+320", 12_320.0, 48.1, 11.5, 5e-4), Station("12+340"))
+    asked = JobRequest(
+        procedure=MNDOT,
+        target=6e-4,
+        stations=stations,
+        step_m=20.0,
+        operator="A. Miller",
+        device="T-1",
+        calibration=({"channel": "load", "due": "2027-03-02"},),
+        units="us",
+        time_zone="+02:00",
+    )
+    job = job_of(read_survey(survey_with(tmp_path / "s", asked)))
+    assert {key: getattr(job, key) for key in asked.said() if key != "procedure"} == {
+        key: value for key, value in asked.said().items() if key != "procedure"
+    }
+    assert job.procedure is not None
+    assert job.procedure.text == MNDOT.text
+    assert not asked.news(job), "what the survey says already is nothing new"
+    assert {change.key for change in job.changes} == set(asked.said())
+    assert all(change.time_utc for change in job.changes)
+    assert job.station("12+340") == stations[1]
+
+
+def test_what_was_said_last_counts_and_every_change_is_kept(tmp_path: Path) -> None:
+    folder = survey_with(
+        tmp_path / "s",
+        JobRequest(procedure=MNDOT, target=6e-4),
+        JobRequest(target=5e-4),
+        JobRequest(procedure=PAPER),
+    )
+    job = job_of(read_survey(folder))
+    assert (job.target, job.procedure_in_force.name) == (5e-4, "paper")
+    assert [(change.key, change.value) for change in job.changes] == [
+        ("procedure", "mndot"),
+        ("target", 6e-4),
+        ("target", 5e-4),
+        ("procedure", "paper"),
+    ]
+
+
+def test_a_survey_of_before_is_measured_by_the_procedure_that_its_drops_name(
+    tmp_path: Path,
+) -> None:
+    job = job_of(read_survey(survey_with(tmp_path / "s", procedure="mndot")))
+    assert job.procedure_in_force.name == "mndot"
+    nameless = job_of(read_survey(survey_with(tmp_path / "t", procedure="/etc/passwd")))
+    assert nameless.procedure_in_force is NO_PROCEDURE
+
+
+def test_an_event_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    folder = survey_with(tmp_path / "s", JobRequest(target=4e7, step_m=20.0))
+    with SurveyWriter.open(folder, publish=False) as writer:
+        writer.note_event("job", {"target": "forty", "stations": [{"nam": 1}], "colour": "red"})
+        writer.note_event("job", {"step_m": None})
+        writer.note_event("procedure", {"name": "x"})
+    job = job_of(read_survey(folder))
+    assert (job.target, job.stations, job.step_m) == (4e7, (), None)
+
+
+def test_a_procedure_that_cannot_be_read_is_said_unless_another_is_chosen(tmp_path: Path) -> None:
+    folder = survey_with(tmp_path / "s", JobRequest(target=4e7))
+    with SurveyWriter.open(folder, publish=False) as writer:
+        writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
+    with pytest.raises(SurveyError, match=r"kept in .* choose another one with --procedure"):
+        job_of(read_survey(folder))
+    job = job_of(read_survey(folder), PAPER)
+    assert (job.procedure_in_force.name, job.target) == ("paper", 4e7)
+
+
+def test_differences_are_sentences_in_the_procedures_unit() -> None:
+    job = Job(procedure=MNDOT, target=6e-4, operator="A", device="T-1")
+    asked = JobRequest(procedure=PAPER, target=4e7, operator="A", device="T-2")
+    assert asked.differences(job) == [
+        "the procedure of the survey was mndot, now it is paper",
+        "the target of the survey was 0.6 mm, now it is 40 MPa",
+    ]
+    assert JobRequest(target=6e-4).differences(job) == []
+    assert asked.differences(Job()) == [], "nothing was said before"
+
+
+@pytest.mark.parametrize(
+    ("procedure", "shown", "si"),
+    [(PAPER, 45.0, 45e6), (MNDOT, 0.6, 6e-4), (plain_procedure(), 40, 40e6)],
+)
+def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) -> None:  # type: ignore[no-untyped-def]
+    assert target_si(shown, procedure) == pytest.approx(si)
+
+
+@pytest.mark.parametrize(
+    ("shown", "procedure", "message"),
+    [
+        (0.0, PAPER, r"--target: expected a number > 0, in MPa, came 0"),
+        (float("nan"), MNDOT, r"expected a number > 0, in mm"),
+        (45e6, MNDOT, r"below 1000 mm, came 4.5e\+07; the procedure mndot judges a deflection"),
+    ],
+)
+def test_what_can_be_no_target_is_refused(shown: float, procedure, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(OptionError, match=message):
+        target_si(shown, procedure)
