@@ -1,9 +1,17 @@
 """What a command that measures or replays asks of the analysis of its drops."""
 
 import argparse
+import os
+from dataclasses import replace
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.judging import Job, JobRequest, target_si
+from pfwd_survey.judging.contents import job_of_folder
+from pfwd_survey.judging.stations import read_stations
+from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
+from pfwd_survey.procedures import NO_PROCEDURE, Procedure, find_procedure
 
 
 def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
@@ -19,3 +27,60 @@ def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
     if args.no_invert:
         return None
     return AnalysisOptions(seed=args.seed, layers=args.layers, thickness=args.thickness)
+
+
+def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:
+    """What the setup file and ``--procedure`` declare.
+
+    Raises
+    ------
+    OptionError, TraceError, SetupError
+    """
+    setup = read_setup_file(args.setup) if args.setup else MeasuringSetup()
+    if args.procedure is not None:
+        setup = with_procedure(setup, find_procedure(args.procedure))
+    return setup
+
+
+def job_request(
+    args: argparse.Namespace,
+    survey: str | os.PathLike[str],
+    procedure: Procedure | None,
+    usual: Procedure | None = None,
+) -> JobRequest:
+    """What the command line says of the survey's job.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    survey : path of a folder
+        Which may not be there yet.
+    procedure : Procedure, optional
+        Chosen now; None: the survey's own counts.
+    usual : Procedure, optional
+        Of a survey that begins now.
+
+    Raises
+    ------
+    OptionError, SurveyError, RecordingError
+    """
+    asked = JobRequest(step_m=args.step, operator=args.operator)
+    if args.target is None and args.stations is None:
+        return asked
+    # Targets are typed in the unit of what is judged.
+    judged = procedure or kept_job(survey).procedure or usual or NO_PROCEDURE
+    stations = None if args.stations is None else read_stations(args.stations, judged)
+    target = None if args.target is None else target_si(args.target, judged)
+    return replace(asked, target=target, stations=stations)
+
+
+def kept_job(survey: str | os.PathLike[str], instead: Procedure | None = None) -> Job:
+    """The job of a survey; that of one that is not there yet is empty.
+
+    Parameters
+    ----------
+    survey : path of a folder
+    instead : Procedure, optional
+        Chosen in place of the kept one, which may then be one that cannot be read.
+    """
+    return job_of_folder(survey, instead) if is_survey(survey) else Job()

@@ -47,6 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_diagnose,
         _add_calibrate,
         _add_edit,
+        _add_job,
         _add_report,
         _add_procedures,
         _add_export,
@@ -236,7 +237,7 @@ def _add_live(commands: "Commands") -> None:
     _add_instrument(live)
     live.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
     _add_procedure_and_gps(live)
-    live.add_argument("--target", type=number, metavar="MPA", help="target modulus, MPa")
+    _add_job_options(live)
     live.add_argument("--no-invert", action="store_true", help="record only")
     _add_layers(live, "default 1")
     _add_seed(live)
@@ -254,6 +255,7 @@ def _add_log(commands: "Commands") -> None:
     _add_instrument(log)
     _add_procedure_and_gps(log)
     log.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
+    _add_job_options(log)
     log.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     log.add_argument("--no-invert", action="store_true", help="record only")
     log.add_argument("--capture", action="store_true", help="keep every byte of the link too")
@@ -432,6 +434,23 @@ def _add_edit(commands: "Commands") -> None:
     edit.add_argument("--json", action="store_true", help="one JSON object a point")
 
 
+def _add_job(commands: "Commands") -> None:
+    job = commands.add_parser(
+        "job",
+        help="what a survey is measured by: procedure, targets, stations",
+        description="Shows what a survey is measured by, with the date of every change, or says "
+        "it anew. All points are judged by what was said last; live and log take the same "
+        "options and keep the same.",
+        allow_abbrev=False,
+    )
+    job.add_argument("survey", metavar="SURVEY", help="folder")
+    job.add_argument(
+        "--procedure", metavar="NAME", help="a name of pfwd procedures, or a TOML file"
+    )
+    _add_job_options(job)
+    job.add_argument("--json", action="store_true", help="one JSON object, SI units")
+
+
 def _add_report(commands: "Commands") -> None:
     report = commands.add_parser(
         "report",
@@ -543,6 +562,25 @@ def _add_procedure_and_gps(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gps", metavar="PORT", help="satellite receiver (NMEA) on a port of its own"
     )
+
+
+def _add_job_options(parser: argparse.ArgumentParser) -> None:
+    """What is said of a survey's job, by whichever command."""
+    parser.add_argument(
+        "--target",
+        type=number,
+        metavar="V",
+        help="of points that have none, in the procedure's unit: MPa, or mm for a deflection",
+    )
+    parser.add_argument(
+        "--stations",
+        metavar="FILE",
+        help="what is to be measured, .csv (name, chainage, latitude, longitude, target) or .gpx",
+    )
+    parser.add_argument(
+        "--step", type=number, metavar="M", help="from one station to the next along the line, m"
+    )
+    parser.add_argument("--operator", metavar="T", help="who measures")
 
 
 def _add_known(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
+from pfwd_survey.judging import Job, JudgedPoint
+from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotPublished,
@@ -16,6 +18,7 @@ from pfwd_survey.measuring.events import (
     HandedOn,
     InstrumentLost,
     InstrumentReady,
+    JobKnown,
     Notice,
     Ready,
     Rebounded,
@@ -25,8 +28,10 @@ from pfwd_survey.measuring.events import (
     TableBuilding,
 )
 from pfwd_survey.measuring.repeats import Repeats
+from pfwd_survey.measuring.standing import CompletePoints
 from tui.format import drop_line
 from tui.output import say
+from tui.point_lines import NAMES, is_worth_a_line, point_text
 
 log = logging.getLogger("pfwd.session")
 
@@ -55,12 +60,31 @@ class SessionLines:
         self._identical: dict[tuple[str, int], bool | None] = {}
         self._told_building: set[str] = set()
         self._repeats = Repeats()
+        self._told_job: tuple[str, float | None] | None = None
+        self._complete = CompletePoints(self._point, analysed=analysed)
         self.moduli: dict[int, float] = {}
         """Modulus by number of the drop, Pa; the last that was found."""
 
     def tell(self, event: SessionEvent) -> None:
-        """Print an event, if it is worth a line."""
+        """Print an event, if it is worth a line; then the point that it completes."""
+        self._event(event)
+        self._complete.take(event)
+
+    def rest(self) -> None:
+        """The session is over: print the points that were waiting for an analysis."""
+        self._complete.rest()
+
+    def _point(self, point: JudgedPoint) -> None:
+        if not is_worth_a_line(point.progress):
+            return
+        text = point_text(point)
+        log.info("%s", text)
+        print(json_text(point.as_json()) if self._as_json else text, flush=True)
+
+    def _event(self, event: SessionEvent) -> None:
         match event:
+            case JobKnown(job, differences):
+                self._job(job, differences)
             case InstrumentReady():
                 self._ready(event)
             case InstrumentLost(reason):
@@ -91,6 +115,17 @@ class SessionLines:
                 self._say(text, logging.WARNING if serious else logging.INFO)
                 if details:
                     log.error("%s", details)
+
+    def _job(self, job: Job, differences: tuple[str, ...]) -> None:
+        for text in differences:
+            self._say(f"{text} (pfwd job shows what was said when)", logging.WARNING)
+        told = (job.procedure_in_force.name, job.target)
+        if told == self._told_job or (job.procedure is None and job.target is None):
+            return
+        self._told_job = told
+        target = "" if job.target is None else f", target {target_text(job.target)}"
+        name = job.procedure_in_force.name
+        self._say(f"judged by {name}: {NAMES[job.quantity]}{target}")
 
     def _say(self, text: str, level: int = logging.INFO) -> None:
         log.log(level, "%s", text)

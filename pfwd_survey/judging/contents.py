@@ -1,21 +1,47 @@
 """The points of a survey that is read, judged: from what is stored, nothing is inverted."""
 
+import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pfwd_device.errors import RecordingError
+from pfwd_device.recording import read_survey
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
 from pfwd_survey.judging.job import Job, job_of
 from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point
-from pfwd_survey.procedures import DiagnosedModulus, Kind, PointDrop
+from pfwd_survey.procedures import DiagnosedModulus, Kind, PointDrop, Procedure
 
 DAMAGED = "damaged record"
+
+
+def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = None) -> Job:
+    """What the survey of a folder is measured by.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    instead : Procedure, optional
+        Chosen in place of the kept one where that cannot be read.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+    """
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    try:
+        return job_of(survey)
+    except SurveyError:
+        if instead is None:
+            raise
+        return replace(job_of(survey, instead), procedure=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,6 +116,11 @@ class Job:
         ]
         return dataclasses.replace(self, **said, changes=(*self.changes, *changes))
 
+    def as_request(self) -> "JobRequest":
+        """Everything that it says, to be said of another survey."""
+        names = [item.name for item in dataclasses.fields(JobRequest)]
+        return JobRequest(**{name: getattr(self, name) or None for name in names})
+
     def as_json(self) -> dict[str, Any]:
         """As one JSON object, SI units."""
         unit = target_unit(self.procedure_in_force)[2]
@@ -178,7 +183,7 @@ class JobRequest:
             title = _TITLES.get(key)
             if title is None:  # nobody chose it: the instrument, the clock
                 continue
-            was, now = _shown(key, old, job), _shown(key, value, job.with_request(self))
+            was, now = _shown(key, old), _shown(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
         return lines
 
@@ -211,12 +216,12 @@ def _same(old: Any, new: Any) -> bool:
     return bool(old == new)
 
 
-def _shown(key: str, value: Any, job: Job) -> str:
+def _shown(key: str, value: Any) -> str:
     match key:
         case "procedure":
             return str(value.name)
         case "target":
-            return target_text(value, job.procedure_in_force)
+            return target_text(value)
         case "stations":
             return f"one of {len(value)}"
         case "step_m":
@@ -250,19 +255,18 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
     unit, scale, _ = target_unit(procedure)
     if not 0 < shown < math.inf:
         raise OptionError(refusal(where, f"a number > 0, in {unit}", f"{shown:g}"))
-    value = shown * scale
     deflection = procedure.quantity is Quantity.DEFLECTION
+    value = shown / 1e3 if deflection else shown * scale  # 0.9 mm are 0.0009 m to the last digit
     if deflection and value >= LARGEST_DEFLECTION:
         hint = f"the procedure {procedure.name} judges a deflection"
         raise OptionError(refusal(where, "a deflection below 1000 mm", f"{shown:g}", hint))
     return value
 
 
-def target_text(target: float, procedure: Procedure) -> str:
-    """A target with its unit, in that of the quantity that it can be one of."""
+def target_text(target: float) -> str:
+    """A target with its unit; which quantity it can be one of is told by its size."""
     from pfwd_survey.procedures.judging import LARGEST_DEFLECTION
 
-    del procedure  # a survey may hold targets of another quantity than is judged now
     if target < LARGEST_DEFLECTION:
         return f"{target * 1e3:g} mm"
     return f"{target / 1e6:g} MPa"

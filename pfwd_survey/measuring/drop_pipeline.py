@@ -16,6 +16,7 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
+from pfwd_survey.judging import MeasuredPoint
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
@@ -86,6 +87,11 @@ class DropPipeline:
         """Whether everything is safe and no bounce is waited for any more."""
         waiting = not self._live or time.monotonic() <= self._rebounds_until
         return not self.held and (self.settled or not waiting)
+
+    def know(self, name: str, known: MeasuredPoint) -> None:
+        """Take in what the survey held of a point before: rebounds are told by its largest drop."""
+        largest = max((drop.pulse_peak for drop in known.drops), default=0.0)
+        self._largest[name] = max(largest, self._largest.get(name, 0.0))
 
     def number_for(self, point: str, wanted: int | None = None) -> int:
         """The number that a drop gets: as recorded if that is free, else the next one."""

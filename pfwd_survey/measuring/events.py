@@ -13,6 +13,7 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
+from pfwd_survey.judging import Job, MeasuredPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +184,28 @@ class PointBegan:
 
 
 @dataclass(frozen=True, slots=True)
+class JobKnown:
+    """What the survey is measured by, at the start and whenever something is said of it."""
+
+    job: Job
+    differences: tuple[str, ...] = ()
+    """Where it was said otherwise than the survey had it, one sentence each."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointKnown:
+    """What the survey held of a point before."""
+
+    point: str
+    """Name, as its drops have it."""
+    measured: MeasuredPoint
+    records: Mapping[int, int]
+    """Number of each drop within the survey, by its number within the point."""
+    comes_again: bool = False
+    """Whether its drops come again, one by one, in a replay."""
+
+
+@dataclass(frozen=True, slots=True)
 class Edited:
     """Something was said of a point or of a drop, and is safe; nothing recorded has changed."""
 
@@ -243,6 +266,8 @@ SessionEvent = (
     | DropAnalysed
     | Rebounded
     | PointBegan
+    | JobKnown
+    | PointKnown
     | Edited
     | TableBuilding
     | Notice

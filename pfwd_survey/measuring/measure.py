@@ -16,17 +16,20 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from pfwd_device.recording import CaptureWriter, SurveyWriter, read_survey
+from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.events import Notice
+from pfwd_survey.judging import Job, job_of
+from pfwd_survey.measuring.events import DropSaved, Notice, SessionEvent
 from pfwd_survey.measuring.live import LiveFeed, random_stream
 from pfwd_survey.measuring.pace import Pace
 from pfwd_survey.measuring.replay import RecordedFeed, capture_feed, survey_feed
 from pfwd_survey.measuring.session import Ending, Listener, Session, SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup
+from pfwd_survey.measuring.survey_job import agreed_job, point_known
+from pfwd_survey.procedures import NO_PROCEDURE
 
 Control = Callable[[Session], AbstractContextManager[object]]
 
@@ -72,7 +75,8 @@ def measure(
         _tell_recovery(writer, listener)
         writer.check_room()
         stream = random_stream()
-        captured = _open_capture(writer, url, plan.setup, stream) if capture else None
+        setup = agreed_job(plan, writer.contents()).setup
+        captured = _open_capture(writer, url, setup, stream) if capture else None
         feed = LiveFeed(url, plan.setup, captured, stream)
         try:
             feed.open()
@@ -154,7 +158,10 @@ def replay(
     if is_survey(path):
         if setup is not None:
             raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
-        feed, reader = _survey_feed(path, speed, listener), None
+        survey = read_survey(path)
+        feed, reader = _survey_feed(survey, speed, listener), None
+        plan = replace(plan, job=_job_of(survey, listener).as_request())
+        listener = _with_known_points(survey, listener)
     elif path.is_file():
         feed, used, reader = capture_feed(path, speed, setup)
         plan = replace(plan, setup=used)
@@ -170,8 +177,30 @@ def replay(
     return ending
 
 
-def _survey_feed(path: Path, speed: float | Pace, listener: Listener) -> RecordedFeed:
-    survey = read_survey(path)
+def _job_of(survey: Survey, listener: Listener) -> Job:
+    """What a survey was measured by; a procedure that cannot be read stops no replay."""
+    try:
+        return job_of(survey)
+    except SurveyError as err:
+        listener(Notice(str(err), serious=True))
+        return replace(job_of(survey, NO_PROCEDURE), procedure=None)
+
+
+def _with_known_points(survey: Survey, listener: Listener) -> Listener:
+    """Tells before the first drop of a point what the survey holds of it."""
+    waiting = {point.name: point for point in survey.points}
+
+    def told(event: SessionEvent) -> None:
+        if isinstance(event, DropSaved):
+            point = waiting.pop(event.handed.point, None)
+            if point is not None:
+                listener(point_known(point, comes_again=True))
+        listener(event)
+
+    return told
+
+
+def _survey_feed(survey: Survey, speed: float | Pace, listener: Listener) -> RecordedFeed:
     for text in survey.damage:
         listener(Notice(text, serious=True))
     return survey_feed(survey, speed)

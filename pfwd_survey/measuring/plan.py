@@ -7,8 +7,10 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.position import PositionSource
 from pfwd_survey.measuring.setup_file import MeasuringSetup
+from pfwd_survey.procedures import Procedure
 
 
 class Ending(StrEnum):
@@ -42,6 +44,10 @@ class SessionPlan:
     """Of the analysis; None: no drop is inverted."""
     give_up: float | None = None
     """s after which a lost instrument ends the session; None: never."""
+    job: JobRequest = field(default_factory=JobRequest)
+    """What is said of the survey's job; what it says already holds without."""
+    usual_procedure: Procedure | None = None
+    """Of a survey that begins now and for which nobody chose one; None: none."""
     position: PositionSource | None = None
     """Says where the instrument stands, asked at every drop; None: no receiver."""
 

@@ -1,5 +1,6 @@
 """Feeds a session from what was recorded: the drops of a survey, or the bytes of a link."""
 
+import dataclasses
 import datetime
 import os
 import time
@@ -11,6 +12,7 @@ from pfwd_device.acquisition.items import Disconnected, Gap, Samples
 from pfwd_device.recording import CaptureReader, DropRecord, Survey
 from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.judging.contents import said_later
 from pfwd_survey.measuring.drop_metadata import feed_item_of
 from pfwd_survey.measuring.feeds import Ended, FeedItem, ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.pace import Pace
@@ -125,8 +127,12 @@ def survey_feed(
 
 def _drops(survey: Survey) -> Iterator[FeedItem | Pause]:
     before: datetime.datetime | None = None
+    later = {point.name: said_later(point) for point in survey.points}
     for drop in survey.drops:
         record = drop.read()
+        # What was declared of the point since holds for its drops.
+        declared = {**record.declared, **later.get(drop.point, {})}
+        record = dataclasses.replace(record, declared=declared)
         now = _time_of(record)
         pause = FIRST_PAUSE
         if now is not None and before is not None:

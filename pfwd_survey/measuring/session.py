@@ -32,6 +32,7 @@ from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import Job, JobRequest
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
@@ -40,6 +41,7 @@ from pfwd_survey.measuring.events import (
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
+    JobKnown,
     LiveSamples,
     Notice,
     PointBegan,
@@ -53,6 +55,7 @@ from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.sensor_check import SensorChecker
 from pfwd_survey.measuring.setup_file import response_warnings, setup_of
+from pfwd_survey.measuring.survey_job import agreed_job, instrument_request, known_point
 
 __all__ = ["Ending", "Listener", "Session", "SessionPlan"]
 
@@ -107,7 +110,12 @@ class Session:
         self._listener = listener
         self._repeats = Repeats()
         self._kept_events = Repeats()
-        self._plan = plan or SessionPlan()
+        plan = plan or SessionPlan()
+        agreed = agreed_job(plan, None if writer is None else writer.contents())
+        self._plan = replace(plan, setup=agreed.setup)
+        self._job, self._job_request = agreed.kept, agreed.request
+        self._differences = agreed.differences
+        self._known_points: set[str] = set()
         known = writer.points if writer is not None else ()
         self._point = self._plan.named_point or (known[-1] if known else FIRST_POINT)
         self._pipeline = DropPipeline(self._tell, self._plan.options, writer, live=feed.live)
@@ -139,6 +147,27 @@ class Session:
         """Name of the test point that the next drop belongs to."""
         return self._point
 
+    @property
+    def job(self) -> Job:
+        """What the survey is measured by, with what is said for this session."""
+        return self._job.with_request(self._job_request)
+
+    def change_job(self, request: JobRequest) -> None:
+        """Say something of the survey's job from now on; a procedure begins with the next session.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, or the disk does not take it.
+        """
+        if self._recorder is None:
+            raise RecordingError("job: expected a survey that is written, came a replay")
+        news = request.news(self.job)
+        for kind, details in news.events():
+            self._recorder.writer.note_event(kind, details)
+        self._job = self._job.with_request(news)
+        self._tell(JobKnown(self.job))
+
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded so far, by name; from any thread."""
         return self._feed.counters()
@@ -152,6 +181,7 @@ class Session:
             If no point can have this name.
         """
         self._point = point_name(name)
+        self._tell_known(self._point)
         if self._recorder is not None and self._declared:
             self._recorder.keep_point(self._point, self._declared)
         self._tell(PointBegan(self._point))
@@ -222,7 +252,19 @@ class Session:
         self._pipeline.end_of_rebounds()
         self._feed.settle()
 
+    def _tell_known(self, name: str) -> None:
+        """What the survey held of a point before this session; once."""
+        if self._recorder is None or name in self._known_points:
+            return
+        self._known_points.add(name)
+        known = known_point(self._recorder.writer, name)
+        if known is not None:
+            self._pipeline.know(known.point, known.measured)
+            self._tell(known)
+
     def _run(self) -> Ending:
+        self._tell(JobKnown(self.job, self._differences))
+        self._tell_known(self._point)
         while not self._finished():
             if self._may_go_on():
                 item = self._feed.next(FEED_WAIT)
@@ -372,8 +414,11 @@ class Session:
         self._recorder.keep_point(self._point, self._declared)
         details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
         self._recorder.keep_event("connected", details | _count(unkept))
-        if self._plan.setup.procedure is not None:
-            self._recorder.keep_event("procedure", self._plan.setup.procedure.as_kept())
+        request = self._job_request.over(instrument_request(identity)).news(self._job)
+        for kind, said in request.events():
+            self._recorder.keep_event(kind, said)
+        self._job, self._job_request = self._job.with_request(request), JobRequest()
+        self._tell(JobKnown(self._job))
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")

@@ -214,12 +214,14 @@ def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str
 
 
 def _verdict(
-    value: PointValue | None, target: float | None, faults: Sequence[str], complete: bool
+    value: PointValue | None, target: float | None, faults: Sequence[str], drops: SortedDrops
 ) -> tuple[Verdict, str]:
     if target is None:
         return Verdict.NONE, "there is no target"
-    if value is None or not complete:
+    if not drops.complete:
         return Verdict.UNDECIDED, "measured drops are missing"
+    if value is None or (drops.counted and value.drops < len(drops.used)):
+        return Verdict.UNDECIDED, "a measured drop lacks what is judged: discard and repeat it"
     if faults:
         return Verdict.UNDECIDED, faults[0]
     if value.interval is None:
@@ -247,7 +249,7 @@ def _progress(
     notes: Sequence[str],
 ) -> PointProgress:
     """The answer of the rules: the verdict, what is to be done next, and all they rest on."""
-    verdict, reason = _verdict(value, goal.target, faults, sorted_drops.complete)
+    verdict, reason = _verdict(value, goal.target, faults, sorted_drops)
     next_kind, instruction = next_step(procedure, sorted_drops, faults)
     return PointProgress(
         next_kind=next_kind,

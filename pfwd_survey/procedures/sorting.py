@@ -37,6 +37,8 @@ class SortedDrops:
     seating_done: int
     complete: bool
     """Whether enough drops are in."""
+    counted: bool
+    """Whether the procedure says how many that are; then each of them has to say its part."""
 
 
 def kind_of(procedure: Procedure, rejected: Sequence[bool], seating: int = 0) -> Kind:
@@ -66,7 +68,9 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
     excluded += [ExcludedDrop(drop.number, Exclusion.BEYOND, text) for drop in beyond]
     complete = len(used) >= (wanted or 1)
     kinds = _kinds(procedure, drops)
-    return SortedDrops(drops, kinds, usable, used, excluded, seating_done, complete)
+    return SortedDrops(
+        drops, kinds, usable, used, excluded, seating_done, complete, wanted is not None
+    )
 
 
 def _sort_out(

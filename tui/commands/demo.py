@@ -49,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
         handler = open_log(folder)
         try:
             ending = measure(instrument.url, folder, lines.tell, plan, control=stopped_by_signals)
+            lines.rest()
         finally:
             close_log(handler)
         instrument.stop()

@@ -8,10 +8,8 @@ from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.position import PositionReceiver
 from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
-from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
-from pfwd_survey.procedures import find_procedure
 from tui.log_file import close_log, open_log
-from tui.measuring_options import measuring_options
+from tui.measuring_options import job_request, measuring_options, measuring_setup
 from tui.output import say
 from tui.session_lines import SessionLines
 
@@ -33,14 +31,13 @@ def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listene
 
 def run(args: argparse.Namespace) -> int:
     """Measure until enough drops are in, or a signal comes, or the instrument has no more."""
-    setup = read_setup_file(args.setup) if args.setup else MeasuringSetup()
-    if args.procedure is not None:
-        setup = with_procedure(setup, find_procedure(args.procedure))
+    setup = measuring_setup(args)
     options = measuring_options(args)
     receiver = PositionReceiver(args.gps) if args.gps is not None else None
     plan = SessionPlan(
         point=args.point,
         setup=setup,
+        job=job_request(args, args.output, setup.procedure),
         drops=args.drops,
         options=options,
         give_up=args.give_up,
@@ -60,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
                 control=stopped_by_signals,
                 spare=args.spare,
             )
+        lines.rest()
     finally:
         close_log(handler)
     return STATUS_OF_ENDING[ending]

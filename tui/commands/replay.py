@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
         control=stopped_by_signals,
         spare=args.spare,
     )
+    lines.rest()
     return STATUS_OF_ENDING[ending]
 
 

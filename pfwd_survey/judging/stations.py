@@ -1,0 +1,195 @@
+"""The stations of a job, from a text with columns or from GPX waypoints."""
+
+import csv
+import math
+import os
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.judging.job import MOST_STATIONS, Station, target_si
+from pfwd_survey.procedures import Procedure
+
+LARGEST_FILE = 50_000_000
+"""Characters; 100,000 stations take a tenth of it."""
+
+LONGEST_NAME = 64
+"""Characters of the name of a point."""
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "name": ("name", "station", "point", "id"),
+    "chainage_m": ("chainage_m", "chainage"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "lng"),
+    "target": ("target",),
+}
+"""Headings by which a column is known, whatever their case."""
+
+_CHAINAGE = re.compile(r"(\d+)\+(\d{3}(?:[.,]\d+)?)(?!\d)")
+"""Kilometres and metres in a name: 12+320."""
+
+
+def read_stations(path: str | os.PathLike[str], procedure: Procedure) -> tuple[Station, ...]:
+    """The stations of a file, in its order.
+
+    Parameters
+    ----------
+    path : path of a .csv or .gpx file
+        Of a CSV the first line names the columns (`COLUMNS`), separated by comma, semicolon or
+        tabulator; targets are in the unit that the procedure's quantity is shown in.
+    procedure : Procedure
+
+    Raises
+    ------
+    OptionError
+        If it cannot be read, holds no station, or one twice; the message names the line.
+    """
+    file = os.fspath(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as err:
+        raise OptionError(refusal(file, "a readable file", err.strerror or str(err))) from err
+    except UnicodeDecodeError as err:
+        raise OptionError(refusal(file, "UTF-8 text", "other bytes")) from err
+    if len(text) > LARGEST_FILE:
+        raise OptionError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
+    is_gpx = file.lower().endswith(".gpx")
+    found = _gpx(text, file) if is_gpx else _csv(text, file, procedure)
+    if not found:
+        raise OptionError(refusal(file, "stations", "none"))
+    if len(found) > MOST_STATIONS:
+        raise OptionError(refusal(file, f"at most {MOST_STATIONS} stations", str(len(found))))
+    names: set[str] = set()
+    for station in found:
+        if station.name in names:
+            raise OptionError(refusal(file, "every station once", f"{quote(station.name)} twice"))
+        names.add(station.name)
+    return tuple(found)
+
+
+def chainage_of(name: str) -> float | None:
+    """Where a station is along the line by its name, m; None: the name does not say.
+
+    Examples
+    --------
+    >>> chainage_of("km 12+320"), chainage_of("12+320.5 left"), chainage_of("7")
+    (12320.0, 12320.5, None)
+    """
+    found = _CHAINAGE.search(name)
+    if found is None:
+        return None
+    return 1e3 * int(found[1]) + float(found[2].replace(",", "."))
+
+
+def next_along(name: str, step_m: float) -> str | None:
+    """The name of the station a step further; None: the name has no chainage.
+
+    Examples
+    --------
+    >>> next_along("12+320", 20), next_along("km 12+990 left", 20), next_along("7", 20)
+    ('12+340', 'km 13+010 left', None)
+    """
+    found, at = _CHAINAGE.search(name), chainage_of(name)
+    if found is None or at is None:
+        return None
+    further = round(at + step_m, 3)
+    kilometres, metres = divmod(further, 1000)
+    shown = f"{metres:07.3f}".rstrip("0").rstrip(".") if metres % 1 else f"{metres:03.0f}"
+    return f"{name[: found.start()]}{kilometres:.0f}+{shown}{name[found.end() :]}"
+
+
+def _csv(text: str, file: str, procedure: Procedure) -> list[Station]:
+    lines = text.splitlines()
+    first = lines[0] if lines else ""
+    delimiter = max(",;\t", key=first.count)
+    rows = csv.reader(lines, delimiter=delimiter)
+    places = _places(next(rows, []), file)
+    found = []
+    for number, row in enumerate(rows, start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        where = f"{file}, line {number}"
+        said = {key: row[at].strip() for key, at in places.items() if at < len(row)}
+        found.append(_station(said, where, procedure, decimal_comma=delimiter != ","))
+    return found
+
+
+def _places(heading: Sequence[str], file: str) -> dict[str, int]:
+    names = [cell.strip().lower() for cell in heading]
+    places = {
+        key: names.index(name)
+        for key, known in COLUMNS.items()
+        for name in reversed(known)
+        if name in names
+    }
+    if "name" not in places:
+        expected = f"a first line with a column {' or '.join(COLUMNS['name'])}"
+        hint = f"further columns are {', '.join(key for key in COLUMNS if key != 'name')}"
+        raise OptionError(refusal(file, expected, quote(", ".join(heading)), hint))
+    return places
+
+
+def _station(
+    said: Mapping[str, str], where: str, procedure: Procedure, *, decimal_comma: bool
+) -> Station:
+    def number(key: str, most: float = math.inf) -> float | None:
+        text = said.get(key, "")
+        if not text:
+            return None
+        if decimal_comma:
+            text = text.replace(",", ".")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= most or math.isinf(value):
+            raise OptionError(refusal(f"{where}, {key}", "a number", quote(text)))
+        return value
+
+    name = _name(said.get("name", ""), where)
+    chainage = said.get("chainage_m", "")
+    along = chainage_of(chainage) if "+" in chainage else number("chainage_m")
+    target = number("target")
+    return Station(
+        name,
+        chainage_of(name) if along is None else along,
+        number("latitude", 90.0),
+        number("longitude", 180.0),
+        None if target is None else target_si(target, procedure, f"{where}, target"),
+    )
+
+
+def _name(text: str, where: str) -> str:
+    if not 0 < len(text) <= LONGEST_NAME or not text.isprintable():
+        raise OptionError(refusal(where, f"a name of 1 to {LONGEST_NAME} letters", quote(text)))
+    return text
+
+
+def _gpx(text: str, file: str) -> list[Station]:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could name files, or grow without end
+        raise OptionError(refusal(file, "GPX without definitions of its own", "some"))
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as err:
+        raise OptionError(refusal(file, "GPX", f"no XML: {err}")) from err
+    points: list[Any] = [item for item in root.iter() if _tag(item) in ("wpt", "rtept")]
+    found = []
+    for number, item in enumerate(points, start=1):
+        where = f"{file}, waypoint {number}"
+        named = [child.text for child in item if _tag(child) == "name"]
+        name = _name((named[0] or "").strip() if named else str(number), where)
+        try:
+            latitude, longitude = float(item.get("lat", "")), float(item.get("lon", ""))
+        except ValueError as err:
+            raise OptionError(refusal(where, "lat and lon, numbers", "others")) from err
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+            raise OptionError(refusal(where, "lat and lon in degrees", f"{latitude}, {longitude}"))
+        found.append(Station(name, chainage_of(name), latitude, longitude))
+    return found
+
+
+def _tag(item: Any) -> str:
+    return str(item.tag).rsplit("}", 1)[-1]

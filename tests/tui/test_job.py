@@ -1,0 +1,95 @@
+"""``pfwd job``, and the same options at ``pfwd log``."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_survey.files.header import declared_values
+from simulators.instrument import serve
+from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop
+from tests.tui.console import PLAIN, RATE, pfwd, records
+from tui.cli import main
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> str:
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        known = declared_values(SETUP)
+        for number in range(1, 5):
+            drop = half_sine_drop(number, 8000.0 + number)
+            writer.save_drop(DropRecord("12+320", drop, None, known, {}))
+    return str(tmp_path / "s")
+
+
+def test_what_is_said_is_shown(survey: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["job", survey, "--procedure", "mndot", "--target", "0.6", "--step", "20"]) == 0
+    assert capsys.readouterr().err == "", "nothing was said before"
+    assert main(["job", survey, "--json"]) == 0
+    job = json.loads(capsys.readouterr().out)
+    assert (job["procedure"], job["quantity"], job["unit"]) == ("mndot", "deflection", "m")
+    assert (job["target"], job["step_m"]) == (pytest.approx(6e-4), 20.0)
+    assert main(["job", survey, "--target", "0.5"]) == 0
+    out, err = capsys.readouterr()
+    assert "the target of the survey was 0.6 mm, now it is 0.5 mm" in err
+    assert "target     0.5 mm" in out
+    assert out.count("target = ") == 2, "every change has its date"
+
+
+def test_the_report_is_judged_by_it(
+    survey: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["job", survey, "--procedure", "astm-e2835", "--target", "0.6"])
+    capsys.readouterr()
+    assert main(["report", survey, "-o", str(tmp_path / "r.html"), "--json"]) == 0
+    (point,) = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert (point["target"], point["verdict"]) == (pytest.approx(6e-4), "pass")
+    assert point["value"]["unit"] == "m"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--target", "-1"], "--target: expected a number > 0, in MPa, came -1"),
+        (["--procedure", "mndott"], "procedure: expected one of astm-e2583"),
+        (["--stations", "none.csv"], "none.csv: expected a readable file"),
+    ],
+)
+def test_what_cannot_be_said_is_wrong_usage(
+    survey: str, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["job", survey, *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_procedure_that_cannot_be_read_is_replaced(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
+    assert main(["job", survey]) == 1
+    assert "choose another one with --procedure" in capsys.readouterr().err
+    assert main(["job", survey, "--procedure", "mndot"]) == 0
+    assert main(["job", survey]) == 0
+
+
+def test_log_takes_the_same_options_and_ends_with_the_point(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    asked = ("--procedure", "mndot", "--target", "0.9", "--point", "12+320")
+    with serve(PLAIN, drops=3, rate=RATE, seed=1) as instrument:
+        first = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *asked)
+    with serve(PLAIN, drops=3, rate=RATE, seed=2) as instrument:
+        second = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert")
+    assert first.returncode == second.returncode == 0, first.stderr + second.stderr
+    assert [line["status"] for line in records(first.stdout)] == ["seating"] * 3
+    *drops, point = records(second.stdout)
+    assert [line["status"] for line in drops] == ["measured"] * 3
+    assert (point["point"], point["complete"], point["target"]) == ("12+320", True, 9e-4)
+    assert (point["value"]["unit"], point["value"]["drops"]) == ("m", 3)
+    # The same from the survey, and from a replay of it.
+    again = pfwd("replay", survey, "--json", "--no-invert")
+    assert records(again.stdout)[-1] == point
+    text = pfwd("replay", survey, "--no-invert").stdout.splitlines()[-1]
+    assert text.startswith("point 12+320: deflection 0.")
+    assert "target 0.9 mm" in text

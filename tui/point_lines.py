@@ -1,0 +1,59 @@
+"""A point and how it stands, as one line for people."""
+
+import math
+
+from pfwd_survey.judging import JudgedPoint
+from pfwd_survey.judging.job import target_text
+from pfwd_survey.procedures import PointProgress, PointValue, Quantity, Verdict
+from tui.output import clean
+
+NAMES = {
+    Quantity.E_VD: "E_vd",
+    Quantity.E_LWD: "E_LWD",
+    Quantity.MODULUS: "E",
+    Quantity.DEFLECTION: "deflection",
+}
+"""What is judged, as people call it."""
+
+
+def is_worth_a_line(progress: PointProgress) -> bool:
+    """Whether a point that is complete is one by a procedure, or has a target to stand against."""
+    return progress.measured_wanted is not None or progress.verdict is not Verdict.NONE
+
+
+def point_text(point: JudgedPoint) -> str:
+    """A complete point: what is judged, its interval, target, verdict, and the settlements."""
+    progress = point.progress
+    value = progress.value
+    shown = "nothing to judge" if value is None else value_text(value)
+    parts = [f"point {clean(point.name)}: {shown}"]
+    if progress.target is not None:
+        parts.append(f"target {target_text(progress.target)}")
+    if progress.verdict is not Verdict.NONE:
+        parts.append(f"{progress.verdict.value.upper()}: {progress.verdict_reason}")
+    used = [depth for number, _, depth in progress.compaction if number in progress.used]
+    if used:
+        listed = ", ".join(f"{depth * 1e3:.3f}" for depth in used)
+        parts.append(f"settlement {listed} mm")
+    return "  ".join(parts)
+
+
+def value_text(value: PointValue) -> str:
+    """What is judged with its unit and interval, no more digits than that supports."""
+    unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
+    number = value.value / scale
+    name = NAMES[value.quantity]
+    if value.interval is None:
+        return f"{name} {number:.3g} {unit}"
+    low, high = (end / scale for end in value.interval)
+    decimals = decimals_for((high - low) / 2, number)
+    ends = f"{low:.{decimals}f} to {high:.{decimals}f}"
+    return f"{name} {number:.{decimals}f} {unit} ({ends})"
+
+
+def decimals_for(half: float, value: float) -> int:
+    """Decimals that an interval of this half width supports: two digits of it."""
+    size = half if half > 0 else abs(value) / 1e3
+    if size <= 0 or not math.isfinite(size):
+        return 0
+    return min(4, max(0, 1 - math.floor(math.log10(size))))
