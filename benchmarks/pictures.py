@@ -18,10 +18,11 @@ from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.measure import measure
 from pfwd_survey.measuring.plan import SessionPlan
+from pfwd_survey.procedures import plain_procedure
 from simulators.instrument import serve
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE
-from tui.screen.session.sources import ReplaySource, with_seating
+from tui.screen.session.sources import ReplaySource
 from tui.screen.settings import Settings
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
@@ -62,7 +63,12 @@ def _measure(survey: Path) -> None:
     """Three points, three seating and three measured drops each."""
     for name, modulus in POINTS.items():
         scenario = {"base": "default", "soil": {"modulus": modulus}}
-        plan = with_seating(SessionPlan(point=name, drops=DROPS, options=AnalysisOptions()), 3)
+        plan = SessionPlan(
+            point=name,
+            drops=DROPS,
+            options=AnalysisOptions(),
+            usual_procedure=plain_procedure(),
+        )
         with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:
             measure(instrument.url, survey, lambda _: None, plan)
     for place, name in enumerate(POINTS):

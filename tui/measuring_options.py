@@ -12,6 +12,7 @@ from pfwd_survey.judging.contents import job_of_folder
 from pfwd_survey.judging.stations import read_stations
 from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
 from pfwd_survey.procedures import NO_PROCEDURE, Procedure, find_procedure
+from tui.output import on_terminal, say
 
 
 def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
@@ -72,6 +73,26 @@ def job_request(
     stations = None if args.stations is None else read_stations(args.stations, judged)
     target = None if args.target is None else target_si(args.target, judged)
     return replace(asked, target=target, stations=stations)
+
+
+def agreed_on_terminal(
+    survey: str | os.PathLike[str], procedure: Procedure | None, request: JobRequest
+) -> bool:
+    """Whether to go on where the command line says otherwise than the survey; asked on a terminal.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+    """
+    asked = request if procedure is None else JobRequest(procedure=procedure).over(request)
+    differences = asked.differences(kept_job(survey, procedure))
+    if not differences or not on_terminal():
+        return True
+    for text in differences:
+        say(text)
+    say("all points of the survey will be judged so, those that are measured too")
+    answer = input("go on? [y/N] ")
+    return answer.strip().lower() in ("y", "yes")
 
 
 def kept_job(survey: str | os.PathLike[str], instead: Procedure | None = None) -> Job:

@@ -21,7 +21,7 @@ the same job, and cannot differ::
 from pfwd_survey.judging.contents import judged_points, kept_result, measured_point
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
 from pfwd_survey.judging.job import Job, JobRequest, Station, job_of, target_si
-from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point
+from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point, value_of_drop
 
 __all__ = [
     "Job",
@@ -37,4 +37,5 @@ __all__ = [
     "measured_drop",
     "measured_point",
     "target_si",
+    "value_of_drop",
 ]

@@ -11,10 +11,12 @@ from pfwd_survey.procedures import (
     DiagnosedModulus,
     Kind,
     PointProgress,
+    PointValue,
     Procedure,
     Verdict,
     judge,
 )
+from pfwd_survey.procedures.valuing import value_of
 
 USUAL_RADIUS = 0.15
 """m; stands in for the plate where no drop says it, and nothing is computed with it."""
@@ -155,3 +157,16 @@ def _plate(
         listed = " and ".join(f"{radius:g} m" for radius in radii)
         faults.append(f"its drops were measured with plates of {listed} radius")
     return last.plate_radius, last.poisson_ratio, faults
+
+
+def value_of_drop(job: Job, drop: MeasuredDrop) -> PointValue | None:
+    """What the job's procedure judges, of one drop alone; None: the drop does not say it.
+
+    One drop has no scatter: only the modulus of the inversion has an interval, that of its model.
+    """
+    if drop.facts.kind is Kind.REJECTED:
+        return None
+    setup = drop.setup
+    return value_of(
+        job.procedure_in_force, [drop.facts], setup.plate_radius, setup.poisson_ratio, []
+    )

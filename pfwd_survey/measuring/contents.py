@@ -15,7 +15,6 @@ from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
-from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next
 from pfwd_survey.inverting.screening.signals import (
@@ -23,8 +22,10 @@ from pfwd_survey.inverting.screening.signals import (
     displacement_of,
     remove_offset,
 )
-from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.judging.contents import last_sound, target_of_point
+from pfwd_survey.measuring.events import HandedOn, PointKnown
 from pfwd_survey.measuring.setup_file import setup_of
+from pfwd_survey.measuring.survey_job import point_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +59,20 @@ class PointContents:
     declared: Mapping[str, Any]
     """Keys of a trace file's header, edits included."""
     drops: tuple[DropContents, ...]
+    known: PointKnown | None = None
+    """For the judgement; None: it was not asked for."""
 
 
-def survey_contents(folder: str | os.PathLike[str]) -> tuple[PointContents, ...]:
+def survey_contents(
+    folder: str | os.PathLike[str], *, judged: bool = False
+) -> tuple[PointContents, ...]:
     """The points of a survey in their order; another program may be writing it.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    judged : bool
+        Whether they are to be judged, for which their drops are read.
 
     Raises
     ------
@@ -69,21 +80,20 @@ def survey_contents(folder: str | os.PathLike[str]) -> tuple[PointContents, ...]
         If it is no survey.
     """
     refuse_no_survey(folder)
-    return tuple(_point(point) for point in read_survey(folder).points)
+    return tuple(_point(point, judged=judged) for point in read_survey(folder).points)
 
 
-def _point(point: SurveyPoint) -> PointContents:
-    target = point.target
-    sound = isinstance(target, int | float) and not isinstance(target, bool) and target > 0
+def _point(point: SurveyPoint, *, judged: bool) -> PointContents:
     return PointContents(
         point.name,
         point.title,
         point.discarded,
         point.notes,
         _position(point),
-        float(target) if sound else None,
+        target_of_point(point),
         point.declared,
         tuple(_drop(drop) for drop in point.drops),
+        point_known(point) if judged and point.drops else None,
     )
 
 
@@ -102,17 +112,9 @@ def _drop(drop: SurveyDrop) -> DropContents:
         drop.number,
         drop.discarded,
         drop.notes,
-        _counting(drop),
+        last_sound(drop),
         len(drop.results),
     )
-
-
-def _counting(drop: SurveyDrop) -> DropResult | None:
-    """The result that counts; None where it is damaged: the drop can be inverted again."""
-    try:
-        return result_that_counts(drop)
-    except (RecordingError, SurveyError):
-        return None
 
 
 def _read_result(path: Path) -> DropResult | None:

@@ -57,6 +57,10 @@ def agreed_job(plan: SessionPlan, survey: SurveyContent | None) -> AgreedJob:
         chosen = kept.procedure or (plan.usual_procedure if begins else None)
         if chosen is not None:
             setup = with_procedure(setup, chosen, f"procedure {chosen.name} of the survey")
+        elif plan.usual_procedure is not None:
+            # A survey of before, without a procedure: its points are seated as they were.
+            seating = {"seating_drops": plan.usual_procedure.seating_drops or 0}
+            setup = dataclasses.replace(setup, declared={**seating, **setup.declared})
     asked = plan.job.over(JobRequest(operator=_text(setup.declared.get("operator"))))
     if chosen is not None:
         asked = JobRequest(procedure=chosen).over(asked)

@@ -66,15 +66,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _on_screen(args: argparse.Namespace) -> int:
-    from tui.screen.session.procedure import SEATING
-    from tui.screen.session.sources import DemoSource, with_seating
+    from pfwd_survey.procedures import plain_procedure
+    from tui.screen.session.sources import DemoSource
     from tui.screen.show import show
 
     found: dict[int, float] = {}
     source = DemoSource(
         args.scenario,
         Path(args.output) if args.output else None,
-        with_seating(SessionPlan(options=AnalysisOptions(seed=args.seed)), SEATING),
+        SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=plain_procedure()),
         drops=args.drops,
         seed=args.seed,
         rate=1.0 if args.rate is None else args.rate,

@@ -6,26 +6,32 @@ import dataclasses
 import datetime
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
 from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.contents import survey_contents
 from pfwd_survey.measuring.events import (
+    DropAnalysed,
     DropNotPublished,
     DropNotSaved,
     DropSaved,
     Edited,
+    JobKnown,
     Notice,
     SurveyFilesChanged,
 )
 from pfwd_survey.measuring.plan import SessionPlan
+from pfwd_survey.measuring.position import FIX_NAMES, PositionReceiver
+from pfwd_survey.procedures import Verdict
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.looks import LOOKS, Look
@@ -63,6 +69,15 @@ LAST_WAIT = 25.0
 
 MESSAGE_SHOWN = 8.0
 """s."""
+
+SOUNDS: Mapping[Verdict, tuple[float, ...]] = {
+    Verdict.PASS: (0.0, 0.15, 0.3),
+    Verdict.FAIL: (0.0, 0.8, 1.6),
+    Verdict.UNDECIDED: (0.0, 0.15, 0.8, 0.95),
+    Verdict.NONE: (0.0, 0.15),
+}
+"""When the bell rings for a point that is done, s: three quick ones, three slow ones, two pairs;
+told apart without a look. A drop rings once, a rejected one twice."""
 
 
 class PfwdApp(App[int]):
@@ -113,7 +128,10 @@ class PfwdApp(App[int]):
         super().__init__()
         self.source = source
         self.settings = settings or ScreenSettings()
-        self.state = SessionState(source.plan.setup.procedure, target)
+        self.state = SessionState(
+            source.plan.setup.procedure or source.plan.usual_procedure,
+            source.plan.job.target if target is None else target,
+        )
         self.state.waits_for_first_modulus = source.plan.options is not None
         self.state.recorded = source.pace is not None
         self.runner = SessionRunner(source)
@@ -129,6 +147,8 @@ class PfwdApp(App[int]):
         self._leaving = False
         self._asking = False
         self._message = ("", 0.0)
+        self._unsafe: set[tuple[str, int]] = set()
+        self._sounded: dict[str, str] = {}
         self._drawn_for: tuple[Any, ...] = ()
         self.shown_drop: tuple[str, int] | None = None
         """Point and number of the drop that the drop page shows."""
@@ -162,6 +182,26 @@ class PfwdApp(App[int]):
         now = time.monotonic()
         at = self.runner.pulse_at
         return status_of(self.state, now, None if at is None else now - at)
+
+    def position(self) -> tuple[str, bool] | None:
+        """Where the instrument stands and how sure that is, for the head; None: no receiver."""
+        receiver = self.source.plan.position
+        if not isinstance(receiver, PositionReceiver):
+            return None
+        fix = receiver.latest()
+        if fix is None:
+            return f"GPS no fix: {receiver.record().get('fault')}", False
+        seen = "" if fix.satellites is None else f" {fix.satellites} sat"
+        good = receiver.warning() is None
+        poor = "" if good else f" HDOP {fix.hdop:g}"
+        quality = FIX_NAMES.get(fix.quality, "fix")
+        return f"GPS {quality}{seen}{poor} {fix.latitude:.5f}, {fix.longitude:.5f}", good
+
+    def here(self) -> tuple[float, float] | None:
+        """Latitude and longitude now, degrees; None: not known."""
+        receiver = self.source.plan.position
+        fix = receiver.latest() if isinstance(receiver, PositionReceiver) else None
+        return None if fix is None else (fix.latitude, fix.longitude)
 
     def pace_text(self) -> str:
         """How fast a replay goes."""
@@ -210,7 +250,7 @@ class PfwdApp(App[int]):
 
     def _read(self, folder: Path) -> None:
         try:
-            points = survey_contents(folder)
+            points = survey_contents(folder, judged=self.source.writes)
         except (SurveyError, DeviceError, OSError) as err:
             if self.state.session is None and not self.source.writes:
                 self.runner.put(Notice(str(err), serious=True))
@@ -218,9 +258,11 @@ class PfwdApp(App[int]):
         self.runner.put(ContentsRead(points, drops=self.source.writes))
 
     def _tick(self) -> None:
-        events = self.runner.take()
-        for event in events:
+        come = self.runner.take()
+        for event in come:
             self._take(event)
+        if any(isinstance(event, (DropAnalysed, DropSaved, Edited)) for event in come):
+            self._sound_verdict()
         # While the application ends, the clock may tick once more without a screen.
         page = self.screen if self.screen_stack else None
         if not isinstance(page, Page):
@@ -237,8 +279,12 @@ class PfwdApp(App[int]):
         match event:
             case DropSaved(one):
                 self._ring(2 if one.screening.status == "rejected" else 1)
-            case DropNotSaved(_, number, reason):
+                if (one.point, one.number) in self._unsafe:
+                    self._unsafe.discard((one.point, one.number))
+                    self.say(f"drop {one.number} is safe now")
+            case DropNotSaved(point, number, reason):
                 self._ring(2)
+                self._unsafe.add((point, number))
                 self.say(f"drop {number} is NOT SAFE: {reason}")
             case SurveyFilesChanged(text, safe):
                 if not safe:
@@ -261,11 +307,30 @@ class PfwdApp(App[int]):
                 self.diagnoses.on_diagnosed(event, self.units)
 
     def _ring(self, times: int) -> None:
+        self._sound(tuple(0.25 * count for count in range(times)))
+
+    def _sound(self, at: tuple[float, ...]) -> None:
+        """Ring the bell at these times from now, s."""
         if not self.settings.bell:
             return
-        self.bell()
-        for count in range(1, times):
-            self.set_timer(0.25 * count, self.bell)
+        for seconds in at:
+            if seconds:
+                self.set_timer(seconds, self.bell)
+            else:
+                self.bell()
+
+    def _sound_verdict(self) -> None:
+        """A sound of its own for each verdict, once the point is done and nothing is computed."""
+        state = self.state
+        progress = state.progress
+        if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
+            self._sounded.pop(state.point, None)
+            return
+        if any(drop.waits or not drop.final for drop in state.current.drops.values()):
+            return
+        if self._sounded.get(state.point) != progress.verdict.value:
+            self._sounded[state.point] = progress.verdict.value
+            self._sound(SOUNDS[progress.verdict])
 
     # Pages.
 
@@ -294,6 +359,11 @@ class PfwdApp(App[int]):
     def action_undo(self) -> None:
         """Take the last discard or restore back."""
         self.edits.undo()
+
+    def on_paste(self, event: events.Paste) -> None:
+        """What is pasted is no row of keys: it goes into a field, or nowhere."""
+        event.stop()
+        self.say("pasted text is not taken for keys")
 
     def action_help(self) -> None:
         """Help for this page."""
@@ -424,7 +494,7 @@ class PfwdApp(App[int]):
         self.source.plan = plan
         if url:
             self.source.url = url
-        self.state.chosen_procedure = plan.setup.procedure
-        self.state.judge_anew()
+        said = JobRequest(procedure=plan.setup.procedure).over(plan.job)
+        self.state.take(JobKnown(self.state.job.with_request(said.news(self.state.job))))
         self.runner.start()
         self.redraw()

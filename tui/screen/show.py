@@ -2,11 +2,18 @@
 
 import contextlib
 import logging
+import shlex
+from collections import Counter
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
+from pfwd_survey.procedures import Verdict
 from tui.log_file import close_log, open_log
 from tui.output import on_terminal, say
 from tui.screen.session.sources import SessionSource
+
+if TYPE_CHECKING:
+    from tui.screen.session.state import SessionState
 
 USAGE = 2
 
@@ -14,7 +21,6 @@ USAGE = 2
 def show(
     source: SessionSource,
     command: str,
-    target: float | None = None,
     moduli: dict[int, float] | None = None,
 ) -> int:
     """Run the screen; the exit status.
@@ -24,8 +30,6 @@ def show(
     source : SessionSource
     command : str
         Name of the command, for a message.
-    target : float, optional
-        Of points that have none, Pa.
     moduli : dict, optional
         Filled with the moduli that were found, Pa, by number of the drop
         within the survey.
@@ -40,7 +44,7 @@ def show(
     from tui.screen.settings import load_settings
 
     with _logged(source):
-        app = PfwdApp(source, load_settings(), target)
+        app = PfwdApp(source, load_settings())
         try:
             status = app.run()
         finally:
@@ -52,7 +56,38 @@ def show(
     ended = app.state.ended
     if ended is not None and ended.error:
         say(f"{command}: {ended.error}")
+    for text in leaving_lines(app.state, source):
+        say(text)
     return app.return_code or 0 if status is None else status
+
+
+def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
+    """What was measured and where it is, and what to do next; empty for what was looked at."""
+    folder = source.survey
+    if folder is None or not source.writes:
+        return []
+    points = [point for point in state.points.values() if point.drops]
+    drops = sum(len(point.drops) for point in points)
+    if not drops:
+        return [f"{folder}: no drop was recorded"]
+    verdicts = Counter(
+        progress.verdict.value
+        for point in points
+        if (progress := state.progress_of(point)).verdict is not Verdict.NONE
+    )
+    said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+    stood = f" ({said})" if said else ""
+    quoted = shlex.quote(str(folder))
+    counted = f"{_count(len(points), 'point')}, {_count(drops, 'drop')}{stood}"
+    safe = f"; {state.held} NOT SAFE" if state.held else ", all on the disk"
+    return [
+        f"{folder}: {counted}{safe}",
+        f"next: pfwd open {quoted}, or pfwd report {quoted} -o report.html",
+    ]
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 @contextlib.contextmanager

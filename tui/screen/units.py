@@ -5,11 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from pfwd_survey.procedures import Quantity
+
 UnitsName = Literal["si", "us"]
 QuantityName = Literal[
     "modulus",
     "load",
     "deflection",
+    "settlement",
     "velocity",
     "length",
     "depth",
@@ -39,6 +42,7 @@ _SI: Mapping[QuantityName, Unit] = {
     "modulus": Unit("MPa", 1e6),
     "load": Unit("kN", 1e3),
     "deflection": Unit("µm", 1e-6),
+    "settlement": Unit("mm", 1e-3),  # what a procedure judges, as its document writes it
     "velocity": Unit("mm/s", 1e-3),
     "length": Unit("mm", 1e-3),
     "depth": Unit("m", 1.0),
@@ -51,6 +55,7 @@ _US: Mapping[QuantityName, Unit] = {
     "modulus": Unit("ksi", 1e3 * _PSI),
     "load": Unit("lbf", _POUND_FORCE),
     "deflection": Unit("mil", 1e-3 * _INCH),
+    "settlement": Unit("mil", 1e-3 * _INCH),
     "velocity": Unit("in/s", _INCH),
     "length": Unit("in", _INCH),
     "depth": Unit("ft", 12 * _INCH),
@@ -109,6 +114,11 @@ class Units:
         small = 0 < deviation < 0.5 * least
         error = f"<{least:.{decimals}f}" if small else f"{deviation:.{decimals}f}"
         return f"{value:.{decimals}f}", error
+
+
+def judged_quantity(quantity: Quantity) -> QuantityName:
+    """In which of the units what a procedure judges is shown."""
+    return "settlement" if quantity is Quantity.DEFLECTION else "modulus"
 
 
 SI, US = Units("si"), Units("us")

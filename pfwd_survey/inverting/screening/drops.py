@@ -293,7 +293,10 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
         return f"load of the wrong polarity: {_kilonewton(upward)} upward, downward is positive"
     pulses = _count_pulses(pulse)
     if pulses > 1:
-        return f"false trigger: {pulses} pulses above half of the peak load in one record"
+        return (
+            f"false trigger: {pulses} pulses above half of the peak load in one record; did the "
+            "weight hit twice? catch it after the first blow"
+        )
     if pulse.end == pulse.load.size:
         left = float(pulse.load[-1]) / pulse.peak
         return f"pulse cut off by the window: the load ends at {left:.0%} of its peak"

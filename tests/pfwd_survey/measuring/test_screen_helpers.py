@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.pace import Pace
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
+from tests.pfwd_survey.reporting.surveys import result_of
 from tests.pfwd_survey.scripted_feed import (
     Log,
     ScriptedFeed,
@@ -157,15 +159,17 @@ def test_the_pace_is_changed_on_the_way() -> None:
 def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     measured(folder)
-    add_result(folder, 1, DropResult(modulus_pa=1e7))
-    add_result(folder, 1, DropResult(modulus_pa=2e7))
-    add_result(folder, 1, DropResult(modulus_pa=9e7, refit="half-space"))
+    whole = DropResult.from_json(result_of(1, 2e7))
+    add_result(folder, 1, DropResult.from_json(result_of(1, 1e7)))
+    add_result(folder, 1, whole)
+    add_result(folder, 1, DropResult(modulus_pa=5e7))  # without all that belongs to it
+    add_result(folder, 1, replace(whole, modulus_pa=9e7, refit="half-space"))
     (point,) = survey_contents(folder)
     first, second = point.drops
-    assert (first.drop, first.record, first.results) == (1, 1, 3)
-    assert first.result == DropResult(modulus_pa=2e7)
+    assert (first.drop, first.record, first.results) == (1, 1, 4)
+    assert first.result == whole
     assert second.result is None
-    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7]
+    assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7, 5e7]
 
 
 def test_a_damaged_result_is_none(tmp_path: Path) -> None:

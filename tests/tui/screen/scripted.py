@@ -190,6 +190,9 @@ class Session:
     def edit(self, edit: Any, *, point: str | None = None, number: int | None = None) -> None:
         self.asked.append((edit.what, edit.value, point, number))
 
+    def change_job(self, request: Any) -> None:
+        self.asked.append(("job", request.said()))
+
     def keep_result(self, number: int, kept: Any) -> None:
         self.asked.append(("result", number, kept))
 

@@ -50,8 +50,16 @@ def text(shown: MeasureView, size: tuple[int, int]) -> str:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_page_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
     """Run with PFWD_NEW_PICTURES=1 to take new ones, then look at the difference."""
-    shown = text(view(*whole_point()), size)
-    file = PICTURES / f"measure-{size[0]}x{size[1]}.txt"
+    compare(text(view(*whole_point(), chosen=6), size), f"measure-{size[0]}x{size[1]}.txt")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_point_that_is_done_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
+    compare(text(view(*whole_point()), size), f"done-{size[0]}x{size[1]}.txt")
+
+
+def compare(shown: str, name: str) -> None:
+    file = PICTURES / name
     if os.environ.get("PFWD_NEW_PICTURES"):
         file.parent.mkdir(exist_ok=True)
         file.write_text(shown, encoding="utf-8")
@@ -82,7 +90,7 @@ def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], larg
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("large", [False, True])
 def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: bool) -> None:
-    shown = text(view(*whole_point(), large=large), size)
+    shown = text(view(*whole_point(), large=large, chosen=6), size)
     for part in ("MPa", "layer", "rigid-rough plate", "radius 150 mm", "Poisson's ratio 0.35"):
         assert part in shown
     for part in ("± for 95 %", "POINT DONE", "(3/3)", "target 45.0 MPa", "mean of 3"):
@@ -105,7 +113,7 @@ def test_a_rejected_drop_says_why_in_words(size: tuple[int, int]) -> None:
 
 
 def test_us_customary_units_are_everywhere() -> None:
-    shown = text(view(*whole_point(), units=US), (120, 40))
+    shown = text(view(*whole_point(), units=US, chosen=6), (120, 40))
     for part in ("ksi", "lbf", "mil", "in/s", "radius 5.91 in"):
         assert part in shown
     for part in ("MPa", "kN", "µm", "mm"):
@@ -119,7 +127,7 @@ def test_in_ascii_there_is_nothing_else() -> None:
 
 
 def test_the_curves_of_the_fit_are_told_apart_by_their_form() -> None:
-    shown = text(view(*whole_point()), (120, 40))
+    shown = text(view(*whole_point(), chosen=6), (120, 40))
     assert "─── measured" in shown
     assert "- - fitted" in shown
 

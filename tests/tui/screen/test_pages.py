@@ -363,7 +363,7 @@ def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
         await pilot.press("ctrl+s")
         await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
         assert app.source.plan.setup.declared["plate_radius_m"] == pytest.approx(0.1524)
-        assert app.state.chosen_target == pytest.approx(7 * 6894757.293168)
+        assert app.state.job.target == pytest.approx(7 * 6894757.293168)
 
     play(App(settings=ScreenSettings(units="us")), script)
 
@@ -377,7 +377,7 @@ def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
         await pilot.pause()
         await pilot.press("ctrl+s")
         await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
-        await until(pilot, lambda: app.state.chosen_procedure is not None)
+        await until(pilot, lambda: app.state.procedure.name != "plain")
         app.redraw()
         await pilot.pause()
         assert "tp-bf-stb-b8.3" in app.text

@@ -143,11 +143,9 @@ def test_nothing_is_asked_of_a_session_that_is_not_there() -> None:
 
 
 def test_sources_know_what_they_are(tmp_path: Path) -> None:
-    from tui.screen.session.sources import DemoSource, LiveSource, ReplaySource, with_seating
+    from tui.screen.session.sources import DemoSource, LiveSource, ReplaySource
 
-    plan = with_seating(SessionPlan(), 3)
-    assert plan.setup.declared["seating_drops"] == 3
-    assert with_seating(plan, 5).setup.declared["seating_drops"] == 3
+    plan = SessionPlan()
     assert LiveSource("/dev/ttyUSB0", tmp_path, plan).writes
     assert DemoSource("default", tmp_path, plan).writes
     looked_at = ReplaySource(tmp_path, 1.0, None)

@@ -7,14 +7,17 @@ from typing import Any
 import pytest
 
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import Job, MeasuredPoint
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import (
     BatteryLow,
     DropNotSaved,
     Edited,
     InstrumentLost,
+    JobKnown,
     Notice,
     PointBegan,
+    PointKnown,
     Ready,
     Rebounded,
     SensorCheck,
@@ -85,14 +88,17 @@ def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
     drop = state.current.drops[1]
     assert drop.modulus == 47.3e6
     assert drop.final
-    assert drop.status == "measured"
+    assert drop.status == "seating", "the first of three, whatever became of its search"
 
 
-def test_a_drop_without_any_modulus_is_rejected_with_its_reason() -> None:
-    state = state_after(ready(), saved(1), analysed(1, modulus=None, reason="no table"))
+def test_a_drop_without_any_modulus_is_one_to_repeat_where_moduli_are_judged() -> None:
+    events = (ready(), saved(1), analysed(1, modulus=None, reason="no table"))
+    state = state_after(*events)
     drop = state.current.drops[1]
-    assert (drop.status, drop.reason) == ("rejected", "no table")
+    assert (drop.status, drop.fault) == ("seating", "no table")
     assert word(state) == "REPEAT"
+    state = state_after(*events, JobKnown(Job(procedure=find_procedure("mndot"))))
+    assert word(state) != "REPEAT", "its deflection is as good as any"
 
 
 def test_mean_and_spread_are_of_the_measured_drops_that_count() -> None:
@@ -157,7 +163,8 @@ def test_another_point_begins_empty_and_the_first_one_stays() -> None:
 def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     kept = DropContents(1, 11, False, ("old",), DropResult(modulus_pa=30e6, status="measured"), 1)
     other = DropContents(2, 12, True, (), None, 0)
-    contents = PointContents("7", "km 3", False, (), (1.0, 2.0), 45e6, {}, (kept, other))
+    held = PointKnown("7", MeasuredPoint("km 3", (), 45e6), {1: 11, 2: 12})
+    contents = PointContents("7", "km 3", False, (), (1.0, 2.0), 45e6, {}, (kept, other), held)
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
     drops = state.current.drops
     assert drops[1].modulus == 30e6

@@ -1,4 +1,4 @@
-"""Figures that are read from two metres: five rows high, of full blocks, or ten."""
+"""Figures, and the letters of verdicts, that are read from metres away: full blocks."""
 
 from tui.screen.drawing.lines import Cell, Line, TextRole
 
@@ -17,6 +17,18 @@ _FORMS = {
     "±": ("  █  ", "█████", "  █  ", "     ", "█████"),
     "<": ("  █", " █ ", "█  ", " █ ", "  █"),
     "-": ("   ", "   ", "███", "   ", "   "),
+    "A": ("████", "█  █", "████", "█  █", "█  █"),
+    "C": ("████", "█   ", "█   ", "█   ", "████"),
+    "D": ("███ ", "█  █", "█  █", "█  █", "███ "),
+    "E": ("████", "█   ", "███ ", "█   ", "████"),
+    "F": ("████", "█   ", "███ ", "█   ", "█   "),
+    "I": ("███", " █ ", " █ ", " █ ", "███"),
+    "L": ("█   ", "█   ", "█   ", "█   ", "████"),
+    "N": ("█  █", "██ █", "█ ██", "█  █", "█  █"),
+    "O": ("████", "█  █", "█  █", "█  █", "████"),
+    "P": ("████", "█  █", "████", "█   ", "█   "),
+    "S": ("████", "█   ", "████", "   █", "████"),
+    "U": ("█  █", "█  █", "█  █", "█  █", "████"),
     " ": ("  ", "  ", "  ", "  ", "  "),
 }
 ROWS = 5
@@ -32,7 +44,8 @@ def digit_lines(text: str, role: TextRole = "strong", wide: int = 2, high: int =
     Parameters
     ----------
     text : str
-        Digits, point and minus; other letters are left out.
+        Digits, point and minus, and the letters of PASS, FAIL, UNDECIDED and DONE; others are
+        left out.
     role : TextRole
     wide, high : int
         Columns and rows of a block.

@@ -1,15 +1,16 @@
 """A drop and a point in words: for tables, verdicts and summaries on every page."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.procedures import Quantity, Verdict
+from pfwd_survey.procedures import PointProgress, Quantity, Verdict
 from tui.screen.drawing.blocks import TableColumn, TableRow
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState, PointState
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, QuantityName, Units, percent
+from tui.screen.units import NOTHING, QuantityName, Units, judged_quantity, percent
 
 
 def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
@@ -18,6 +19,52 @@ def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
     if drop is None or result is None or drop.modulus is None:
         return "-", ""
     return units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
+
+
+class Judged(NamedTuple):
+    """What the procedure judges, of one drop, as figures."""
+
+    name: str
+    value: str
+    error: str
+    """Half of the 95 % interval; empty: one drop has none."""
+    unit: str
+    is_fit: bool
+    """Whether it is the modulus of the inversion."""
+
+
+def judged_of(state: SessionState, drop: DropState | None, units: Units) -> Judged:
+    """What the procedure judges, of a drop; a dash where it is not known."""
+    quantity = state.job.quantity
+    name, unit = QUANTITY_NAMES[quantity], units.unit(judged_quantity(quantity))
+    if quantity is Quantity.MODULUS:
+        value, error = modulus_text(drop, units)
+        return Judged(name, value, error, unit, is_fit=True)
+    found = state.value_of(drop)
+    shown = None if found is None else found.value
+    return Judged(name, units.text(judged_quantity(quantity), shown), "", unit, is_fit=False)
+
+
+QUANTITY_NAMES: Mapping[Quantity, str] = {
+    Quantity.E_VD: "E_vd",
+    Quantity.E_LWD: "E_LWD",
+    Quantity.MODULUS: "modulus",
+    Quantity.DEFLECTION: "deflection",
+}
+"""What is judged, in large type and in tables."""
+
+
+def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, str]:
+    """What is judged of a point: its value, its 95 % interval, its unit; dashes when unknown."""
+    value = progress.value
+    if value is None:
+        return NOTHING, "", ""
+    quantity = judged_quantity(value.quantity)
+    if value.interval is None:
+        return units.text(quantity, value.value), "", units.unit(quantity)
+    half = (value.interval[1] - value.interval[0]) / 2
+    shown, error = units.measured(quantity, value.value, half, 3)
+    return shown, error, units.unit(quantity)
 
 
 def uncertainty_of(result: DropResult) -> float | None:
@@ -68,6 +115,8 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
     if drop.status == "rejected":
         return f"REJECTED: {drop.reason or 'no result'}", "bad"
     result = drop.result
+    if drop.fault:
+        return f"NO FIT: {drop.fault}", "bad"
     if result is None:
         return "computing", "dim"
     bounds = result.at_bound or ()
@@ -82,7 +131,13 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
         return text + warning, "warn" if warning else "good"
     contact = percent(result.contact_residual_rms_over_peak)
     text = f"fit UNEXPLAINED: residual {part} of the peak ({contact} in contact); 4 asks why"
-    return text + warning, "warn"
+    poor = (result.residual_rms_over_peak or 0.0) > POOR_FIT
+    return text + warning, "bad" if poor else "warn"
+
+
+POOR_FIT = 0.05
+"""Residual over the peak from which a modulus says nothing of the ground: the curves are visibly
+another's. Genuine drops on ground stay below a few percent (docs/validation.md)."""
 
 
 _COLUMNS = (
@@ -142,6 +197,8 @@ def remark(drop: DropState, units: Units) -> str:
     parts = []
     if drop.reason:
         parts.append(drop.reason)
+    elif drop.fault:
+        parts.append(f"NO FIT: {drop.fault}")
     elif not drop.safe:
         parts.append("only in memory")
     elif drop.results and not drop.final:
@@ -159,7 +216,7 @@ def remark(drop: DropState, units: Units) -> str:
     return "; ".join(parts) if parts else "safe"
 
 
-_VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
+VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
     Verdict.PASS: ("PASS", "good"),
     Verdict.FAIL: ("FAIL", "bad"),
     Verdict.UNDECIDED: ("UNDECIDED", "warn"),
@@ -167,22 +224,22 @@ _VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
 
 
 def point_summary(state: SessionState, point: PointState, units: Units, width: int) -> Line:
-    """Mean, spread, what the procedure makes of it, and whether the target is met."""
+    """What is judged, of how many drops, and whether the target is met; the modulus beside it."""
     mean, progress = state.mean_of(point), state.progress_of(point)
     pieces = []
-    if mean.modulus is None:
-        pieces.append(piece(0, cell("point: no measured modulus yet", "dim")))
-    else:
-        value = units.with_unit("modulus", mean.modulus)
-        pieces.append(piece(0, cell(f"point: mean of {mean.count}  {value}", "strong")))
-        pieces.append(piece(2, f"spread {units.with_unit('modulus', mean.spread, 2)}"))
     own = progress.value
-    if own is not None and own.quantity is not Quantity.MODULUS:
-        kind: QuantityName = "deflection" if own.quantity is Quantity.DEFLECTION else "modulus"
-        shown = units.with_unit(kind, own.value)
-        pieces.append(piece(1, cell(f"{own.quantity.value} {shown}", "strong")))
-    if progress.verdict in _VERDICTS:
-        word, role = _VERDICTS[progress.verdict]
+    if own is None:
+        pieces.append(piece(0, cell("point: nothing measured yet", "dim")))
+    else:
+        shown, error, unit = point_value_text(progress, units)
+        sure = f" ±{error}" if error else ""
+        text = f"point: {QUANTITY_NAMES[own.quantity]} {shown}{sure} {unit}, mean of {own.drops}"
+        pieces.append(piece(0, cell(text, "strong")))
+        if own.quantity is not Quantity.MODULUS and mean.modulus is not None:
+            modulus = units.with_unit("modulus", mean.modulus)
+            pieces.append(piece(2, cell(f"modulus {modulus}")))
+    if progress.verdict in VERDICTS:
+        word, role = VERDICTS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))
         pieces.append(piece(3, cell(progress.verdict_reason)))
     return fit(pieces, width)

@@ -48,6 +48,12 @@ class Host(Protocol):
     def word(self) -> StatusWord:
         """What is going on."""
 
+    def position(self) -> tuple[str, bool] | None:
+        """Where the instrument stands, and whether that is good; None: no receiver."""
+
+    def here(self) -> tuple[float, float] | None:
+        """Latitude and longitude now, degrees."""
+
     def pace_text(self) -> str:
         """How fast a replay goes."""
 

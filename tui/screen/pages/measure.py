@@ -1,5 +1,6 @@
 """The measure page, open all day."""
 
+import time
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -11,7 +12,11 @@ from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measu
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.names import next_name, point_name_error
+from tui.screen.session.stations import next_station
 from tui.screen.widgets.lines_view import LinesView
+
+JUST_LANDED = 0.7
+"""s; a person does not see a new drop and press a key sooner, so the key was meant for another."""
 
 
 class MeasurePage(Page):
@@ -61,6 +66,10 @@ class MeasurePage(Page):
         super().__init__()
         self.chosen: int | None = None
         self.panel = ""
+        self._shown: DropState | None = None
+        """The drop that is on the terminal."""
+        self._asked_for: DropState | None = None
+        """A drop that had just landed when `d` was pressed."""
 
     @property
     def drop(self) -> DropState | None:
@@ -93,7 +102,10 @@ class MeasurePage(Page):
             app.pace_text(),
             app.message,
             app.diagnoses.verdicts.get(app.state.point, ""),
+            app.position(),
+            app.here(),
         )
+        self._shown = self.drop
         return measure_lines(view, width, height)
 
     def action_choose(self, step: int) -> None:
@@ -124,8 +136,24 @@ class MeasurePage(Page):
         self.draw()
 
     def action_discard(self) -> None:
-        """Mark the drop as not to be used."""
-        self.pfwd.edits.discard(self.drop)
+        """Mark the drop that is on the terminal as not to be used.
+
+        One that has just landed was not seen yet by who pressed the key: it is asked for again.
+        """
+        drop, self._asked_for = self._shown, self._asked_for
+        fresh = drop is not None and drop.came > 0
+        if (
+            drop is not None
+            and fresh
+            and self.chosen is None
+            and time.monotonic() - drop.came < JUST_LANDED
+            and self._asked_for is not drop
+        ):
+            self._asked_for = drop
+            self.pfwd.say(f"drop {drop.number} has just landed: d again discards it")
+            return
+        self._asked_for = None
+        self.pfwd.edits.discard(drop)
 
     def action_open(self) -> None:
         """Everything about the drop."""
@@ -145,10 +173,13 @@ class MeasurePage(Page):
         if not self.pfwd.source.writes or self.pfwd.source.pace is not None:
             self.pfwd.say("a replay has its own points")
             return
-        known = {point.shown_name for point in self.pfwd.state.points.values()}
+        state = self.pfwd.state
+        known = {point.shown_name for point in state.points.values()}
+        station = next_station(state.job, known, self.pfwd.here())
+        proposed = next_name(state.current.shown_name, known, state.job.step_m)
         dialog = TextDialog(
             "Next point",
-            next_name(self.pfwd.state.current.shown_name, known),
+            proposed if station is None else station.station.name,
             check=point_name_error,
             hint="enter begins it, escape goes back",
         )

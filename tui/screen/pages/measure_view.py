@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pfwd_survey.measuring.live_trace import WINDOW, Envelope
-from pfwd_survey.procedures import Quantity
+from pfwd_survey.procedures import PLAIN, Quantity
 from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, table_lines, window
 from tui.screen.drawing.digits import ROWS, SIZES, digit_lines, digit_width, largest_size
@@ -27,20 +27,25 @@ from tui.screen.drawing.lines import (
     wrap,
 )
 from tui.screen.pages.drop_texts import (
+    QUANTITY_NAMES,
+    VERDICTS,
+    Judged,
     beside_modulus,
     drop_columns,
     drop_row,
+    judged_of,
     modulus_text,
     plain,
     point_summary,
+    point_value_text,
     verdict_of,
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.procedure import PLAIN
 from tui.screen.session.state import SessionState
+from tui.screen.session.stations import lot_progress, next_station
 from tui.screen.session.status import StatusWord
-from tui.screen.units import NOTHING, QuantityName, Units
+from tui.screen.units import NOTHING, Units, judged_quantity
 
 PANELS = ("live", "load", "deflection", "residual")
 """What the one plot of a small terminal shows in turn."""
@@ -75,6 +80,10 @@ class MeasureView:
     """The last thing that was said."""
     verdict: str = ""
     """Of the diagnosis of this point, when it was made."""
+    position: tuple[str, bool] | None = None
+    """What the receiver says, and whether that is good; None: there is none."""
+    here: tuple[float, float] | None = None
+    """Latitude and longitude now, degrees."""
 
     @property
     def drop(self) -> DropState | None:
@@ -93,9 +102,65 @@ def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
     tiny = width < NARROW or height < LOW
     body = _large(view, width, room) if view.large and not tiny else None
     body = _tiny(view, width, room) if tiny else body
+    if is_done(view) and room >= LEAST_DONE:
+        body = done_lines(view, width, room)
     if body is None:
         body = _full(view, width, room) if full else _small(view, width, room)
     return [pad(row, width) for row in [*top, *exactly(body, room), *foot]]
+
+
+LEAST_DONE = 6
+"""Rows below which there is no room for a verdict in large letters."""
+
+
+def is_done(view: MeasureView) -> bool:
+    """Whether the point is done, and nobody looks at one of its drops."""
+    return view.word.word == "POINT DONE" and view.chosen is None
+
+
+def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
+    """How the point stands, in letters that are read from afar, and what that rests on."""
+    state, units = view.state, view.units
+    progress = state.progress
+    word, role = VERDICTS.get(progress.verdict, ("DONE", "strong"))
+    value, error, unit = point_value_text(progress, units)
+    quantity = judged_quantity(state.job.quantity)
+    name = QUANTITY_NAMES[state.job.quantity]
+    drops = 0 if progress.value is None else progress.value.drops
+    target = "no target"
+    if progress.target is not None:
+        side = "at most" if quantity == "settlement" else "at least"
+        target = f"target {side} {units.with_unit(quantity, progress.target)}"
+    sure = f" ± {error}" if error else ""
+    said = [f"{name} {value}{sure} {unit}", target, f"mean of {drops} drops"]
+    pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(said)]
+    facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
+    if progress.verdict in VERDICTS:
+        facts += [line(" ", cell(text, role)) for text in wrap(progress.verdict_reason, width - 2)]
+    settled = [
+        units.text("settlement", depth)
+        for number, _, depth in progress.compaction
+        if number in progress.used
+    ]
+    if settled:
+        facts.append(line(f" settlement {', '.join(settled)} {units.unit('settlement')}"))
+    facts += [line(" ", cell(text, "warn")) for text in advice_lines(view, width - 2)]
+    if state.job.quantity is Quantity.MODULUS:
+        facts.append(footnote(state.last, view, width))
+    facts = facts[: max(1, room - ROWS - 1)]
+    table = min(len(state.current.drops) + 1, max(0, (room - len(facts)) // 4))
+    space = room - len(facts) - table - 2
+    both = max(1, space // 2) if space >= 2 * ROWS + 1 and value != NOTHING else 0
+    size = largest_size(word, width - 2, space - both) or (1, 1)
+    lines: list[Line] = [()]
+    lines += [(Cell(" "), *row) for row in digit_lines(word, role, *size)]
+    if both:
+        figures = f"{value} ±{error}" if error else value
+        under = largest_size(figures, width - 2, both - 1)
+        if under is not None:
+            lines += [(), *[(Cell(" "), *r) for r in digit_lines(figures, "strong", *under)]]
+    lines = exactly([*lines, ()], room - len(facts) - table)
+    return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
 
 
 def head_lines(view: MeasureView, width: int) -> list[Line]:
@@ -120,6 +185,9 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
             pieces.append(piece(4, cell(f"battery {device.battery:.1f} V{low}")))
         if device.due is not None:
             pieces.append(piece(5, f"cal. until {device.due}"))
+        if view.position is not None:
+            text, good = view.position
+            pieces.append(piece(2, cell(text, "good" if good else "warn")))
     elif view.pace:
         pieces = [piece(0, "○ recording")]
     else:
@@ -165,11 +233,12 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
         if whole != 0 or done:
             parts.append(piece(0, f"{name} ", _boxes(done, whole)))
     target = progress.target
-    quantity: QuantityName = "deflection" if _of_deflection(view.state) else "modulus"
+    quantity = judged_quantity(view.state.job.quantity)
     wanted = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
     parts.append(piece(1, wanted))
     if view.state.procedure.name != PLAIN:
         parts.append(piece(3, cell(view.state.procedure.name, "dim")))
+    parts += _lot_pieces(view)
     parts_width = width_of(fit(parts, width - 1, "   "))
     if view.message in view.word.action:  # it stands above already
         return [(Cell(" "), *fit(parts, width - 1, "   "))]
@@ -182,18 +251,29 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
     return lines
 
 
-def _of_deflection(state: SessionState) -> bool:
-    return state.procedure.quantity is Quantity.DEFLECTION
+def _lot_pieces(view: MeasureView) -> list[Piece]:
+    """How much of the lot is measured, and where the next station is."""
+    state = view.state
+    names = {point.shown_name for point in state.points.values()}
+    progress = lot_progress(state.job, names)
+    if not progress:
+        return []
+    coming = next_station(state.job, names, view.here, state.current.shown_name)
+    found = [piece(2, progress)]
+    if coming is not None:
+        found.append(piece(1, cell(coming.text, "strong")))
+    return found
 
 
 def _boxes(done: int, whole: int | None) -> Cell:
     if whole is None:
         return cell(f"{done}", "strong")
-    shown = max(done, whole)
-    if shown > 12:
-        return cell(f"{done} of {whole}", "strong")
-    marks = ["■" if place < done else "□" for place in range(shown)]
-    return cell(f"{' '.join(marks)} ({done}/{whole})", "strong")
+    counted, more = min(done, whole), max(0, done - whole)
+    beyond = f" +{more}" if more else ""
+    if whole > 12:
+        return cell(f"{counted} of {whole}{beyond}", "strong")
+    marks = ["■" if place < counted else "□" for place in range(whole)]
+    return cell(f"{' '.join(marks)} ({counted}/{whole}){beyond}", "strong")
 
 
 def key_line(keys: Sequence[tuple[str, str]], width: int) -> Line:
@@ -230,9 +310,9 @@ def _small(view: MeasureView, width: int, room: int) -> list[Line]:
 
 def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
     """A terminal that is too small for anything but the numbers."""
-    value, error = modulus_text(view.drop, view.units)
-    shown = f" E {value} ± {error or NOTHING} {view.units.unit('modulus')} (95 %)"
-    lines = [line(cell(shown, "strong"))]
+    judged = judged_of(view.state, view.drop, view.units)
+    sure = f" ± {judged.error} {judged.unit} (95 %)" if judged.error else f" {judged.unit}"
+    lines = [line(cell(f" {judged.name} {judged.value}{sure}", "strong"))]
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)]
     lines.append(footnote(view.drop, view, width))
     return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
@@ -245,10 +325,11 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
         return None
     rows_wanted = min(4, room - ROWS - 4)
     space = room - rows_wanted - 4
-    value, error = modulus_text(drop, view.units)
-    lines: list[Line] = [(Cell(" "), *row) for row in _figures_of(value, error, width - 2, space)]
-    unit = view.units.unit("modulus")
-    lines.append(line(cell(f" {unit}, ± for 95 % with the model's error", "strong")))
+    judged = judged_of(view.state, drop, view.units)
+    figures = _figures_of(judged.value, judged.error, width - 2, space)
+    lines: list[Line] = [(Cell(" "), *row) for row in figures]
+    name = "" if judged.is_fit else f"  {judged.name}"
+    lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)][:2]
     lines = [*exactly(lines, room - rows_wanted - 1), footnote(drop, view, width)]
     return [*lines, *drop_table(view, width, rows_wanted)]
@@ -288,37 +369,50 @@ def _one_panel(view: MeasureView, width: int, rows: int) -> list[Line]:
 
 def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False) -> list[Line]:
     """The modulus in large figures with everything that belongs to it."""
-    drop, units = view.drop, view.units
-    value, error = modulus_text(drop, units)
-    unit = units.unit("modulus")
+    drop = view.drop
+    judged = judged_of(view.state, drop, view.units)
+    value, error = judged.value, judged.error
     details = _details(view, drop)
     if wide:
         shown = f"{value} ±{error}" if error else value
-        digits = digit_lines(shown, "strong", 1, 1)
+        digits = [()] * ROWS if value == NOTHING else digit_lines(shown, "strong", 1, 1)
         taken = max(width_of(row) for row in digits) + 2
         side = width - taken - 3
         sure = fit(
-            [piece(0, cell(f"{unit}, ± for 95 %", "strong")), Piece(_refining(drop), 1)], side
+            [piece(0, cell(_unit_text(judged, short=True), "strong")), Piece(_refining(drop), 1)],
+            side,
         )
         text = [sure, *[fit([piece(0, detail)], side) for detail in details]]
-        judged = _verdict_lines(view, side)[: rows - 1]
-        text = [*text[: rows - len(judged)], *judged]
+        said = _verdict_lines(view, side)[: rows - 1]
+        text = [*text[: rows - len(said)], *said]
         return beside([line(" ", *row) for row in digits], exactly(text, rows), taken, rows, "  ")
-    name = "modulus of the subgrade" if drop and has_layers(drop.result) else "modulus"
+    layered = judged.is_fit and drop is not None and has_layers(drop.result)
+    name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
     verdict = _verdict_lines(view, width)
     used = len(details) + len(verdict) + 2
     space = max(ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
     lines += _figures_of(value, error, width, space)
-    lines.append(line(cell(f"{unit}, ± for 95 % with the model's error", "strong")))
+    lines.append(line(cell(_unit_text(judged), "strong")))
     lines += [line(detail) for detail in details if len(detail) <= width]
     room = rows - len(lines)
     return exactly([*lines, *verdict[: max(0, room)]], rows)
 
 
+def _unit_text(judged: Judged, *, short: bool = False) -> str:
+    """The unit below large figures, and what the ± is."""
+    if judged.value == NOTHING:
+        return "no result yet" if judged.is_fit else f"no {judged.name} yet"
+    if not judged.is_fit:
+        return f"{judged.unit}  {judged.name}" if short else judged.unit
+    return f"{judged.unit}, ± for 95 %" + ("" if short else " with the model's error")
+
+
 def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
     """Value and uncertainty as large as there is room: one below the other, or side by side."""
+    if value == NOTHING:  # a bar of blocks would look like a result
+        return [()] * ROWS
     if not error:
         return digit_lines(value, "strong", *(largest_size(value, width, rows) or (1, 1)))
     best: list[Line] = digit_lines(f"{value} ±{error}", "strong", 1, 1)
@@ -349,6 +443,9 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         lines.append(effective_text(result, units))
     if drop is None or result is None or drop.modulus is None:
         return [text for text in lines if text]
+    if view.state.job.quantity is not Quantity.MODULUS:
+        fitted, sure = modulus_text(drop, units)
+        lines.insert(0, f"modulus of the fit {fitted} ±{sure or NOTHING} {units.unit('modulus')}")
     noise = result.modulus_sd_pa
     value, error = units.measured("modulus", drop.modulus, noise)
     lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NOTHING}")
@@ -363,7 +460,16 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
 
 def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
     text, role = verdict_of(view.drop, view.verdict)
-    return [line(cell(row, role)) for row in wrap(text, width)]
+    lines = [line(cell(row, role)) for row in wrap(text, width)]
+    return [*lines, *[line(cell(row, "warn")) for row in advice_lines(view, width)]]
+
+
+def advice_lines(view: MeasureView, width: int) -> list[str]:
+    """What is to be done about the drop that is looked at, or about the point."""
+    found = []
+    for text in view.state.advice(view.drop):
+        found += wrap(f"→ {text}", width)
+    return found
 
 
 def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:

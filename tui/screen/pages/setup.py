@@ -11,8 +11,8 @@ from textual.content import Content
 from textual.widgets import Button, Input, Label, Select
 
 from pfwd_survey.errors import DeviceError, OptionError
-from pfwd_survey.files.editing import Edit
-from pfwd_survey.procedures import shipped_names
+from pfwd_survey.judging import JobRequest
+from pfwd_survey.procedures import PLAIN, Procedure, shipped_names
 from tui.output import clean
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.pages.dialogs import Question
@@ -22,12 +22,13 @@ from tui.screen.pages.setup_form import (
     BY_NAME,
     FIELDS,
     Field,
+    chosen_procedure,
     error_of,
     plan_with,
     shown_value,
+    unit_of,
     value_of,
 )
-from tui.screen.session.procedure import PLAIN
 from tui.screen.widgets.lines_view import LinesView
 
 _SCREEN: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
@@ -73,16 +74,11 @@ class SetupPage(Page):
 
     def compose(self) -> ComposeResult:
         """A field a line."""
-        units = self.pfwd.units
-        self._units_name = units.name
         yield LinesView(id="lines")
         with VerticalScroll(id="form"):
             for field in FIELDS:
                 with Horizontal(classes="field"):
-                    unit = f", {units.unit(field.quantity)}" if field.quantity else ""
-                    yield Label(
-                        f"{field.title}{unit}", classes="field-name", id=f"title-{field.name}"
-                    )
+                    yield Label(self._title(field), classes="field-name", id=f"title-{field.name}")
                     yield Input(
                         clean(self._now(field)),
                         id=field.name,
@@ -126,11 +122,21 @@ class SetupPage(Page):
 
     def _procedures(self) -> list[str]:
         names = [PLAIN, *shipped_names()]
-        return names if self._procedure() in names else [*names, self._procedure()]
+        return names if self._procedure() in names else [self._procedure(), *names]
 
     def _procedure(self) -> str:
-        chosen = self.pfwd.source.plan.setup.procedure
-        return PLAIN if chosen is None else chosen.name
+        return self.pfwd.state.procedure.name
+
+    def _judging(self) -> Procedure:
+        """The procedure that is chosen in the form."""
+        if not self.query("#procedure"):
+            return self.pfwd.state.procedure
+        name = str(self.query_one("#procedure", Select).value)
+        return chosen_procedure(name, {}, self.pfwd.state.procedure)
+
+    def _title(self, field: Field) -> str:
+        unit = unit_of(field, self._judging(), self.pfwd.units)
+        return f"{field.title}, {unit}" if unit else field.title
 
     def _setting(self, name: str) -> str:
         value = getattr(self.pfwd.settings, name)
@@ -141,17 +147,25 @@ class SetupPage(Page):
         source = self.pfwd.source
         if field.name == "url":
             return not source.url or source.title == "demo"
-        return source.pace is not None and field.name not in ("target", "measured")
+        return source.pace is not None and field.name not in ("target", "step_m", "operator")
 
     def _now(self, field: Field) -> str:
         app = self.pfwd
         if field.name == "url":
             return app.source.url
-        if field.name == "measured":
-            return str(app.state.measured)
-        if field.name == "target":
-            return shown_value(field, app.state.target_of(app.state.current), app.units)
-        return shown_value(field, app.source.plan.setup.declared.get(field.name), app.units)
+        job, procedure = app.state.job, app.state.procedure
+        declared = app.source.plan.setup.declared
+        known = {
+            "measured": procedure.measured_drops,
+            "seating_drops": procedure.seating_drops,
+            "target": job.target,
+            "step_m": job.step_m,
+            "operator": job.operator,
+        }
+        value = known.get(field.name)
+        if value is None:
+            value = declared.get(field.name)
+        return shown_value(field, value, app.units, procedure)
 
     def _changed(self) -> bool:
         return any(
@@ -197,7 +211,7 @@ class SetupPage(Page):
         field = BY_NAME.get(event.input.id or "")
         if field is None:
             return
-        fault = error_of(field, event.value, self.pfwd.units)
+        fault = error_of(field, event.value, self.pfwd.units, self._judging())
         event.input.set_class(bool(fault), "wrong")
         self._say(f"{field.title}: {fault}" if fault else field.hint)
 
@@ -216,6 +230,10 @@ class SetupPage(Page):
             if event.value != _NO_PORT:
                 self.query_one("#url", Input).value = str(event.value)
             return
+        if name == "procedure":
+            target = BY_NAME["target"]
+            self.query_one("#title-target", Label).update(Content(self._title(target)))
+            return
         if name not in _SCREEN or event.value == self._setting(name):
             return
         value: Any = str(event.value)
@@ -225,12 +243,10 @@ class SetupPage(Page):
 
     def _new_units(self) -> None:
         """Show all numbers in the new units; what was typed and not taken goes back."""
-        units = self.pfwd.units
         for field in FIELDS:
-            if field.quantity is None:
+            if field.quantity is None and field.kind != "target":
                 continue
-            title = self.query_one(f"#title-{field.name}", Label)
-            title.update(Content(f"{field.title}, {units.unit(field.quantity)}"))
+            self.query_one(f"#title-{field.name}", Label).update(Content(self._title(field)))
             self.query_one(f"#{field.name}", Input).value = clean(self._now(field))
 
     def action_find(self) -> None:
@@ -271,38 +287,33 @@ class SetupPage(Page):
         """Take the setup when everything is right."""
         app = self.pfwd
         values: dict[str, Any] = {}
+        judging = self._judging()
         for field in FIELDS:
             text = self.query_one(f"#{field.name}", Input).value
             try:
-                values[field.name] = value_of(field, text, app.units)
+                values[field.name] = value_of(field, text, app.units, judging)
             except ValueError as err:
                 self.query_one(f"#{field.name}", Input).focus()
                 self._say(f"{field.title}: {err}")
                 return
-        procedure = str(self.query_one("#procedure", Select).value)
         try:
+            procedure = chosen_procedure(judging.name, values, app.state.procedure)
             plan = plan_with(app.source.plan, values, procedure)
         except OptionError as err:
             self._say(str(err))
             return
-        self._take_own(values)
+        job = app.state.job
         same = dict(plan.setup.declared) == dict(app.source.plan.setup.declared)
+        same = same and not JobRequest(procedure=procedure).news(job)
         url = str(values["url"] or "")
         if app.source.pace is None and (not same or url != app.source.url):
             app.restart(plan, url)
         else:
-            app.say("taken")
+            said = JobRequest(
+                target=values["target"], step_m=values["step_m"], operator=values["operator"]
+            )
+            app.edits.say_of_job(said.news(job))
         app.action_page("measure")
-
-    def _take_own(self, values: dict[str, Any]) -> None:
-        app = self.pfwd
-        app.state.measured = int(values["measured"] or app.state.measured)
-        target = values["target"]
-        if target != app.state.target_of(app.state.current):
-            app.state.chosen_target = target
-            if target is not None and app.state.current.drops:
-                app.edits.add(Edit("target", target), point=app.state.point)
-        app.state.judge_anew()
 
     def action_back(self) -> None:
         """To the measure page; asks when something was typed."""

@@ -1,17 +1,19 @@
 """What the setup page asks, and how it is checked: as it is typed, one field at a time."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pfwd_survey.errors import OptionError, TraceError
 from pfwd_survey.files.header import KEYS, check_value
+from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import with_procedure
-from pfwd_survey.procedures import find_procedure
-from tui.screen.session.procedure import PLAIN
-from tui.screen.units import QuantityName, Units, figures
+from pfwd_survey.procedures import PLAIN, Procedure, find_procedure, plain_procedure
+from pfwd_survey.procedures.plain import MEASURED, SEATING
+from tui.screen.units import QuantityName, Units, figures, judged_quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class Field:
     quantity: QuantityName | None = None
     """Of a number that is shown in the units of the screen."""
     kind: str = "number"
-    """number, whole, or text."""
+    """number, whole, text, or target: a number in the unit of what the procedure judges."""
     hint: str = ""
 
 
@@ -37,25 +39,61 @@ FIELDS = (
     Field("poisson_ratio", "Poisson's ratio", hint="0 to below 0.5; empty: 0.35 is assumed"),
     Field("seating_drops", "seating drops", kind="whole", hint=_BY_PROCEDURE),
     Field("measured", "measured drops", kind="whole", hint=_BY_PROCEDURE),
-    Field("target", "target modulus", "modulus", hint="empty: none"),
+    Field("target", "target", kind="target", hint="of points that have none; empty: none"),
+    Field("step_m", "station step", hint="m along the line, from 12+320 to 12+340: 20"),
     Field("operator", "operator", kind="text"),
     Field("site", "site", kind="text"),
 )
 BY_NAME: Mapping[str, Field] = {field.name: field for field in FIELDS}
-_OWN = ("url", "measured", "target")
+_OWN = ("url", "measured", "target", "step_m")
 """Fields that no setup file has."""
 
 
-def error_of(field: Field, text: str, units: Units) -> str:
+def quantity_of(field: Field, procedure: Procedure) -> QuantityName | None:
+    """What a field is in the units of the screen; a target what the procedure judges."""
+    return judged_quantity(procedure.quantity) if field.kind == "target" else field.quantity
+
+
+def unit_of(field: Field, procedure: Procedure, units: Units) -> str:
+    """The unit that a field is typed in; empty: none."""
+    quantity = quantity_of(field, procedure)
+    return "m" if field.name == "step_m" else units.unit(quantity) if quantity else ""
+
+
+def chosen_procedure(name: str, values: Mapping[str, Any], known: Procedure | None) -> Procedure:
+    """The procedure of the form.
+
+    Parameters
+    ----------
+    name : str
+        Of a shipped one, of `known`, or "plain".
+    values : mapping
+        Seating and measured drops of a plain one.
+    known : Procedure, optional
+        The one that is in force.
+
+    Raises
+    ------
+    OptionError
+    """
+    if name == PLAIN:
+        seating, measured = values.get("seating_drops"), values.get("measured")
+        return plain_procedure(
+            SEATING if seating is None else int(seating), MEASURED if measured is None else measured
+        )
+    return known if known is not None and known.name == name else find_procedure(name)
+
+
+def error_of(field: Field, text: str, units: Units, procedure: Procedure) -> str:
     """What is wrong with what was typed; empty: nothing."""
     try:
-        value_of(field, text, units)
+        value_of(field, text, units, procedure)
     except ValueError as err:
         return str(err)
     return ""
 
 
-def value_of(field: Field, text: str, units: Units) -> Any:
+def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any:
     """The value in SI; None: the field is empty.
 
     Raises
@@ -70,7 +108,7 @@ def value_of(field: Field, text: str, units: Units) -> Any:
         if not text.isprintable() or len(text) > 200:
             raise ValueError("expected up to 200 letters on one line")
         return text
-    value = _number(field, text, units)
+    value = _number(field, text, units, quantity_of(field, procedure))
     if field.name in KEYS:
         try:
             check_value(field.name, value, field.title)
@@ -78,12 +116,12 @@ def value_of(field: Field, text: str, units: Units) -> Any:
             rule = KEYS[field.name]
             shown = units.unit(field.quantity) if field.quantity else ""
             raise ValueError(f"expected {rule.expected.split(', in')[0]} {shown}".strip()) from err
-    elif value <= 0:
+    elif not 0 < value < math.inf:
         raise ValueError("expected a number > 0")
     return value
 
 
-def _number(field: Field, text: str, units: Units) -> float | int:
+def _number(field: Field, text: str, units: Units, quantity: QuantityName | None) -> float | int:
     try:
         if field.kind == "whole":
             return int(text)
@@ -91,20 +129,21 @@ def _number(field: Field, text: str, units: Units) -> float | int:
     except ValueError:
         kind = "a whole number" if field.kind == "whole" else "a number"
         raise ValueError(f"expected {kind}") from None
-    return units.si(field.quantity, value) if field.quantity else value
+    return units.si(quantity, value) if quantity else value
 
 
-def shown_value(field: Field, value: Any, units: Units) -> str:
+def shown_value(field: Field, value: Any, units: Units, procedure: Procedure) -> str:
     """A value of SI as it stands in the form."""
     if value is None:
         return ""
-    if field.quantity is not None:
-        number = units.value(field.quantity, float(value))
+    quantity = quantity_of(field, procedure)
+    if quantity is not None:
+        number = units.value(quantity, float(value))
         return "" if number is None else f"{number:.6g}"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: str) -> SessionPlan:
+def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: Procedure) -> SessionPlan:
     """The plan with what the form says.
 
     Parameters
@@ -112,8 +151,7 @@ def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: str) -> S
     plan : SessionPlan
     values : mapping
         By field, SI; None: not declared here.
-    procedure : str
-        Name of a shipped one, or "plain".
+    procedure : Procedure
 
     Raises
     ------
@@ -130,14 +168,13 @@ def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: str) -> S
             declared[name] = value
     declared.pop("procedure", None)
     setup = dataclasses.replace(plan.setup, declared=declared, procedure=None)
-    if procedure != PLAIN:
-        chosen = plan.setup.procedure
-        if chosen is None or chosen.name != procedure:
-            chosen = find_procedure(procedure)
-        if chosen.seating_drops is not None:  # the procedure's number counts
-            declared.pop("seating_drops", None)
-        setup = with_procedure(setup, chosen, "procedure")
-    return dataclasses.replace(plan, setup=setup)
+    if procedure.seating_drops is not None:  # the procedure's number counts
+        declared.pop("seating_drops", None)
+    setup = with_procedure(setup, procedure, "procedure")
+    said = JobRequest(
+        target=values.get("target"), step_m=values.get("step_m"), operator=values.get("operator")
+    )
+    return dataclasses.replace(plan, setup=setup, job=said.over(plan.job))
 
 
 def summary_of(values: Mapping[str, Any], units: Units) -> str:
@@ -153,9 +190,11 @@ __all__ = [
     "FIELDS",
     "Field",
     "OptionError",
+    "chosen_procedure",
     "error_of",
     "plan_with",
     "shown_value",
     "summary_of",
+    "unit_of",
     "value_of",
 ]

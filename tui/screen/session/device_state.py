@@ -23,6 +23,8 @@ class Device:
     """V."""
     temperature: float | None = None
     lost_samples: int = 0
+    overruns_before: float | None = None
+    """What the instrument had lost before this session; None: it has not said."""
     connected: bool = False
     lost_reason: str = ""
     ready: bool = False
@@ -44,13 +46,23 @@ def device_of(event: InstrumentReady, before: Device) -> Device:
         rate=identity.sampling_rate,
         due=min(dues, default=None),
         lost_samples=before.lost_samples,
+        overruns_before=before.overruns_before,
         battery=before.battery,
         connected=True,
         warnings=(*event.differences, *event.warnings),
     )
 
 
-def lost_samples(counters: Mapping[str, float | None]) -> int:
-    """Samples that did not arrive, wherever they were lost."""
-    names = ("samples_lost", "instrument_overruns")
-    return int(sum(counters.get(name) or 0 for name in names))
+def lost_samples(counters: Mapping[str, float | None], overruns_before: float = 0) -> int:
+    """Samples that did not arrive since the session began, wherever they were lost.
+
+    Parameters
+    ----------
+    counters : mapping
+    overruns_before : float
+        What the instrument had counted before: its counter goes on from when it was switched on.
+    """
+    lost, overruns = (counters.get(name) or 0 for name in ("samples_lost", "instrument_overruns"))
+    # A counter below what it was has begun anew.
+    new = overruns - overruns_before if overruns >= overruns_before else overruns
+    return int(lost + new)

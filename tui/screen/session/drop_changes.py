@@ -3,10 +3,8 @@
 import math
 from collections.abc import Mapping
 
-from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.measuring.contents import DropContents, peaks_of
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
-from pfwd_survey.procedures import Kind, PointDrop
 from tui.screen.session.drop_state import DropState, PointState
 from tui.screen.session.screen_events import DropRead, Refitted
 
@@ -32,15 +30,12 @@ def saved_drop(event: DropSaved, known: DropState, came: float) -> DropState:
 
 
 def _look_at(drop: DropState, handed: HandedOn) -> None:
-    drop.facts = point_drop(handed.drop, handed.setup, handed.screening)
     drop.peak_load, drop.peak_deflection = peaks_of(handed.drop)
-    if drop.facts.peak_deflection is not None:
-        drop.peak_deflection = drop.facts.peak_deflection
 
 
 def add_answer(drop: DropState, event: DropAnalysed) -> None:
     """A result has come while it is measured."""
-    failed = event.result.modulus_pa is None
+    failed = event.result.modulus_pa is None and not event.result.layers
     if failed and drop.results:
         # The quick answer stands: a search that failed takes nothing back.
         drop.final = drop.final or event.final
@@ -50,8 +45,7 @@ def add_answer(drop: DropState, event: DropAnalysed) -> None:
     if drop.delay is None:
         drop.delay = event.delay
     if failed:
-        drop.status = "rejected"
-        drop.reason = event.result.reason or "the analysis failed"
+        drop.fault = event.result.reason or "the analysis failed"
     if event.curves is not None:
         drop.curves = event.curves
 
@@ -101,10 +95,23 @@ def add_kept(point: PointState, kept: DropContents, *, shown: bool) -> None:
         drop.reason = kept.result.reason or ""
         load = kept.result.known_peak_load_n
         drop.peak_load = math.nan if load is None else load
-        drop.facts = PointDrop(drop.number, Kind(drop.status), load)
     elif kept.result is None and drop.handed is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
     point.drops = dict(sorted(point.drops.items()))
+
+
+def sensors_left_out(drop: DropState) -> tuple[int, ...]:
+    """Numbers of the sensors, from 1, that take no part in the fit because they cannot be believed.
+
+    As far as that is known: dead ones from the record, others once it is fitted.
+    """
+    if drop.handed is None:
+        return ()
+    channels = drop.handed.drop.channels
+    gone = set(drop.handed.screening.left_out)
+    if drop.curves is not None and len(drop.curves.offsets) > 1:
+        gone |= {channel.offset for channel in channels} - set(map(float, drop.curves.offsets))
+    return tuple(number for number, channel in enumerate(channels, 1) if channel.offset in gone)
 
 
 def edit_drop(drop: DropState, event: Edited) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
-from pfwd_survey.procedures import PointDrop
 from tui.screen.session.screen_events import Refitted
 
 
@@ -36,10 +35,12 @@ class DropState:
     """Whether the answer that was waited for is there."""
     peak_load: float = math.nan
     peak_deflection: float = math.nan
-    facts: PointDrop | None = None
-    """As a procedure sees it; the geophone's response is taken out of its deflection."""
+    """Of the centre, the declared response of the geophone taken out, m; of a rejected drop as
+    recorded."""
     rebounds: list[float] = field(default_factory=list)
     """Peak loads of the bounces, N."""
+    fault: str = ""
+    """Why there is no modulus; empty: there is one, or it is waited for."""
     identical: bool | None = None
     came: float = 0.0
     """Monotonic clock when it was safe, s."""

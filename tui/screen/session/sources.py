@@ -1,7 +1,6 @@
 """Where a session comes from: an instrument, a simulated one, a recording. The rest cannot tell."""
 
 import contextlib
-import dataclasses
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -203,11 +202,3 @@ class ReplaySource:
 
     def close(self) -> None:
         """Nothing is left."""
-
-
-def with_seating(plan: SessionPlan, seating: int) -> SessionPlan:
-    """The plan with so many seating drops, unless its setup declares them."""
-    if "seating_drops" in plan.setup.declared or plan.setup.procedure is not None:
-        return plan
-    declared = {**plan.setup.declared, "seating_drops": seating}
-    return dataclasses.replace(plan, setup=dataclasses.replace(plan.setup, declared=declared))

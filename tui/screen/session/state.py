@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from pfwd_survey.judging import Job, value_of_drop
+from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
 from pfwd_survey.measuring.events import (
     BatteryLow,
     DropAnalysed,
@@ -17,9 +19,11 @@ from pfwd_survey.measuring.events import (
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
+    JobKnown,
     LiveSamples,
     Notice,
     PointBegan,
+    PointKnown,
     Ready,
     Rebounded,
     SensorCheck,
@@ -28,7 +32,8 @@ from pfwd_survey.measuring.events import (
     TableBuilding,
 )
 from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import PointProgress, Procedure
+from pfwd_survey.measuring.standing import Standing
+from pfwd_survey.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
 from tui.screen.session.device_state import Device, device_of, lost_samples
 from tui.screen.session.drop_changes import (
     add_answer,
@@ -39,15 +44,9 @@ from tui.screen.session.drop_changes import (
     edit_point,
     newest,
     saved_drop,
+    sensors_left_out,
 )
 from tui.screen.session.drop_state import DropState, Mean, PointState
-from tui.screen.session.procedure import (
-    MEASURED,
-    SEATING,
-    plain_procedure,
-    progress_of,
-    with_result,
-)
 from tui.screen.session.screen_events import (
     ContentsRead,
     DiagnosisDone,
@@ -61,15 +60,11 @@ from tui.screen.session.screen_events import (
 MOST_NOTICES = 200
 """Lines that the screen remembers; the log has all."""
 
-USUAL_RADIUS = 0.15
-"""m; stands in for the plate before the instrument has said it, when there is no drop to judge."""
-
 MOST_CURVES = 40
 """Drops whose traces stay in memory; older ones are read from the survey when they are opened."""
 
-_NO_JUDGEMENT = (InstrumentStatus, LiveSamples, Notice, Ready, SensorCheck, TableBuilding)
-"""Events that come often and change nothing that a procedure judges by: hundreds of points are not
-judged anew twice a second."""
+_JUDGED = (JobKnown, PointKnown, DropSaved, DropAnalysed, Edited)
+"""Events that change how a point stands."""
 
 
 class SessionState:
@@ -91,10 +86,8 @@ class SessionState:
         target: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.chosen_procedure = procedure
-        self.chosen_target = target
-        self.measured = MEASURED
-        """Measured drops of a point where no procedure is chosen."""
+        self.standing = Standing(Job(procedure=procedure or plain_procedure(), target=target))
+        """How the points stand, by the job of the survey once that is known."""
         self.device = Device()
         self.points: dict[str, PointState] = {}
         self.point = ""
@@ -118,8 +111,6 @@ class SessionState:
         """Grows with every change, so that what is drawn is only drawn anew when it has to be."""
         self.waits_for_first_modulus = True
         self._clock = clock
-        self._progress: dict[str, tuple[int, PointProgress]] = {}
-        self._judged = 0
         self._with_traces: deque[DropState] = deque()
 
     @property
@@ -130,16 +121,63 @@ class SessionState:
         return self.points.setdefault(self.point, PointState(self.point))
 
     @property
+    def job(self) -> Job:
+        """What the survey is measured by."""
+        return self.standing.job
+
+    @property
     def procedure(self) -> Procedure:
-        """The chosen one, or as many seating drops as are declared and then the measured ones."""
-        if self.chosen_procedure is not None:
-            return self.chosen_procedure
-        setup = self.last.handed.setup if self.last and self.last.handed else self.setup
-        return plain_procedure(SEATING if setup is None else setup.seating_drops, self.measured)
+        """The procedure in force."""
+        return self.job.procedure_in_force
 
     def target_of(self, point: PointState) -> float | None:
-        """What a point has to reach, Pa; None: the procedure may still know."""
-        return self.chosen_target if point.target is None else point.target
+        """What a point has to reach, Pa, or m for a deflection; None: nothing."""
+        return self.progress_of(point).target
+
+    def advice(self, drop: DropState | None) -> list[str]:
+        """What is to be done about a drop, and about its point once that is done."""
+        if drop is None or drop.point not in self.points or drop.discarded:
+            return []
+        facts = self.standing.facts_of(drop.point, drop.number)
+        if facts is None:
+            return []
+        point = self.points[drop.point]
+        others = [
+            known
+            for number in point.drops
+            if number != drop.number
+            and (known := self.standing.facts_of(drop.point, number)) is not None
+        ]
+        result = drop.result
+        residual = None
+        if result is not None and result.explained is False:
+            residual = result.contact_residual_rms_over_peak
+        found = advice_on_drop(
+            self.job,
+            facts,
+            others,
+            contact_residual=residual,
+            sensors_left_out=sensors_left_out(drop),
+        )
+        progress = self.progress_of(point)
+        if progress.complete:
+            found += advice_on_point(progress)
+        diagnosed = [
+            text
+            for done in self.diagnoses.values()
+            for result_ in done.results
+            if str(result_.point) in (point.name, point.shown_name)
+            for effect in result_.effects or ()
+            if (text := of_effect(str(effect.name))) is not None
+        ]
+        return list(dict.fromkeys([*(advice.text for advice in found), *diagnosed]))
+
+    def value_of(self, drop: DropState | None) -> PointValue | None:
+        """What the procedure judges, of one drop."""
+        if drop is None:
+            return None
+        facts = self.standing.facts_of(drop.point, drop.number)
+        return None if facts is None else value_of_drop(self.job, facts)
 
     @property
     def progress(self) -> PointProgress:
@@ -148,20 +186,7 @@ class SessionState:
 
     def progress_of(self, point: PointState) -> PointProgress:
         """What the procedure says of a point; computed anew when something has changed."""
-        kept = self._progress.get(point.name)
-        if kept is not None and kept[0] == self._judged:
-            return kept[1]
-        drops = [point.drops[number] for number in sorted(point.drops)]
-        facts = [
-            with_result(drop.facts, drop.status, drop.discarded, drop.result)
-            for drop in drops
-            if drop.safe and drop.facts is not None
-        ]
-        radius, ratio = self._plate(drops)
-        target = self.target_of(point)
-        found = progress_of(self.procedure, facts, radius, ratio, target)
-        self._progress[point.name] = self._judged, found
-        return found
+        return self.standing.progress_of(point.name)
 
     def mean_of(self, point: PointState) -> Mean:
         """The modulus of a point, over the drops that its procedure uses."""
@@ -186,17 +211,6 @@ class SessionState:
             (exclusion.reason for exclusion in excluded if exclusion.number == drop.number), ""
         )
 
-    def _plate(self, drops: list[DropState]) -> tuple[float, float | None]:
-        """Plate radius, m, and Poisson's ratio of drops."""
-        for drop in reversed(drops):
-            if drop.handed is not None:
-                return drop.handed.setup.plate_radius, drop.handed.setup.poisson_ratio
-            if drop.result and drop.result.plate_radius_m:
-                return drop.result.plate_radius_m, drop.result.poisson_ratio
-        if self.setup is not None:
-            return self.setup.plate_radius, self.setup.poisson_ratio
-        return USUAL_RADIUS, None
-
     @property
     def held(self) -> int:
         """How many drops the disk has not taken."""
@@ -215,9 +229,36 @@ class SessionState:
     def take(self, event: ScreenEvent) -> None:
         """Add an event."""
         self.version += 1
-        if not isinstance(event, _NO_JUDGEMENT):
-            self._judged += 1
+        changed = self.standing.take(event) if isinstance(event, _JUDGED) else None
+        self._take(event)
+        if isinstance(event, JobKnown):
+            for point in self.points.values():
+                self._count_anew(point)
+        elif changed is not None and changed in self.points:
+            self._count_anew(self.points[changed])
+
+    def _count_anew(self, point: PointState) -> None:
+        """What its drops count as beside each other, as the judgement has it."""
+        progress = self.progress_of(point)
+        reasons = {drop.number: drop.reason for drop in progress.excluded}
+        for number, kind in progress.kinds:
+            drop = point.drops.get(number)
+            if drop is None:
+                continue
+            measured = self.standing.facts_of(point.name, number)
+            if measured is not None and measured.facts.peak_deflection is not None:
+                drop.peak_deflection = measured.facts.peak_deflection
+            if kind is Kind.DISCARDED:
+                continue
+            drop.status = kind.value
+            if kind is Kind.REJECTED and not drop.reason:
+                drop.reason = reasons.get(number, "").removeprefix("rejected: ")
+
+    def _take(self, event: ScreenEvent) -> None:
         match event:
+            case JobKnown(_, differences):
+                for text in differences:
+                    self._on_notice(Notice(text, serious=True))
             case InstrumentReady():
                 self._on_ready(event)
             case InstrumentLost(reason):
@@ -276,11 +317,6 @@ class SessionState:
                 if error:
                     self._on_notice(Notice(error, serious=True))
 
-    def judge_anew(self) -> None:
-        """Procedure or target were changed."""
-        self.version += 1
-        self._judged += 1
-
     def drop_of_record(self, record: int) -> DropState | None:
         """By its number within the survey."""
         for point in self.points.values():
@@ -309,7 +345,10 @@ class SessionState:
     def _on_status(self, event: InstrumentStatus) -> None:
         self.device.battery = event.status.battery_v
         self.device.temperature = event.status.temperature_c
-        self.device.lost_samples = lost_samples(event.counters)
+        if self.device.overruns_before is None:
+            self.device.overruns_before = event.counters.get("instrument_overruns") or 0
+        before = self.device.overruns_before
+        self.device.lost_samples = lost_samples(event.counters, before)
 
     def _on_notice(self, event: Notice) -> None:
         now = datetime.datetime.now()
@@ -370,6 +409,8 @@ class SessionState:
 
     def _on_contents(self, event: ContentsRead) -> None:
         for content in event.points:
+            if content.known is not None and event.drops:
+                self.standing.take(content.known)
             point = self.points.setdefault(content.name, PointState(content.name))
             point.title = content.title
             point.position, point.discarded, point.notes = (
@@ -380,6 +421,8 @@ class SessionState:
             point.target = content.target if content.target is not None else point.target
             for kept in content.drops:
                 add_kept(point, kept, shown=event.drops)
+            if event.drops:
+                self._count_anew(point)
         if event.drops:
             order = [point.name for point in event.points]
             names = [*order, *(name for name in self.points if name not in order)]

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import Kind
+from pfwd_survey.procedures import Kind, Quantity
 from tui.screen.session.state import SessionState
+from tui.screen.session.stations import next_station
 
 SAFE_SHOWN = 2.0
 """s that SAFE stays before READY: long enough to look up, shorter than lifting the weight."""
@@ -101,6 +102,8 @@ def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> S
         return StatusWord(
             "REPEAT", f"drop {last.number} rejected: {last.reason or 'no result'}", "alarm"
         )
+    if last.fault and not last.discarded and state.job.quantity is Quantity.MODULUS:
+        return StatusWord("REPEAT", f"drop {last.number} has no modulus: {last.fault}", "alarm")
     if age < SAFE_SHOWN:
         return StatusWord("SAFE", _safe_text(state), "ready")
     if bounced:
@@ -123,7 +126,7 @@ def _waiting(state: SessionState) -> StatusWord:
     if state.recorded:
         return StatusWord("REPLAY", "the next recorded drop follows", "busy")
     if state.progress.next_kind is None and state.current.drops:
-        return StatusWord("POINT DONE", "walk to the next point and press n", "ready")
+        return StatusWord("POINT DONE", _where_next(state), "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
         return StatusWord("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
@@ -141,6 +144,15 @@ def _waiting(state: SessionState) -> StatusWord:
         text = f"room for about {state.drops_left} more drops; lift the weight"
         return StatusWord("DISK LOW", text, "alarm")
     return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
+
+
+def _where_next(state: SessionState) -> str:
+    names = {point.shown_name for point in state.points.values()}
+    coming = next_station(state.job, names, None, state.current.shown_name)
+    if coming is None:
+        done = "; the last station of the list is done" if state.job.stations else ""
+        return f"walk to the next point and press n{done}"
+    return f"{coming.text}; there press n"
 
 
 def _next(state: SessionState) -> str:

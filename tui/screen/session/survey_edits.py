@@ -6,7 +6,10 @@ from pathlib import Path
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
-from pfwd_survey.measuring.events import Edited, Notice
+from pfwd_survey.files.jobs import keep_events
+from pfwd_survey.judging import JobRequest
+from pfwd_survey.judging.contents import job_of_folder
+from pfwd_survey.measuring.events import Edited, JobKnown, Notice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
@@ -81,6 +84,29 @@ class SurveyEdits:
             return False
         self._in_thread(lambda: self._edit_folder(folder, edit, drop, point), "edit")
         return True
+
+    def say_of_job(self, request: JobRequest) -> None:
+        """Say something of what the survey is measured by."""
+        if not request:
+            self._say("nothing was changed")
+            return
+        if self._source.writes and self._runner.ask(lambda session: session.change_job(request)):
+            self._say("taken")
+            return
+        folder = self._source.survey
+        if folder is None:
+            self._say("there is no survey that could keep it")
+            return
+        self._in_thread(lambda: self._keep_job(folder, request), "job")
+
+    def _keep_job(self, folder: Path, request: JobRequest) -> None:
+        try:
+            keep_events(folder, request.events())
+            job = job_of_folder(folder)
+        except (SurveyError, DeviceError, OSError) as err:
+            self._runner.put(Notice(str(err), serious=True))
+            return
+        self._runner.put(JobKnown(job))
 
     def _edit_folder(
         self, folder: Path, edit: Edit, drop: DropState | None, point: str | None

@@ -121,7 +121,10 @@ def test_a_small_load_with_a_last_sample_of_zero_is_not_upward(make_drop: MakeDr
 
 def test_two_pulses_are_a_false_trigger(make_drop: MakeDrop) -> None:
     drop = changed(make_drop(), load=lambda v: v + 0.7 * np.roll(v, 250))
-    assert rejected(drop) == ("false trigger: 2 pulses above half of the peak load in one record")
+    assert rejected(drop) == (
+        "false trigger: 2 pulses above half of the peak load in one record; did the weight hit "
+        "twice? catch it after the first blow"
+    )
 
 
 def test_a_spike_is_a_false_trigger(make_drop: MakeDrop) -> None:

@@ -1,0 +1,165 @@
+"""What is to be done about a drop or a point, in words that a technician acts on.
+
+From what is known within a second of the drop: its own record, the drops before it, and the first
+fit. What an effect that the diagnosis found asks for is said by `of_effect`.
+"""
+
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pfwd_survey.judging.drops import MeasuredDrop
+from pfwd_survey.judging.job import Job
+from pfwd_survey.procedures import Kind, PointDrop, PointProgress, Quantity
+from pfwd_survey.procedures.valuing import OTHER_LOAD
+
+LOAD_DIFFERS = 0.15
+"""Of the median of the point's drops. Drops from one height repeat within a few percent; the next
+catch of a guide rod is a fifth and more away."""
+
+STILL_SETTLES = 0.10
+"""Part by which the last averaged drop may move less than the first one before the plate counts as
+not seated: with three drops that repeat to 3 % it is chance in one of a hundred points."""
+
+SINKS_ON = 0.10
+"""The same for a last drop that moves more: the ground gives way under the plate."""
+
+UNEVEN_CONTACT = 0.03
+"""Residual over the peak during the contact, of a fit that is not explained by noise. Even plates
+on ground stay below 2 % (docs/validation.md)."""
+
+
+class Advised(StrEnum):
+    """What is wrong."""
+
+    LOAD = "load"
+    """From another height, or another stress than the procedure takes for granted."""
+    SEATING = "seating"
+    """Too few seating drops."""
+    SINKING = "sinking"
+    """The ground gives way."""
+    CONTACT = "contact"
+    """The plate rocks, or lies on a stone."""
+    SENSOR = "sensor"
+    """A sensor has lost its hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """One thing to do."""
+
+    about: Advised
+    text: str
+    """One sentence."""
+    drop: int | None = None
+    """Number within the point; None: about the point."""
+
+
+def advice_on_drop(
+    job: Job,
+    drop: MeasuredDrop,
+    others: Sequence[MeasuredDrop],
+    *,
+    contact_residual: float | None = None,
+    sensors_left_out: Sequence[int] = (),
+) -> list[Advice]:
+    """What is to be done about one drop.
+
+    Parameters
+    ----------
+    job : Job
+    drop : MeasuredDrop
+    others : sequence of MeasuredDrop
+        The other drops of its point.
+    contact_residual : float, optional
+        Of a fit that noise does not explain, over the peak; None: it is explained, or not there.
+    sensors_left_out : sequence of int
+        Numbers of the sensors, from 1, that could not be believed.
+    """
+    number, facts = drop.facts.number, drop.facts
+    if facts.kind is Kind.REJECTED:
+        return []
+    found = [
+        Advice(
+            Advised.SENSOR,
+            f"re-seat sensor {sensor}: it does not move with the ground",
+            number,
+        )
+        for sensor in sensors_left_out
+    ]
+    found += _load(job, facts, [other.facts for other in others])
+    if contact_residual is not None and contact_residual > UNEVEN_CONTACT:
+        text = (
+            f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
+            "and press it flat"
+        )
+        found.append(Advice(Advised.CONTACT, text, number))
+    return found
+
+
+def _load(job: Job, facts: PointDrop, others: Sequence[PointDrop]) -> list[Advice]:
+    load = facts.peak_load
+    if load is None:
+        return []
+    loads = [
+        other.peak_load
+        for other in others
+        if other.peak_load and other.kind not in (Kind.REJECTED, Kind.DISCARDED)
+    ]
+    usual = statistics.median(loads) if len(loads) > 1 else None
+    # Only E_vd takes the load for granted; the others compute with the measured one.
+    by_nominal = job.quantity is Quantity.E_VD
+    nominal = job.procedure_in_force.nominal_load if by_nominal else None
+    if usual is not None and abs(load - usual) > LOAD_DIFFERS * usual:
+        side = "lower" if load < usual else "higher"
+        text = (
+            f"drop {facts.number} fell from {side}: {load / 1e3:.1f} kN, the others "
+            f"{usual / 1e3:.1f} kN; lift to the catch and repeat it"
+        )
+        return [Advice(Advised.LOAD, text, facts.number)]
+    if nominal is not None and abs(load - nominal.value) > OTHER_LOAD * nominal.value:
+        text = (
+            f"{load / 1e3:.1f} kN, the procedure takes {nominal.value / 1e3:.2f} kN for granted: "
+            "set the drop height as calibrated"
+        )
+        return [Advice(Advised.LOAD, text, facts.number)]
+    return []
+
+
+def advice_on_point(progress: PointProgress) -> list[Advice]:
+    """What is to be done about a point whose drops are averaged."""
+    change = progress.compaction_change
+    if change is None or len(progress.used) < 2:
+        return []
+    first, last = progress.used[0], progress.used[-1]
+    if change < -STILL_SETTLES:
+        text = (
+            f"drop {last} moves {-change:.0%} less than drop {first}: the plate was not seated; "
+            "more seating drops, or discard the first and measure another"
+        )
+        return [Advice(Advised.SEATING, text)]
+    if change > SINKS_ON:
+        text = (
+            f"drop {last} moves {change:.0%} more than drop {first}: the ground gives way; measure "
+            "beside this place"
+        )
+        return [Advice(Advised.SINKING, text)]
+    return []
+
+
+_OF_EFFECT: Mapping[str, str] = {
+    "rough_contact": "the plate does not lie full: clear stones, turn it and press it flat",
+    "seating": "the plate was not seated: more seating drops",
+    "permanent_set": "the ground sinks on: more seating drops, or beside this place",
+    "rebound": "the weight came down again: catch it after the first blow",
+    "saturation": "a channel is at the end of its range: drop from lower, or take another range",
+    "baseline_drift": "a sensor drifts: re-seat it, and let nobody walk nearby",
+    "mains_hum": "mains hum: keep the cables away from power lines",
+    "sensor_lag": "a sensor answers late: press it down, look at its cable",
+}
+
+
+def of_effect(name: str) -> str | None:
+    """What an effect that the diagnosis found asks for; None: nothing at the point."""
+    return _OF_EFFECT.get(name)

@@ -1,0 +1,190 @@
+"""A point that is done, seen and heard from a metre away; keys that meant another drop."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual import events
+
+from pfwd_survey.judging import Job, Station
+from pfwd_survey.measuring.events import DropNotSaved, JobKnown
+from pfwd_survey.procedures import Verdict, find_procedure
+from tests.tui.screen.scripted import (
+    App,
+    QuietSource,
+    analysed,
+    play,
+    ready,
+    result,
+    saved,
+    status,
+    told,
+    until,
+    whole_point,
+)
+from tui.screen.app import SOUNDS
+from tui.screen.session.names import next_name
+from tui.screen.session.stations import lot_progress, next_station
+from tui.screen.settings import ScreenSettings
+from tui.screen.show import leaving_lines
+
+E_LWD = find_procedure("mchw-885")
+LOT = Job(
+    procedure=E_LWD,
+    target=60e6,
+    stations=(
+        Station("12+300", 12_300.0, 48.1, 11.5),
+        Station("12+320", 12_320.0, 48.1, 11.5003),
+        Station("12+340", 12_340.0, 48.1, 11.5006),
+    ),
+)
+
+
+def quiet() -> App:
+    return App(settings=ScreenSettings(bell=False))
+
+
+def test_the_quantity_that_is_judged_is_the_large_one() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, JobKnown(Job(procedure=E_LWD)), *whole_point()[:4])
+        assert "E_LWD, drop 1" in app.text
+        assert "modulus of the fit 47.1 ±0.6 MPa" in app.text
+
+    play(quiet(), script)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize(
+    ("target", "word"), [(40e6, "reaches the target"), (60e6, "misses the target")]
+)
+def test_how_the_point_stands_fills_the_screen(
+    size: tuple[int, int], target: float, word: str
+) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        job = JobKnown(Job(procedure=app.state.procedure, target=target))
+        await told(app, pilot, job, *whole_point())
+        app.state.last.came = time.monotonic() - 60  # type: ignore[union-attr]
+        app.redraw()
+        await pilot.pause()
+        assert word in app.text
+        assert "modulus 47.5 ± 0.6 MPa" in app.text
+        assert "mean of 3 drops" in app.text
+        assert app.text.count("████") > 10
+        await pilot.press("up")
+        assert "noise alone" in app.text, "a drop that is looked at is shown"
+
+    play(quiet(), script, size)
+
+
+def test_each_verdict_has_a_sound_of_its_own() -> None:
+    assert len(set(SOUNDS.values())) == len(Verdict) == len(SOUNDS)
+
+    async def script(app: App, pilot: Any) -> None:
+        job = JobKnown(Job(procedure=app.state.procedure, target=40e6))
+        *before, last = whole_point()
+        await told(app, pilot, job, *before)
+        bells = app.bells
+        await told(app, pilot, last)
+        assert app.bells > bells, "the verdict is heard when the last search is done"
+        assert app._sounded == {"7": "pass"}
+        bells = app.bells
+        await told(app, pilot, status())
+        assert app.bells == bells, "once"
+
+    play(App(), script)
+
+
+def test_a_fit_that_fails_looks_like_one() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        failed = analysed(1, modulus=None, reason="no table")
+        await told(app, pilot, ready(), saved(1), failed)
+        assert "NO FIT: no table" in " ".join(app.text.split())
+        poor = result(residual_rms_over_peak=0.2, explained=False)
+        assert poor.residual_rms_over_peak == 0.2
+        assert "no result yet" in app.text
+
+    play(quiet(), script)
+
+
+def test_not_safe_is_taken_back_once_it_is() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), DropNotSaved("7", 1, "the disk is full"))
+        assert "drop 1 is NOT SAFE" in app.message
+        await told(app, pilot, saved(1))
+        assert app.message == "drop 1 is safe now"
+
+    play(quiet(), script)
+
+
+def test_a_key_means_the_drop_that_was_seen() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), saved(1), analysed(1))
+        app.state.last.came = time.monotonic() - 60  # type: ignore[union-attr]
+        await told(app, pilot, saved(2), analysed(2))  # while the finger was on its way
+        await pilot.press("d")
+        assert app.message == "drop 2 has just landed: d again discards it"
+        assert not [asked for asked in app.source.session.asked if asked[0] == "discard"]
+        await pilot.press("d")
+        assert [asked[3] for asked in app.source.session.asked if asked[0] == "discard"] == [2]
+
+    play(quiet(), script)
+
+
+def test_what_is_pasted_is_no_row_of_keys() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready(), saved(1), analysed(1))
+        app.post_message(events.Paste("dqn"))
+        await until(pilot, lambda: app.message == "pasted text is not taken for keys")
+        assert app.is_running
+        assert app.source.session.asked == []
+
+    play(quiet(), script)
+
+
+def test_what_an_instrument_lost_long_ago_is_not_lost_now() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        before = status()
+        counters = dict(before.counters) | {"instrument_overruns": 5350}
+        old = type(before)(before.status, counters)
+        await told(app, pilot, ready(), old)
+        assert app.state.device.lost_samples == 0
+        new = type(before)(before.status, counters | {"instrument_overruns": 5353})
+        await told(app, pilot, new)
+        assert app.state.device.lost_samples == 3
+
+    play(quiet(), script)
+
+
+def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
+    coming = next_station(LOT, {"12+300"}, None, "12+300")
+    assert coming is not None
+    assert coming.text == "next: 12+320, 20 m ahead"
+    near = next_station(LOT, {"12+300"}, (48.1, 11.50058), "12+300")
+    assert near is not None
+    assert near.text == "next: 12+340, 1 m ahead"
+    back = next_station(LOT, {"12+340", "12+320"}, None, "12+340")
+    assert back is not None
+    assert back.text == "next: 12+300, 40 m back"
+    everything = {station.name for station in LOT.stations}
+    assert next_station(LOT, everything) is None
+    assert lot_progress(LOT, {"12+300"}) == "1 of 3 stations"
+
+
+def test_the_step_between_stations() -> None:
+    assert next_name("12+320", (), 20.0) == "12+340"
+    assert next_name("12+320", ()) == "12+321"
+    assert next_name("7", (), 20.0) == "8"
+
+
+def test_leaving_says_what_was_measured_and_what_is_next(tmp_path: Path) -> None:
+    source = QuietSource(tmp_path / "Ring road")
+
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        first, second = leaving_lines(app.state, app.source)
+        assert first.endswith("Ring road: 1 point, 6 drops, all on the disk")
+        assert "pfwd open" in second
+        assert "-o report.html" in second
+
+    play(App(source, ScreenSettings(bell=False)), script)
