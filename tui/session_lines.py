@@ -174,7 +174,7 @@ class SessionLines:
         if self._bell:
             print("\a", end="", file=sys.stderr, flush=True)
         if not self._analysed or handed.screening.status == "rejected":
-            analysis = DropAnalysis(handed.drop, handed.screening, None)
+            analysis = DropAnalysis(handed.drop, handed.screening, None, setup=handed.setup)
             self._line(handed, drop_result(handed.file, analysis))
             self._forget(handed)
 

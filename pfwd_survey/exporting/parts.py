@@ -29,7 +29,7 @@ from pfwd_device.recording.survey_content import (
     SurveyPoint,
     read_result,
 )
-from pfwd_survey.exporting.rows import Order, Row, row_of
+from pfwd_survey.exporting.rows import JudgedValues, Order, Row, row_of
 from pfwd_survey.spawning import worker_pool
 
 LARGE_LEDGER = 600_000
@@ -64,14 +64,20 @@ class SecondProcess:
         self._pool.submit(_load)
 
     def make(
-        self, content: SurveyContent, texts: Texts, parts: Sequence[Drops]
+        self,
+        content: SurveyContent,
+        texts: Texts,
+        parts: Sequence[Drops],
+        judged: JudgedValues,
     ) -> Sequence[Asked | None]:
         """Ask for these parts; the last one is made first. None: the process has ended."""
         asked: list[Asked | None] = [None] * len(parts)
         with contextlib.suppress(BrokenProcessPool):
             for number in reversed(range(len(parts))):
                 drops = _DropsElsewhere(parts[number])
-                asked[number] = self._pool.submit(_part, texts, content.survey_id, drops)
+                names = {point.name for point, _ in parts[number]}
+                known = {name: judged[name] for name in names if name in judged}
+                asked[number] = self._pool.submit(_part, texts, content.survey_id, drops, known)
         return asked
 
     def close(self) -> None:
@@ -128,7 +134,7 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
     parts = [drops[at : at + DROPS_AT_ONCE] for at in range(0, len(drops), DROPS_AT_ONCE)]
     asked: Sequence[Asked | None] = [None] * len(parts)
     if order.second is not None and order.inverted is None:
-        asked = order.second.make(order.content, texts, parts)
+        asked = order.second.make(order.content, texts, parts, order.judged)
     count = 0
     for part, future in zip(parts, asked, strict=True):
         made = None if future is None else _made(future)
@@ -137,7 +143,7 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
             yield made.text
             continue
         for point, drop in part:
-            row = row_of(order.content.survey_id, point, drop, order.inverted)
+            row = row_of(order.content.survey_id, point, drop, order.inverted, order.judged)
             count += row.has_result
             yield from texts([row])
     vars(order)["results"] = count  # where `cached_property` keeps it
@@ -267,8 +273,8 @@ def _refuse(number: int) -> NoReturn:
     raise _NotThere(f"of drop {number} a row needs nothing else")
 
 
-def _part(texts: Texts, survey_id: str, drops: Any) -> Part:
+def _part(texts: Texts, survey_id: str, drops: Any, judged: JudgedValues) -> Part:
     """The drops were `_DropsElsewhere` when they were sent."""
     with no_collections():
-        rows = [row_of(survey_id, point, drop, None) for point, drop in drops]
+        rows = [row_of(survey_id, point, drop, None, judged) for point, drop in drops]
         return Part("".join(texts(rows)), sum(row.has_result for row in rows))

@@ -25,8 +25,12 @@ _MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct",
 _REMARK = (
     "Sections and keys as in public files of PDDX 1.0; not verified against the text of the "
     "standard 2.0 (FHWA-HRT-07-040, appendix C).",
-    "Peaks of the recorded traces, offsets removed; deflections downward positive. Time histories "
-    "and moduli are not in this file.",
+    "DropData: peaks of the traces as recorded, offsets removed, with whatever response of the "
+    "geophones they carry; deflections downward positive. DropDeflectionCorrected: that of the "
+    "centre with the declared response taken out, by which points are judged.",
+    "DropKind: seating, measured or rejected (a rebound, a false trigger); only measured drops are "
+    "averaged. PointValue, PointTarget (kPa or micron) and PointVerdict belong to the procedure "
+    "named. These keys are not of the standard. Time histories are not in this file.",
 )
 
 
@@ -145,20 +149,43 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
         degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
         where = f"{degrees}{DELIMITER}{place.altitude or 0:g}"
     chainage = _chainage(rows[0])
-    drops = {}
+    drops: dict[str, str | None] = {}
     for count, row in enumerate(rows, start=1):
         assert row.peaks is not None
         numbers = [row.peaks.load / 1e3, *(peak * 1e6 for _, peak in row.peaks.displacements)]
         drops[f"DropData_{count}"] = DELIMITER.join(f"{figure:.2f}" for figure in numbers)
+        drops[f"DropKind_{count}"] = row.counts_as or None
+        corrected = row.values["deflection_corrected_m"]
+        if corrected is not None:
+            drops[f"DropDeflectionCorrected_{count}"] = f"{corrected * 1e6:.2f}"
     yield from _section(
         f"Test Location {index}",
         TestLocation=None if chainage is None else f"{chainage / 1e3:g},0,0",
         GPSLocation=where,
         TestTime=None if moment is None else f"{moment:%H:%M:%S}",
         TestComment=_text(rows[0].point.title),
+        **_standing(rows[0]),
         NumberOfDrops=str(len(rows)),
         **drops,
     )
+
+
+def _standing(row: Row) -> dict[str, str | None]:
+    """How the point stands."""
+    values = row.values
+    scale = 1e6 if values["unit"] == "m" else 1e-3
+
+    def shown(key: str) -> str | None:
+        found = number(values[key])
+        return None if found is None else f"{found * scale:.2f}"
+
+    return {
+        "PointProcedure": _text(values["procedure"]),
+        "PointQuantity": _text(values["quantity"]),
+        "PointValue": shown("value"),
+        "PointTarget": shown("target"),
+        "PointVerdict": _text(values["verdict"]),
+    }
 
 
 def _section(name: str, **entries: str | None) -> Iterator[str]:

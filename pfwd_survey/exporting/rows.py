@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Protocol
@@ -18,12 +18,16 @@ from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, number, place_of, time_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
+from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
 from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
+from pfwd_survey.judging import job_of, judge_point, measured_point
+from pfwd_survey.judging.contents import said_later, setup_now
 from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
+from pfwd_survey.procedures import unit_of
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
@@ -32,7 +36,9 @@ LONGEST_CELL = 4096
 
 OF_THE_SURVEY = (
     *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
-    "peak_load_n",
+    *("peak_load_n", "deflection_recorded_m", "deflection_corrected_m"),
+    *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
+    "verdict",
 )
 """Columns that say what the survey says now, not what was known when the result was found."""
 
@@ -42,6 +48,19 @@ _EMPTY: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
 
 SAME = 1e-9
 """Relative difference up to which two declared values are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointColumns:
+    """How a point stands, as columns of the rows of its drops."""
+
+    values: Mapping[str, Any]
+    kinds: Mapping[int, str]
+    """What each drop counts as, by its number: seating, measured, rejected or discarded."""
+
+
+JudgedValues = Mapping[str, PointColumns]
+"""By the name of the point."""
 
 Results = Mapping[tuple[str, int], DropResult]
 """By title of the point and number of the drop within it."""
@@ -62,6 +81,9 @@ class Row:
     """None: there is none."""
     values: Mapping[str, Any]
     """By the names of ``COLUMNS``; None: not known."""
+    counts_as: str = ""
+    """What it counts as beside the other drops of its point: seating, measured, rejected or
+    discarded; empty: the points were not judged."""
 
     @property
     def has_result(self) -> bool:
@@ -83,6 +105,7 @@ class RowMaker(Protocol):
         content: SurveyContent,
         texts: Callable[[Iterable[Row]], Iterator[str]],
         parts: Sequence[Any],
+        judged: JudgedValues,
         /,
     ) -> Sequence[Any]:
         """Ask for parts of the drops; None stands for one that nobody makes."""
@@ -107,7 +130,12 @@ class Order:
     def rows(self) -> list[Row]:
         """All drops, point by point; read once."""
         with no_collections():
-            return list(rows_of(self.content, self.inverted))
+            return list(rows_of(self.content, self.inverted, self.judged))
+
+    @cached_property
+    def judged(self) -> JudgedValues:
+        """How the points stand; judged once."""
+        return judged_values(self.content, self.inverted)
 
     @cached_property
     def results(self) -> int:
@@ -115,7 +143,11 @@ class Order:
         return sum(row.has_result for row in self.rows)
 
 
-def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator[Row]:
+def rows_of(
+    content: SurveyContent,
+    inverted: Results | None = None,
+    judged: JudgedValues | None = None,
+) -> Iterator[Row]:
     """Rows of all drops, point by point.
 
     Parameters
@@ -123,13 +155,74 @@ def rows_of(content: SurveyContent, inverted: Results | None = None) -> Iterator
     content : SurveyContent
     inverted : mapping, optional
         Results in place of the stored ones.
+    judged : mapping, optional
+        How the points stand, see `judged_values`.
     """
     for point in content.points:
         for drop in point.drops:
-            yield row_of(content.survey_id, point, drop, inverted)
+            yield row_of(content.survey_id, point, drop, inverted, judged)
 
 
-def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Results | None) -> Row:
+def judged_values(content: SurveyContent, inverted: Results | None = None) -> JudgedValues:
+    """How the points of a survey stand, as columns, by name.
+
+    Raises
+    ------
+    SurveyError
+        If the procedure that the survey keeps cannot be read.
+    """
+    job = job_of(content)
+    found = {}
+    for point in content.points:
+        measured = measured_point(point)
+        if inverted is not None:
+            drops = [
+                drop.with_result(inverted.get((point.title, drop.facts.number)))
+                for drop in measured.drops
+            ]
+            measured = replace(measured, drops=drops)
+        progress = judge_point(job, measured)
+        value = progress.value
+        low, high = (None, None) if value is None or value.interval is None else value.interval
+        values = {
+            "procedure": job.procedure_in_force.name,
+            "quantity": job.quantity.value,
+            "value": value and value.value,
+            "interval_low": low,
+            "interval_high": high,
+            "unit": unit_of(job.quantity),
+            "target": progress.target,
+            "verdict": progress.verdict.value,
+        }
+        kinds = {number: kind.value for number, kind in progress.kinds}
+        found[point.name] = PointColumns(values, kinds)
+    return found
+
+
+def _corrected(
+    drop: SurveyDrop, point: SurveyPoint, record: DropFacts | None, result: DropResult | None
+) -> float | None:
+    """The peak of the centre with the response taken out that is declared now, m."""
+    if record is None:
+        return None
+    try:
+        setup = setup_now(record.declared, said_later(point), point.title)
+        kept = stored_facts(drop.drop, setup, record.metadata, result)
+        if kept is not None:
+            return kept[0].peak_deflection
+        traces = record.drop if record.drop is not None else drop.read_traces().drop
+        return corrected_deflection(traces, setup)
+    except (RecordingError, SurveyError):
+        return None
+
+
+def row_of(
+    survey_id: str,
+    point: SurveyPoint,
+    drop: SurveyDrop,
+    inverted: Results | None,
+    judged: JudgedValues | None = None,
+) -> Row:
     """The row of a drop; as :func:`rows_of`."""
     record, fault = None, None
     result: DropResult | None = None
@@ -155,8 +248,13 @@ def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Resul
         "longitude": place and place.longitude,
         "altitude_m": place and place.altitude,
         "peak_load_n": peaks and peaks.load,
-        "peak_displacement_m": peaks and peaks.centre,
+        "deflection_recorded_m": peaks and peaks.centre,
+        "deflection_corrected_m": _corrected(drop, point, record, result),
     }
+    stands = (judged or {}).get(point.name)
+    kind = "" if stands is None else stands.kinds.get(drop.drop, "")
+    if stands is not None:
+        values |= stands.values
     if record is not None and (reason := _never(point, record)) is not None:
         values |= {"status": "rejected", "reason": reason, "warnings": []}
     elif result is None:
@@ -168,7 +266,9 @@ def row_of(survey_id: str, point: SurveyPoint, drop: SurveyDrop, inverted: Resul
     if record is not None:
         values |= _peak_values(point, drop, record, values)
     declared = None if record is None else record.declared
-    return Row(point, drop, declared, place, peaks, result, values)
+    if kind in ("seating", "measured") and values["status"] in ("seating", "measured"):
+        values["status"] = kind  # as the procedure counts now, whatever it was when it was inverted
+    return Row(point, drop, declared, place, peaks, result, values, kind)
 
 
 def _never(point: SurveyPoint, record: DropFacts) -> str | None:

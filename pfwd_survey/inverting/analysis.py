@@ -156,7 +156,13 @@ def analyse_point(
             found_results |= dict(zip(group, results, strict=True))
     return [
         DropAnalysis(
-            drop, screenings[i], found_results.get(i), faults.get(i), asked.get(i), stored.get(i)
+            drop,
+            screenings[i],
+            found_results.get(i),
+            faults.get(i),
+            point.setup,
+            asked.get(i),
+            stored.get(i),
         )
         for i, drop in enumerate(point.drops)
     ]
@@ -183,16 +189,16 @@ def analyse_drop(
 ) -> DropAnalysis:
     """Invert one drop whose screening is known, as it comes from the instrument."""
     if screening.status == "rejected":
-        return DropAnalysis(drop, screening, None)
+        return DropAnalysis(drop, screening, None, setup=setup)
     settings = settings_of(options, setup)
     (screening,) = leave_out_bad_sensors(TracePoint("", setup, (drop,)), (screening,))
     try:
         record = record_of(whole_part(drop)[0], setup, options, screening.left_out)
         (result,) = invert_joint([record], settings, library)
     except InversionError as error:
-        return DropAnalysis(drop, screening, None, str(error))
+        return DropAnalysis(drop, screening, None, str(error), setup)
     asked = _asked([record], settings, options, screening)
-    return DropAnalysis(drop, screening, result, asked=asked)
+    return DropAnalysis(drop, screening, result, setup=setup, asked=asked)
 
 
 def load_surrogate(

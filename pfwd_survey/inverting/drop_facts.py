@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,20 @@ from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
+from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import CENTRE, Screening
+from pfwd_survey.inverting.results import DropResult, MeasuredFacts
+from pfwd_survey.inverting.screening.drops import CENTRE, Screening, pulse_peak, screen
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
 from pfwd_survey.procedures import Kind, PointDrop
+
+FACTS_VERSION = 1
+"""To be raised when :func:`point_drop` finds others; those that were kept are then found anew."""
+
+FACTS_KEY = "facts"
+"""Of a drop's metadata; surveys of before have none."""
 
 PULSE_EDGE = 0.03
 """Part of the peak load between which the pulse lies."""
@@ -84,6 +92,95 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
         peak_deflection=centre if centre is not None and centre > 0 else None,
         reason=discarded or None,
     )
+
+
+def facts_of(drop: Drop, setup: PointSetup) -> MeasuredFacts | None:
+    """What is kept of a drop for its procedure; None: of a drop without traces, or on a rig."""
+    rejected = screen(drop, setup).status == "rejected"
+    if drop.only_peaks is not None or setup.is_stiffness_test or rejected:
+        return None
+    found = point_drop(drop, setup, Screening("measured"))
+    return MeasuredFacts(
+        version=FACTS_VERSION,
+        peak_load_n=found.peak_load,
+        pulse_peak_n=pulse_peak(drop),
+        deflection_m=found.peak_deflection,
+        velocity_m_per_s=found.peak_velocity,
+        duration_s=found.pulse_duration,
+        offset_over_peak=found.offset_over_peak,
+        return_over_peak=found.return_over_peak,
+        geophone_natural_frequency_hz=setup.geophone_natural_frequency,
+        geophone_damping=setup.geophone_damping,
+    )
+
+
+def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> PointDrop | None:
+    """A drop as a procedure sees it, from what was kept; None: it has to be found in the traces.
+
+    Parameters
+    ----------
+    number : int
+        Of the drop within the point.
+    facts : MeasuredFacts or None
+    setup : PointSetup
+        As declared now: another response of the geophone makes another deflection.
+    """
+    if facts is None or facts.version != FACTS_VERSION or facts.more or setup.is_stiffness_test:
+        return None
+    then = facts.geophone_natural_frequency_hz, facts.geophone_damping
+    if then != (setup.geophone_natural_frequency, setup.geophone_damping):
+        return None
+    if facts.peak_load_n is None or facts.pulse_peak_n is None:
+        return None
+    return PointDrop(
+        number,
+        Kind.MEASURED,
+        facts.peak_load_n,
+        facts.deflection_m,
+        facts.duration_s,
+        facts.velocity_m_per_s,
+        offset_over_peak=facts.offset_over_peak,
+        return_over_peak=facts.return_over_peak,
+    )
+
+
+def stored_facts(
+    number: int, setup: PointSetup, metadata: Mapping[str, Any], result: DropResult | None
+) -> tuple[PointDrop, float] | None:
+    """What was kept of a drop with its record, or else with its result; and its `pulse_peak`, N.
+
+    None: it has to be found in the traces.
+    """
+    said = metadata.get(FACTS_KEY)
+    recorded = MeasuredFacts.from_json(said) if isinstance(said, Mapping) else None
+    for facts in (recorded, None if result is None else result.facts):
+        found = kept_facts(number, facts, setup)
+        if found is not None and facts is not None and facts.pulse_peak_n is not None:
+            return found, facts.pulse_peak_n
+    return None
+
+
+def recorded_deflection(drop: Drop) -> float | None:
+    """Peak of the centre as recorded, m; None where samples around the trigger are missing."""
+    if drop.only_peaks is not None:
+        return drop.only_peaks.centre
+    whole, missing, _ = whole_part(drop)
+    if missing is not None or not whole.load.size:
+        return None
+    peak = trace_peaks(whole).centre
+    return peak if peak is not None and math.isfinite(peak) else None
+
+
+def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
+    """The same with the declared response of the geophone taken out, m."""
+    if drop.only_peaks is not None:
+        return recorded_deflection(drop)
+    if setup.is_stiffness_test or whole_part(drop)[1] is not None:
+        return None
+    try:
+        return point_drop(drop, setup, Screening("measured")).peak_deflection
+    except (ValueError, IndexError):  # no pulse in it
+        return None
 
 
 def with_modulus(facts: PointDrop, result: DropResult) -> PointDrop:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     # Only for annotations: a logger shows results without loading the inversion.
     from inversion import InversionResult
     from inversion.result import LayerValue
+    from pfwd_survey.files.header import PointSetup
 
 
 OPEN_FACTOR = 10.0
@@ -46,9 +47,31 @@ class DropAnalysis:
     screening: Screening
     result: InversionResult | None
     fault: str | None = None
+    setup: PointSetup | None = None
+    """What was declared of it; None: then its deflection is not corrected."""
     asked: Asked | None = None
     stored: DropResult | None = None
     """What the survey kept of the same question; then there is no ``result``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredFacts(StoredRecord):
+    """What a procedure has to know of a drop, as it was found in its traces."""
+
+    version: int | None = None
+    """Of how it is found; see `pfwd_survey.inverting.drop_facts.FACTS_VERSION`."""
+    peak_load_n: float | None = None
+    pulse_peak_n: float | None = None
+    """By which the drops of a point are compared, single spikes left out, N."""
+    deflection_m: float | None = None
+    """Peak of the centre, the response below taken out, m."""
+    velocity_m_per_s: float | None = None
+    duration_s: float | None = None
+    offset_over_peak: float | None = None
+    return_over_peak: float | None = None
+    geophone_natural_frequency_hz: float | None = None
+    """Of the response that was taken out; None: none was."""
+    geophone_damping: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +128,17 @@ class DropResult(StoredRecord):
     """
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
-        {"point", "reason", "refit", "software", "settings", "question", "stored", "diagnosis"}
+        {
+            "point",
+            "reason",
+            "facts",
+            "refit",
+            "software",
+            "settings",
+            "question",
+            "stored",
+            "diagnosis",
+        }
     )
 
     file: str | None = None
@@ -154,6 +187,10 @@ class DropResult(StoredRecord):
     """What the model was loaded with: measured, or half-sine and how it was read."""
     peak_load_n: float | None = None
     """Of the measured load, less its offset, N; None in results of earlier versions."""
+    deflection_recorded_m: float | None = None
+    """Peak of the centre as recorded, m."""
+    deflection_corrected_m: float | None = None
+    """The same with the declared response of the geophone taken out, m; procedures judge it."""
     half_sine: HalfSinePulse | None = None
     """By least squares."""
     half_sine_equal_area: HalfSinePulse | None = None
@@ -187,6 +224,8 @@ class DropResult(StoredRecord):
     """Of the search."""
     warnings: tuple[str, ...] | None = None
     """What should be known of the result; None: the record does not say."""
+    facts: MeasuredFacts | None = None
+    """For the judgement of its point, so that its traces need not be read again."""
     refit: str | None = None
     """Settings of a trial that somebody made; the result before it counts. None: no trial."""
     software: str | None = None
@@ -259,6 +298,7 @@ def drop_result(
         status=status,
         reason=reason if status == "rejected" else None,
         peak_load_n=_peak_load(analysis.drop),
+        **_deflections(analysis),
         warnings=tuple(warnings),
         **found,
     )
@@ -273,6 +313,20 @@ def _peak_load(drop: Drop) -> float | None:
         return None
     peak = float(remove_offset(whole.time, whole.load).max())
     return peak if math.isfinite(peak) else None
+
+
+def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
+    """Peaks of the centre, and what a procedure has to know; of a rejected drop what is there."""
+    # Loaded here: what a procedure has to know is found with what is kept in a result.
+    from pfwd_survey.inverting.drop_facts import corrected_deflection, facts_of, recorded_deflection
+
+    drop, setup = analysis.drop, analysis.setup
+    rejected = analysis.screening.status == "rejected"
+    return {
+        "deflection_recorded_m": recorded_deflection(drop),
+        "deflection_corrected_m": None if setup is None else corrected_deflection(drop, setup),
+        "facts": None if setup is None or rejected else facts_of(drop, setup),
+    }
 
 
 def _found(result: InversionResult) -> dict[str, Any]:

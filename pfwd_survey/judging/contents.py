@@ -7,10 +7,12 @@ from typing import Any
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import read_survey
+from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from
+from pfwd_survey.inverting.drop_facts import stored_facts
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
@@ -102,14 +104,27 @@ def kept_drop(drop: SurveyDrop, later: Mapping[str, Any]) -> KeptDrop:
         What was declared of its point after it was measured, see `said_later`.
     """
     try:
-        record = drop.read_traces()
-        setup = setup_now(record.declared, later, record.point)
-        measured = measured_drop(record.drop, setup, None, discarding_of(drop))
+        record = drop.read_facts()
+        setup = setup_now(record.declared, later, drop.point)
+        result = last_sound(drop)
+        measured = measured_now(drop, record, setup, result)
     except (RecordingError, SurveyError) as err:
         facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
         return KeptDrop(drop, MeasuredDrop(facts, 0.0, _NO_SETUP), None)
-    result = kept_result(drop, setup)
-    return KeptDrop(drop, measured.with_result(result), result)
+    counts = result if result is not None and rests_on(result, setup) else None
+    return KeptDrop(drop, measured.with_result(counts), counts)
+
+
+def measured_now(
+    drop: SurveyDrop, record: DropFacts, setup: PointSetup, result: DropResult | None
+) -> MeasuredDrop:
+    """A drop by its own record: from what was kept with its result, else from its traces."""
+    discarded = discarding_of(drop)
+    kept = stored_facts(drop.drop, setup, record.metadata, result)
+    if kept is not None:
+        return MeasuredDrop(*kept, setup).with_discarding(discarded)
+    traces = record.drop if record.drop is not None else drop.read_traces().drop
+    return measured_drop(traces, setup, None, discarded)
 
 
 _NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")

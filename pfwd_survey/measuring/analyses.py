@@ -144,4 +144,5 @@ class Analyses:
 
 def _failed(handed: HandedOn, fault: str) -> DropResult:
     """The result of a drop that could not be inverted, with all its keys."""
-    return drop_result(handed.file, DropAnalysis(handed.drop, handed.screening, None, fault))
+    failed = DropAnalysis(handed.drop, handed.screening, None, fault, handed.setup)
+    return drop_result(handed.file, failed)

@@ -25,12 +25,14 @@ from pfwd_device.acquisition.items import (
     StreamBegan,
 )
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
+from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 from pfwd_survey.files.editing import Edit
+from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
@@ -586,7 +588,7 @@ class Session:
             number = self._pipeline.number_for(self._point, source.record.drop.number)
             metadata = dict(source.record.metadata)
         rebounds = source.record.rebounds if source is not None else ()
-        record = self._record_of(raw, identity, metadata, number, rebounds)
+        record = self._record_of(raw, identity, metadata, number, rebounds, new=source is None)
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
         self._pipeline.take(record, received, source)
@@ -604,9 +606,22 @@ class Session:
         metadata: dict[str, Any],
         number: int,
         rebounds: tuple[Rebound, ...] = (),
+        *,
+        new: bool = True,
     ) -> DropRecord:
         drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
+        if new:
+            metadata |= self._facts(drop)
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
+
+    def _facts(self, drop: Drop) -> dict[str, Any]:
+        """What procedures have to know of a drop, kept so that no reader has to find it anew."""
+        try:
+            facts = facts_of(drop, setup_of(self._declared, f"drop {self._point}"))
+        except Exception as err:  # the drop has to be saved whatever its traces are
+            self._tell(Notice(f"drop {self._point}/{drop.number}: no facts: {err}"))
+            return {}
+        return {} if facts is None else {FACTS_KEY: facts.to_json()}
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
         """Of the trigger, from when the last samples came."""

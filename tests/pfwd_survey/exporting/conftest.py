@@ -12,6 +12,8 @@ from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
+from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropAnalysis, drop_result
 from pfwd_survey.inverting.screening.drops import Screening
 
@@ -64,12 +66,15 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35, "site": "km 1", "device": "d7"}
         for number in (1, 2, 3):
             drop = make_drop(number=number, peak=8000.0 + number, offsets=(0.0, 0.3), offset=50.0)
+            kept = facts_of(drop, PointSetup(plate_radius=0.15, poisson_ratio=0.35))
+            assert kept is not None
             metadata = {
                 "key": f"d7/1/{number}",
                 "time_utc": f"2024-05-06T08:0{number}:00+00:00",
                 "position": {"latitude": 48.1, "longitude": 11.5, "altitude_m": 520.0},
                 "identity": {"serial_number": "7", "channels": []},
                 "not a number": float("nan"),
+                FACTS_KEY: kept.to_json(),
             }
             bounce = Rebound(0.2, 900.0, 4000, counts[:50])
             record = DropRecord("A/1", drop, counts, declared, metadata, (bounce,))

@@ -20,7 +20,7 @@ from pfwd_survey.exporting.parts import (
     row_texts,
     second_process,
 )
-from pfwd_survey.exporting.rows import Order
+from pfwd_survey.exporting.rows import Order, judged_values
 from pfwd_survey.exporting.tables import jsonl_texts, table_texts
 
 TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
@@ -45,7 +45,9 @@ class Told:
         self.made = made
         self.sizes: list[int] = []
 
-    def make(self, _content: object, _texts: object, drops: Sequence[Any]) -> list[Future[Part]]:
+    def make(
+        self, _content: object, _texts: object, drops: Sequence[Any], _judged: object
+    ) -> list[Future[Part]]:
         self.sizes = list(map(len, drops))
         futures: list[Future[Part]] = []
         for said in self.made:
@@ -59,7 +61,9 @@ class Told:
 
 def asked(second: SecondProcess, content: SurveyContent, texts: Any) -> list[Future[Part]]:
     drops = [[(point, drop)] for point in content.points for drop in point.drops]
-    futures = [future for future in second.make(content, texts, drops) if future is not None]
+    judged = judged_values(content)
+    made = second.make(content, texts, drops, judged)
+    futures = [future for future in made if future is not None]
     assert len(futures) == len(drops)
     return futures
 

@@ -32,6 +32,7 @@ from pfwd_survey.inverting.results import (
     DropResult,
     HalfSinePulse,
     LayerResult,
+    MeasuredFacts,
     drop_result,
 )
 from pfwd_survey.inverting.screening.drops import Screening
@@ -143,6 +144,7 @@ drops = records(
     diagnosis=maybe(
         records(DropDiagnosis, effects=some_effects, after=maybe(records(FittedState)))
     ),
+    facts=maybe(records(MeasuredFacts)),
 )
 diagnoses = records(
     DiagnosisResult,
@@ -164,7 +166,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=6,
 )
-NESTED = ("half_sine", "half_sine_equal_area", "diagnosis")
+NESTED = ("half_sine", "half_sine_equal_area", "diagnosis", "facts")
 KEYS = [field.name for field in dataclasses.fields(DropResult) if field.name != "more"]
 
 
@@ -216,6 +218,8 @@ def test_a_result_of_the_version_before_is_read_whole(name: str) -> None:
     assert found.known_peak_load_n == pytest.approx(expected)
     later = (
         "peak_load_n",
+        "deflection_recorded_m",
+        "deflection_corrected_m",
         "layers",
         "effective_modulus_pa",
         "effective_modulus_interval_pa",
