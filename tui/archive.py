@@ -66,7 +66,7 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
         for failure in outcome.failures:
             refused += 1
             say(failure.reason)
-        for line in printed_results(outcome.results, as_json=args.json):
+        for line in printed_results(outcome.results, as_json=args.json, by=args.by):
             print(line, flush=True)
     return 1 if refused or _found_none(args, sources) else 0
 

@@ -17,7 +17,7 @@ import pfwd_plugins
 from pfwd_survey.errors import DeviceError, OptionError, SurveyError
 from pfwd_survey.processes import children_shielded
 from tui.interrupts import stopped_by_signals, take_no_more_signals
-from tui.output import say
+from tui.output import SPELLING, say
 from tui.parser import build_parser
 
 DONE, REFUSED, USAGE = 0, 1, 2
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # A console that cannot show a letter gets a substitute, not an error.
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):
-            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+            stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)  # said in the end, as a message
     try:

@@ -1,14 +1,17 @@
 """A diagnosis in plain words: what was found, how sure, what it did, what to do in the field."""
 
 import math
+from collections.abc import Sequence
 from typing import TypeGuard
 
+from pfwd_survey.digits import rounded
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectResult,
     FittedState,
     HeldOut,
 )
+from pfwd_survey.message_groups import as_ranges, group_messages
 from tui.output import clean
 
 _VERDICT = {
@@ -16,14 +19,19 @@ _VERDICT = {
     "explained": "EXPLAINED: the effects below bring the residual to the noise",
     "unexplained": "NOT EXPLAINED: more than noise is left, the warnings say why",
 }
-# A spread with a first digit of this or more is told with that digit alone.
-_LARGE = 3
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
 
 
-def diagnosis_lines(result: DiagnosisResult) -> list[str]:
-    """The result of ``pfwd diagnose`` as lines of text, SI made readable."""
+def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[str]:
+    """The result of ``pfwd diagnose`` as lines of text, SI made readable.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    warnings : bool
+        Whether they are among the lines; of many points `diagnosis_warnings` has each once.
+    """
     drops = ", ".join(map(str, result.drops or ())) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
@@ -43,7 +51,23 @@ def diagnosis_lines(result: DiagnosisResult) -> list[str]:
         lines += _effect(effect)
     lines += _held_out(result.held_out)
     lines += [f"  {clean(text)}" for text in result.rejected or ()]
-    lines += [f"  warning: {clean(text)}" for text in result.warnings or ()]
+    return [*lines, *diagnosis_warnings([result])] if warnings else lines
+
+
+def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
+    """What is to be known of diagnoses: each sentence once, with its points as ranges."""
+    names = [clean(result.file if result.point is None else result.point) for result in results]
+    order = list(dict.fromkeys(names))
+    said = [
+        (name, clean(text))
+        for name, result in zip(names, results, strict=True)
+        for text in result.warnings or ()
+    ]
+    lines = []
+    for group in group_messages(said):
+        where = f", {as_ranges(group.places, order)}" if len(results) > 1 else ""
+        where = ", all points" if len(group.places) == len(order) > 2 else where
+        lines.append(f"  warning{where}: {group.text}")
     return lines
 
 
@@ -83,22 +107,6 @@ def _held_out(held: HeldOut | None) -> list[str]:
         each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
         lines.append(f"    after: {each}")
     return lines
-
-
-def rounded(value: float, spread: float) -> str:
-    """A number with no more digits than its spread supports.
-
-    Examples
-    --------
-    >>> rounded(45.4137, 8.1), rounded(1.15301, 0.04), rounded(2313.0, 950.0)
-    ('45', '1.15', '2300')
-    """
-    if not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
-        return f"{value:.4g}"
-    # The last digit that is told is a tenth of the spread or more.
-    exponent = math.floor(math.log10(spread))
-    place = exponent if spread >= _LARGE * 10.0**exponent else exponent - 1
-    return f"{round(value, -place):.{max(0, -place)}f}"
 
 
 def _state(state: FittedState) -> str:

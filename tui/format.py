@@ -2,56 +2,76 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Literal
 
+from pfwd_survey.digits import rounded, significant, with_ends
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropResult, HalfSinePulse, LayerResult
-from tui.output import clean
+from pfwd_survey.message_groups import as_ranges, group_messages
+from tui.output import clean, spelled
 
 NOTHING = "-"
 
+By = Literal["point", "drop"]
+"""What has a line of its own."""
 
-def printed_results(results: Sequence[DropResult], *, as_json: bool) -> list[str]:
+UNEXPLAINED = "UNEXPLAINED"
+"""More is left of the record than noise and the model's error: its modulus may be wrong."""
+
+
+def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
     """The results of ``pfwd invert`` as they are printed: for machines, or for people."""
-    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results)
+    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results, by)
 
 
-def result_lines(results: Sequence[DropResult]) -> list[str]:
+def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
     """The results of ``pfwd invert`` as lines of text.
 
     Parameters
     ----------
     results : sequence of DropResult
         One a drop.
+    by : "point" or "drop"
 
     Returns
     -------
     list of str
-        For every file a line with what the numbers rest on, a table of the ground, a table of the
-        pulse and the fit, the rejected drops and the warnings. The tables are made for 80 columns.
+        For every file a line with what the numbers rest on. Then of a single point a table of the
+        ground, a table of the pulse and the fit, the rejected drops and the warnings; of several
+        points what :mod:`tui.survey_lines` has. The tables are made for 80 columns.
     """
+    from tui.survey_lines import survey_lines
+
     lines = []
     for file, group in itertools.groupby(results, key=lambda result: result.file):
         of_file = list(group)
         lines.append(clean(file))
+        if by == "point" or len({result.point for result in of_file}) > 1:
+            lines += survey_lines(of_file, by)
+            continue
         used = [result for result in of_file if result.status != "rejected"]
-        for settings, same in itertools.groupby(used, key=_settings):
+        for settings, same in itertools.groupby(used, key=rests_on):
             rows = list(same)
             lines += [f"  {line}" for line in settings]
             lines += _table(_GROUND, rows)
-            lines += _layer_lines(rows)
+            lines += layer_lines(rows)
             lines += _table(_PULSE, rows)
             lines += _search_lines(rows)
-        lines += [
-            f"  drop {_text(result.drop)} rejected: {_text(result.reason)}"
-            for result in of_file
-            if result.status == "rejected"
-        ]
-        lines += _warning_lines(of_file)
+        lines += _said_of_drops(
+            of_file, "rejected", [(r, r.reason or NOTHING) for r in of_file if _is_rejected(r)]
+        )
+        lines += _said_of_drops(
+            of_file, "warning", [(r, text) for r in of_file for text in r.warnings or ()]
+        )
     return lines
 
 
-def _settings(result: DropResult) -> tuple[str, ...]:
+def _is_rejected(result: DropResult) -> bool:
+    return result.status == "rejected"
+
+
+def rests_on(result: DropResult) -> tuple[str, ...]:
     """What the numbers of a drop rest on; equal for drops that can share a table."""
     return (
         f"plate radius {_fixed(_finite(result.plate_radius_m), 3)} m, {_text(result.plate)}; "
@@ -62,63 +82,79 @@ def _settings(result: DropResult) -> tuple[str, ...]:
     )
 
 
-def _layer_lines(rows: Iterable[DropResult]) -> list[str]:
+def layer_lines(rows: Iterable[DropResult]) -> list[str]:
     """A table of the layers of every drop that has more than one, and what stands for all."""
     lines = []
     layered = [row for row in rows if row.layers is not None and len(row.layers) > 1]
     found = [(row, number) for row in layered for number in range(len(row.layers or ()))]
     if found:
         cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in found)]
-        lines += _aligned(cells)
+        lines += aligned(cells)
     for row in layered:
-        modulus = _finite(row.effective_modulus_pa, 1e6)
-        ends = _ends(row.effective_modulus_interval_pa, 1e6)
+        modulus, ends = value_and_ends(
+            row.effective_modulus_pa, row.effective_modulus_interval_pa, 1e6
+        )
         lines.append(
-            f"  drop {_text(row.drop)}: one modulus for all {_short(modulus)} MPa ({ends}), down "
+            f"  drop {_text(row.drop)}: one modulus for all {modulus} MPa ({ends}), down "
             f"to {_short(_finite(row.effective_depth_m))} m"
         )
     return lines
 
 
-def _search_lines(rows: Iterable[DropResult]) -> list[str]:
-    """What went wrong with a search; nothing for a drop whose search went well."""
-    lines = []
+def _search_lines(rows: Sequence[DropResult]) -> list[str]:
+    """What went wrong with searches; nothing where they went well."""
+    order = [_text(row.drop) for row in rows]
+    drops: dict[str, list[str]] = {}
     for row in rows:
         bounds = ", ".join(map(clean, row.at_bound or ()))
         faults = [] if row.converged else ["NOT CONVERGED"]
         faults += [f"AT BOUND: {bounds}"] if bounds else []
         if faults:
-            lines.append(f"  drop {_text(row.drop)}: {'; '.join(faults)}")
-    return lines
-
-
-def _warning_lines(results: Iterable[DropResult]) -> list[str]:
-    drops: dict[str, list[str]] = {}
-    for result in results:
-        for warning in result.warnings or ():
-            drops.setdefault(clean(warning), []).append(_text(result.drop))
+            drops.setdefault("; ".join(faults), []).append(_text(row.drop))
     return [
-        f"  warning, drop{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}: {warning}"
-        for warning, numbers in drops.items()
+        f"  drop{'s' if len(names) > 1 else ''} {as_ranges(names, order)}: {faults}"
+        for faults, names in drops.items()
     ]
+
+
+def _said_of_drops(
+    results: Iterable[DropResult], what: str, said: Iterable[tuple[DropResult, str]]
+) -> list[str]:
+    """What is said of the drops of a point: each sentence once, with the drops as ranges."""
+    order = list(dict.fromkeys(_text(result.drop) for result in results))
+    lines = []
+    for group in group_messages((_text(result.drop), clean(text)) for result, text in said):
+        drops = "drop" if len(group.places) == 1 else "drops"
+        lines.append(f"  {what}, {drops} {as_ranges(group.places, order)}: {group.text}")
+    return lines
 
 
 def _table(
     columns: Mapping[str, Callable[[DropResult], str]], rows: Sequence[DropResult]
 ) -> list[str]:
-    return _aligned([list(columns), *([show(row) for show in columns.values()] for row in rows)])
+    return aligned([list(columns), *([show(row) for show in columns.values()] for row in rows)])
 
 
-def _aligned(cells: Sequence[Sequence[str]]) -> list[str]:
+def aligned(cells: Sequence[Sequence[str]], left: Collection[int] = ()) -> list[str]:
+    """The lines of a table; columns are aligned to the right, but for those named."""
+    cells = [[spelled(cell) for cell in row] for row in cells]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
-        "  " + "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
+        "  "
+        + "  ".join(
+            text.ljust(width) if column in left else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
         for row in cells
     ]
 
 
 def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropResult], str]:
-    """Shows ``<key>_<unit>`` over `scale` with its standard deviation."""
+    """Shows ``<key>_<unit>`` over `scale` with its standard deviation.
+
+    The deviation is that of the noise alone. Digits that the interval of the modulus, or what is
+    left of the record, does not support are not shown.
+    """
 
     def show(result: DropResult) -> str:
         value = _finite(getattr(result, f"{key}_{unit}"), scale)
@@ -126,32 +162,71 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
         if value is None:
             return NOTHING
         if deviation is None:
-            # Whatever has a value but no deviation was given, except the modulus, which never is.
-            return _short(value) if key == "modulus" else f"{_short(value)} given"
-        # Never more digits than the value is worth, however small the noise of its fit.
-        decimals = min(_decimals(deviation or value, digits=2), _decimals(value, digits=4))
-        least = 10.0**-decimals
-        if 0.0 < deviation < 0.5 * least:
-            return f"{value:.{decimals}f} ±<{least:.{decimals}f}"
-        return f"{value:.{decimals}f} ± {deviation:.{decimals}f}"
+            return f"{_short(value)} given"
+        spread = max(deviation, abs(value) * relative_spread(result))
+        text, around = rounded(value, spread), rounded(deviation, spread)
+        return text if float(around) == 0.0 else f"{text} ± {around}"
 
     return show
 
 
-def _interval(result: DropResult) -> str:
-    return _ends(result.modulus_interval_pa, 1e6)
+def relative_spread(result: DropResult) -> float:
+    """Least relative spread of what a fit found, as its modulus and its residual have it."""
+    spread = 0.0
+    if result.modulus_pa and result.modulus_interval_pa is not None:
+        low, high = result.modulus_interval_pa
+        spread = (high - low) / 2 / result.modulus_pa
+    if result.explained is False:
+        spread = max(spread, result.contact_residual_rms_over_peak or 0.0)
+    return spread if math.isfinite(spread) else 0.0
 
 
-def _ends(ends: tuple[float, float] | None, scale: float = 1.0) -> str:
-    """An interval over `scale`, with the digits that its width is worth."""
-    if ends is None or not all(map(math.isfinite, ends)):
-        return NOTHING
+def modulus_and_ends(result: DropResult) -> tuple[str, str]:
+    """The modulus and its 95 % interval, MPa, with the digits that the interval supports."""
+    return value_and_ends(result.modulus_pa, result.modulus_interval_pa, 1e6)
+
+
+def value_and_ends(
+    value: float | None, ends: tuple[float, float] | None, scale: float = 1.0
+) -> tuple[str, str]:
+    """A value and its interval over `scale`; of one without an interval three digits."""
+    found = _finite(value, scale)
+    known = ends is not None and all(map(math.isfinite, ends))
+    if ends is None or not known:
+        return _short(found), NOTHING
     low, high = (end / scale for end in ends)
-    decimals = _decimals((high - low) / 2, digits=2)
-    return f"{low:.{decimals}f} to {high:.{decimals}f}"
+    middle = math.sqrt(low * high) if low > 0 else (low + high) / 2
+    shown, *shown_ends = with_ends(middle if found is None else found, (low, high))
+    return (NOTHING if found is None else shown), " to ".join(shown_ends)
 
 
-def _peak_load(result: DropResult) -> str:
+def _modulus(result: DropResult) -> str:
+    return modulus_and_ends(result)[0]
+
+
+def _interval(result: DropResult) -> str:
+    return modulus_and_ends(result)[1]
+
+
+def depth_of_rock(result: DropResult) -> str:
+    """The depth of the rock with its interval, m; what was given has none."""
+    depth = _finite(result.bedrock_depth_m)
+    ends = result.bedrock_depth_interval_m
+    if depth is None or result.bedrock_depth_sd_m is None or ends is None:
+        return _with_deviation("bedrock_depth", "m")(result)
+    shown, interval = value_and_ends(depth, ends)
+    return f"{shown} ({interval})"
+
+
+def verdict_of_fit(result: DropResult) -> str:
+    """Whether the model explains the record, in a word."""
+    if result.explained is None:
+        return NOTHING
+    return "explained" if result.explained else UNEXPLAINED
+
+
+def peak_load(result: DropResult) -> str:
+    """Of the half-sine, kN."""
     return _short(_finite(result.half_sine_load_n, 1e3))
 
 
@@ -159,12 +234,15 @@ def _layer(result: DropResult, number: int) -> LayerResult:
     return (result.layers or ())[number]
 
 
-def _layer_modulus(result: DropResult, number: int) -> float | None:
+def _layer_modulus(result: DropResult, number: int) -> tuple[str, str]:
     """MPa; of the lowest layer what the result says of the subgrade: nothing if not known."""
-    layers = result.layers or ()
-    if result.modulus_pa is None and number == len(layers) - 1:
-        return None
-    return _finite(layers[number].modulus_pa, 1e6)
+    layer = _layer(result, number)
+    unknown = result.modulus_pa is None and number == len(result.layers or ()) - 1
+    return value_and_ends(None if unknown else layer.modulus_pa, layer.modulus_interval_pa, 1e6)
+
+
+def _thickness(layer: LayerResult) -> tuple[str, str]:
+    return value_and_ends(layer.thickness_m, layer.thickness_interval_m)
 
 
 def _pulse(result: DropResult) -> HalfSinePulse:
@@ -173,32 +251,32 @@ def _pulse(result: DropResult) -> HalfSinePulse:
 
 _GROUND: dict[str, Callable[[DropResult], str]] = {
     "drop": lambda result: _text(result.drop),
-    "E MPa": _with_deviation("modulus", "pa", 1e6),
+    "E MPa": _modulus,
     "95 % MPa": _interval,
     "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
     "ρ kg/m³": _with_deviation("density", "kg_m3"),
-    "bedrock m": _with_deviation("bedrock_depth", "m"),
+    "bedrock m": depth_of_rock,
 }
 _LAYER: dict[str, Callable[[DropResult, int], str]] = {
     "drop": lambda result, number: _text(result.drop),
     "layer": lambda result, number: str(number + 1),
-    "E MPa": lambda result, number: _short(_layer_modulus(result, number)),
-    "95 % MPa": lambda result, number: _ends(_layer(result, number).modulus_interval_pa, 1e6),
-    "h m": lambda result, number: _short(_finite(_layer(result, number).thickness_m)),
-    "95 % m": lambda result, number: _ends(_layer(result, number).thickness_interval_m),
+    "E MPa": lambda result, number: _layer_modulus(result, number)[0],
+    "95 % MPa": lambda result, number: _layer_modulus(result, number)[1],
+    "h m": lambda result, number: _thickness(_layer(result, number))[0],
+    "95 % m": lambda result, number: _thickness(_layer(result, number))[1],
     "η kPa s": lambda result, number: _short(_finite(_layer(result, number).viscosity_pa_s, 1e3)),
     "ρ kg/m³": lambda result, number: _short(_finite(_layer(result, number).density_kg_m3)),
 }
 _PULSE: dict[str, Callable[[DropResult], str]] = {
     "drop": lambda result: _text(result.drop),
     "kind": lambda result: _text(result.status),
-    "kN": _peak_load,
+    "kN": peak_load,
     "kPa": lambda result: _short(_finite(_pulse(result).peak_pressure_pa, 1e3)),
     "ms": lambda result: _short(_finite(_pulse(result).duration_s, 1e-3)),
     "peak E MPa": lambda result: _short(_finite(result.peak_modulus_pa, 1e6)),
-    "R²": lambda result: _fixed(_finite(result.r_squared), 4),
-    "residual %": lambda result: _short(_finite(result.residual_rms_over_peak, 1e-2)),
-    "contact %": lambda result: _short(_finite(result.contact_residual_rms_over_peak, 1e-2)),
+    "residual %": lambda result: percent(result.residual_rms_over_peak),
+    "contact %": lambda result: percent(result.contact_residual_rms_over_peak),
+    "verdict": verdict_of_fit,
 }
 
 
@@ -213,18 +291,17 @@ def _text(value: object) -> str:
 
 def _short(value: float | None) -> str:
     """Three digits that count, or all digits before the point when there are more."""
-    return NOTHING if value is None else _fixed(value, _decimals(value, digits=3))
+    return NOTHING if value is None else significant(value)
+
+
+def percent(part: float | None) -> str:
+    """A part of one as percent, with two digits that count: a residual is not known better."""
+    value = _finite(part, 1e-2)
+    return NOTHING if value is None else significant(value, 2)
 
 
 def _fixed(value: float | None, decimals: int) -> str:
     return NOTHING if value is None else f"{value:.{decimals}f}"
-
-
-def _decimals(value: float, digits: int) -> int:
-    """Decimals that show so many digits that count, at most six."""
-    if value == 0:
-        return 0
-    return min(6, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
 
 
 def drop_line(point: str, number: int, result: DropResult) -> str:
@@ -243,12 +320,12 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
     if modulus is None:
         return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
     parts = [
-        f"{name}  E {_short(modulus)} MPa ({_interval(result)})",
+        f"{name}  E {_modulus(result)} MPa ({_interval(result)})",
         f"{_text(result.model)}, {_text(result.plate)} plate "
         f"{_fixed(_finite(result.plate_radius_m), 3)} m, "
         f"ν {_short(_finite(result.poisson_ratio))}",
-        f"{_peak_load(result)} kN",
-        f"residual {_short(_finite(result.residual_rms_over_peak, 1e-2))} %",
+        f"{peak_load(result)} kN",
+        f"residual {percent(result.residual_rms_over_peak)} %",
         _text(result.method),
     ]
     parts += ["seating"] if status == "seating" else []

@@ -1,8 +1,55 @@
 """The ways out of a command: text that is safe to print, and messages."""
 
+import codecs
 import os
 import sys
 import unicodedata
+from typing import TextIO
+
+_ALONE = "±µμνηρσλπ²³°×·•…–—−≥≤→√₀✓✗█"
+_SPELT = (
+    *("+-", "u", "u", "nu", "eta", "rho", "sigma", "lambda", "pi", "2", "3", "deg", "x", "-", "*"),
+    *("...", "-", "-", "-", ">=", "<=", "->", "sqrt", "0", "ok", "x", "#"),
+)
+SPELLED = {
+    **dict(zip(_ALONE, _SPELT, strict=True)),
+    "\N{NO-BREAK SPACE}": " ",
+    "\N{REPLACEMENT CHARACTER}": "_",
+}
+"""What stands for a sign that a console's encoding lacks; a question mark would say nothing."""
+
+SPELLING = "pfwd-spelled"
+"""Name of the way of `SPELLED` among those of Python's codecs."""
+
+
+def spelled(text: str, stream: TextIO | None = None) -> str:
+    """A text with the signs that its stream cannot show spelled out.
+
+    For tables, which have to know how wide a text becomes; elsewhere the stream does it itself.
+
+    Parameters
+    ----------
+    text : str
+    stream : TextIO, optional
+        Standard output by default.
+    """
+    encoding = (stream or sys.stdout).encoding or "ascii"
+    return text.encode(encoding, SPELLING).decode(encoding)
+
+
+def _spell(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    # Of other writings the code at least, by which names stay apart.
+    parts = [
+        SPELLED.get(letter) or letter.encode("ascii", "backslashreplace").decode("ascii")
+        for letter in letters
+    ]
+    return "".join(parts), error.end
+
+
+codecs.register_error(SPELLING, _spell)
 
 
 def clean(text: object) -> str:

@@ -168,6 +168,12 @@ def _add_invert(commands: "Commands") -> None:
     )
     _add_plot(output)
     _add_store(output)
+    output.add_argument(
+        "--by",
+        choices=["point", "drop"],
+        default="drop",
+        help="what has a line of its own in the text (default: drop)",
+    )
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
 
 

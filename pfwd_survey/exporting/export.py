@@ -9,6 +9,7 @@ import pfwd_plugins
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.index import no_collections
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
+from pfwd_survey.exporting.output import refuse_taken
 from pfwd_survey.exporting.registry import OWN, ExportFormat, find_format, format_names
 from pfwd_survey.exporting.rows import Order, Results
 from pfwd_survey.files.reading import survey_content
@@ -84,6 +85,7 @@ def export_survey(
         If the survey cannot be read, or what it holds does not fit into the format.
     """
     chosen = _format(form, invert=invert)
+    refuse_taken(path, force=force)  # now, and not after the work
     with ExitStack() as stack:
         second = None
         if chosen.by_parts and not invert:

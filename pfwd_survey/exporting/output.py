@@ -24,6 +24,7 @@ from filelock import FileLock, Timeout
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
+from pfwd_survey.files.output_path import require_writable
 
 
 @contextlib.contextmanager
@@ -139,6 +140,21 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
+
+
+def refuse_taken(path: str | os.PathLike[str], *, force: bool) -> None:
+    """Refuse a name that is taken, or whose folder takes nothing.
+
+    Raises
+    ------
+    OptionError
+    """
+    target = Path(path)
+    if target.is_dir() and not any(target.iterdir()):
+        return  # for a format that makes a folder; for others said when it is written
+    _check(target, force=force)
+    if not target.is_dir():
+        require_writable(target, "--output")
 
 
 def _check(target: Path, *, force: bool) -> None:

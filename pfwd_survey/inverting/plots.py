@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pfwd_survey.digits import with_ends
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import DropResult
@@ -17,8 +19,12 @@ if TYPE_CHECKING:
 
     from inversion import InversionResult
 
-MOST_COLUMNS = 12
-"""Drops side by side in one picture; more are pages of a PDF."""
+MOST_COLUMNS = 6
+"""Drops side by side in a picture; more are rows below each other."""
+
+MOST_IN_PICTURE = 24
+"""Drops of a picture; more are further pictures, NAME-2.png and so on. One of 24 has 4000 by
+4200 points, which viewers still open."""
 
 _COLUMN_INCHES, _HEIGHT_INCHES = 5.2, 8.0
 # Distinguishable without colour vision and, by their dashes, in print.
@@ -26,14 +32,18 @@ _COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (1, 1)))
 
 
-def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str]) -> Path:
-    """Draw every inverted drop and write the picture, or a PDF with a page a drop.
+def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str]) -> list[Path]:
+    """Draw every inverted drop: a PDF with a page a drop, or pictures of at most 24 drops.
+
+    Returns
+    -------
+    list of Path
+        What was written.
 
     Raises
     ------
     OptionError
-        If nothing was inverted, there are too many drops for one picture, or the file cannot be
-        written.
+        If nothing was inverted, or a file cannot be written.
     """
     shown = [
         (record, result)
@@ -47,14 +57,15 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
     try:
         if target.suffix.lower() == ".pdf":
             _write_pages(shown, target)
-        elif len(shown) > MOST_COLUMNS:
-            hint = "name a .pdf file for a page a drop"
-            raise OptionError(refusal("--plot", f"{MOST_COLUMNS} drops", f"{len(shown)}", hint))
-        else:
-            _figure(shown).savefig(target, dpi=130)
+            return [target]
+        written = []
+        for number, begin in enumerate(range(0, len(shown), MOST_IN_PICTURE), 1):
+            file = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
+            _figure(shown[begin : begin + MOST_IN_PICTURE]).savefig(file, dpi=130)
+            written.append(file)
     except OSError as error:
         raise OptionError(refusal(f"--plot {target}", "a file to write", str(error))) from error
-    return target
+    return written
 
 
 def _write_pages(shown: Sequence[tuple[DropResult, InversionResult]], target: Path) -> None:
@@ -71,12 +82,24 @@ def _figure(shown: Sequence[tuple[DropResult, InversionResult]]) -> Figure:
     start_matplotlib()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_COLUMN_INCHES * len(shown), _HEIGHT_INCHES), layout="constrained")
+    columns = min(len(shown), MOST_COLUMNS)
+    rows = math.ceil(len(shown) / columns)
+    size = (_COLUMN_INCHES * columns, _HEIGHT_INCHES * rows)
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(
-        3, len(shown), squeeze=False, sharex="col", height_ratios=(1.0, 1.5, 0.8)
+        3 * rows, columns, squeeze=False, sharex=False, height_ratios=(1.0, 1.5, 0.8) * rows
     )
-    for column, (record, result) in enumerate(shown):
-        _draw(axes[:, column], record, result)
+    for number, (record, result) in enumerate(shown):
+        row, column = divmod(number, columns)
+        three = axes[3 * row : 3 * row + 3, column]
+        for axis in three[:2]:
+            axis.sharex(three[2])
+            axis.tick_params(labelbottom=False)
+        _draw(three, record, result)
+    for number in range(len(shown), rows * columns):
+        row, column = divmod(number, columns)
+        for axis in axes[3 * row : 3 * row + 3, column]:
+            axis.set_axis_off()
     return figure
 
 
@@ -127,9 +150,11 @@ def _title(record: DropResult, result: InversionResult) -> str:
     low, high = (1e-6 * value for value in result.modulus_interval)
     depth = ground.bedrock_depth.value
     base = "half-space" if record.model == "half-space" else f"bedrock {depth:.3g} m"
+    modulus, lowest, highest = with_ends(1e-6 * ground.modulus.value, (low, high))
+    point = "" if record.point is None else f", point {record.point}"
     return (
-        f"{Path(record.file or '').name}, drop {record.drop}\n"
-        f"E {1e-6 * ground.modulus.value:.4g} MPa, 95 % {low:.4g} to {high:.4g}; {base}; "
+        f"{Path(record.file or '').name}{point}, drop {record.drop}\n"
+        f"E {modulus} MPa, 95 % {lowest} to {highest}; {base}; "
         f"η {1e-3 * ground.viscosity.value:.3g} kPa s\n"
         f"{result.plate} plate {result.plate_radius:g} m, ν {result.poisson_ratio:g}; residual "
         f"{100 * result.window_residual_rms_over_peak:.2g} % of peak up to the dotted line"

@@ -195,18 +195,40 @@ def test_people_get_a_table(
     text = capsys.readouterr().out
     assert "E MPa" in text
     assert "40.0" in text
-    assert "drop 2 rejected: no pulse" in text
+    assert "rejected, drop 2: no pulse" in text
 
 
-def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
     drawn: list[Any] = []
     plots = types.ModuleType("pfwd_survey.inverting.plots")
-    plots.plot_outcomes = lambda *args: drawn.append(args)  # type: ignore[attr-defined]
+    plots.plot_outcomes = lambda *args: drawn.append(args) or []  # type: ignore[attr-defined,func-returns-value]
     monkeypatch.setitem(sys.modules, "pfwd_survey.inverting.plots", plots)
     outcomes = [FileOutcome("a.csv", None, [RESULT]), FileOutcome("b.csv", "refused")]
     analysis(monkeypatch, *outcomes)
     assert main(["invert", "a.csv", "b.csv", "--plot", "out.PNG"]) == 1
     assert drawn == [(outcomes, "out.PNG")]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("invert", "a.csv", "--plot", "{}/none/p.png"),
+        ("diagnose", "a.csv", "--plot", "{}/none/p.png"),
+        ("diagnose", "a.csv", "--write-device", "{}/none/d.toml"),
+        ("report", "survey", "-o", "{}/none/r.pdf"),
+        ("export", "survey", "--format", "table", "-o", "{}/none/t.csv"),
+        ("export", "survey", "--format", "csv", "-o", "{}/none/folder"),
+    ],
+)
+def test_a_place_that_takes_no_file_is_refused_before_the_work(
+    arguments: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The files to be worked on are not there either: they would be refused with 1.
+    assert main([part.format(tmp_path) for part in arguments]) == 2
+    error = capsys.readouterr().err
+    assert "expected the folder" in error
+    assert len(error.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,16 @@
 """Lines for machines and text from elsewhere."""
 
+import io
 import json
+import os
+import subprocess
 
 import numpy as np
 import pytest
 
 from pfwd_survey.exporting.json_text import json_text
-from tui.output import clean
+from tests.tui.console import PFWD, TOP
+from tui.output import clean, spelled
 
 
 def test_json_knows_numpy_and_no_infinity() -> None:
@@ -45,3 +49,30 @@ def test_nothing_that_steers_a_terminal_is_left(hostile: str) -> None:
 def test_plain_text_and_mark_up_stay_as_they_are() -> None:
     for text in ("Ring road km 12 · point 7", "[red]x[/blue]", "50 µm ± 2 %"):
         assert clean(text) == text
+
+
+@pytest.mark.parametrize("text", ["η 5 ± 1 kPa s", "ρ kg/m³, 5–7 µm ≥ 3 °C …", "km 12 中"])
+def test_a_console_without_the_letters_gets_words_and_no_question_marks(text: str) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    shown = spelled(text, stream)
+    assert shown.isascii()
+    assert "?" not in shown
+    assert spelled(text, io.TextIOWrapper(io.BytesIO(), encoding="utf-8")) == text
+
+
+def test_signs_are_spelled_as_people_do() -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    assert spelled("η ρ ± µm ²", stream) == "eta rho +- um 2"
+
+
+def test_the_command_spells_where_the_locale_is_plain() -> None:
+    done = subprocess.run(
+        [*PFWD, "procedures", "tp-bf-stb-b8.3"],
+        cwd=TOP,
+        capture_output=True,
+        env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.isascii()
+    assert b"?" not in done.stdout

@@ -161,7 +161,7 @@ def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
         "A/3  E 40.0 MPa (39.0 to 41.0)  layer, rigid-rough plate 0.150 m, ν 0.350  7.07 kN  "
-        "residual 1.00 %  least-squares"
+        "residual 1.0 %  least-squares"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
     assert drop_line("A", 3, DropResult.from_json(seating)).endswith(

@@ -115,4 +115,5 @@ def _plot(folder: Path, plot: str) -> None:
     from pfwd_survey.inverting.plots import plot_outcomes
 
     outcomes = list(analyse_files([str(folder)], AnalysisOptions()))
-    say(f"plot {plot_outcomes(outcomes, plot)}")
+    for picture in plot_outcomes(outcomes, plot):
+        say(f"plot {picture}")

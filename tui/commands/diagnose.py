@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
-from tui.diagnosis_lines import diagnosis_lines
+from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings
 from tui.output import say
 from tui.progress import points_counted
 
@@ -21,6 +22,9 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose the points of the files; 1 when a file was refused."""
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
+    for option, path in (("--plot", args.plot), ("--write-device", args.write_device)):
+        if path:
+            require_writable(path, option)
     options = AnalysisOptions(
         header=args.header,
         plate_radius=args.plate_radius,
@@ -57,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
             say(diagnosed.error)
         elif diagnosed.result is not None:
             show_diagnosis(diagnosed.result, as_json=args.json)
+    if not args.json:
+        tell_warnings(found)
     keep_found(found, store=not args.no_store)
     if args.write_device:
         write_device_file(args.write_device, found, name)
@@ -92,7 +98,13 @@ def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
             say(failed)
 
 
+def tell_warnings(found: "Sequence[Diagnosed]") -> None:
+    """Print the warnings of all points, each once with the points that it belongs to."""
+    for line in diagnosis_warnings([d.result for d in found if d.result is not None]):
+        print(line, flush=True)
+
+
 def show_diagnosis(result: DiagnosisResult, *, as_json: bool) -> None:
-    lines = [json_text(result.to_json())] if as_json else diagnosis_lines(result)
+    lines = [json_text(result.to_json())] if as_json else diagnosis_lines(result, warnings=False)
     for line in lines:
         print(line, flush=True)

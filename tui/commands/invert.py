@@ -6,9 +6,10 @@ import os
 from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome, with_diagnoses
-from tui.format import printed_results
+from tui.format import By, printed_results
 from tui.output import say
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> int:
     """Analyse the files and print what was found; 1 when a file was refused, otherwise 0."""
     options = options_from(args)
+    if args.plot:
+        require_writable(args.plot, "--plot")
     if args.archive is not None or args.scheduler is not None or _any_folder(args.files):
         from tui.archive import run_over_archive
 
@@ -36,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
             diagnosed = _diagnosed(outcome, options, args) if args.diagnose else []
             if diagnosed:
                 outcome = with_diagnoses(outcome, diagnosed)
-            show(outcome, as_json=args.json)
+            show(outcome, as_json=args.json, by=args.by)
             _keep(outcome, store=not args.no_store)
             if diagnosed:
                 _tell(diagnosed, as_json=args.json, store=not args.no_store)
@@ -45,7 +48,8 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         from pfwd_survey.inverting.plots import plot_outcomes
 
-        plot_outcomes(kept, args.plot)
+        for picture in plot_outcomes(kept, args.plot):
+            say(f"plot {picture}")
     return 1 if refused else 0
 
 
@@ -80,13 +84,15 @@ def _diagnosed(
 
 def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
     """Keep diagnoses, and print them where their lines do not hold them already."""
-    from tui.commands.diagnose import keep_found, show_diagnosis
+    from tui.commands.diagnose import keep_found, show_diagnosis, tell_warnings
 
     for found in diagnosed:
         if found.error is not None:
             say(found.error)
         elif found.result is not None and not as_json:
             show_diagnosis(found.result, as_json=False)
+    if not as_json:
+        tell_warnings(diagnosed)
     keep_found(diagnosed, store=store)
 
 
@@ -130,9 +136,9 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
     )
 
 
-def show(outcome: FileOutcome, *, as_json: bool) -> None:
+def show(outcome: FileOutcome, *, as_json: bool, by: By = "drop") -> None:
     """Print the results of a file to standard output, and why it was refused to standard error."""
     if outcome.error is not None:
         say(outcome.error)
-    for line in printed_results(outcome.results, as_json=as_json):
+    for line in printed_results(outcome.results, as_json=as_json, by=by):
         print(line, flush=True)

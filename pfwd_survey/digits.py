@@ -1,0 +1,112 @@
+"""Numbers with no more digits than what is known of them supports."""
+
+import math
+
+_LARGE = 3
+"""A spread with a first digit of this or more is told with that digit alone."""
+
+MOST_DIGITS = 4
+"""That count, of a value, however small the spread of its fit: no load cell knows more."""
+
+FEW_DIGITS = 3
+"""That count, of a value whose spread nobody knows."""
+
+
+def rounded(value: float, spread: float) -> str:
+    """A number with no more digits than its spread supports.
+
+    Parameters
+    ----------
+    value : float
+    spread : float
+        In the same unit: half the width of an interval, or a standard deviation.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> rounded(45.4137, 8.1), rounded(1.15301, 0.04), rounded(2313.0, 950.0)
+    ('45', '1.15', '2300')
+    """
+    if not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
+        return f"{value:.4g}"
+    return at_place(value, _place(spread))
+
+
+def at_place(value: float, place: int) -> str:
+    """A number whose last digit stands at a power of ten; what follows is dropped.
+
+    Examples
+    --------
+    >>> at_place(1234.5, 1), at_place(1234.5, -1)
+    ('1230', '1234.5')
+    """
+    return f"{round(value, -place):.{max(0, -place)}f}"
+
+
+def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
+    """A value and the ends of its interval, each with the digits that the interval supports.
+
+    The nearer end decides for the value, of which one digit is told at least. The farther one is
+    told more coarsely (a modulus of 29 that may be 561 may as well be 560), both with two digits at
+    least.
+
+    Parameters
+    ----------
+    value : float
+        Finite.
+    ends : pair of float
+        Finite, the lower one first.
+
+    Returns
+    -------
+    tuple of str
+        Value, lower and upper end.
+
+    Examples
+    --------
+    >>> with_ends(29.1, (11.2, 561.1))
+    ('29', '11', '560')
+    >>> with_ends(1.1695, (1.0483, 18.0))
+    ('1.17', '1.05', '18')
+    >>> with_ends(35.123, (34.2, 35.9))
+    ('35.1', '34.2', '35.9')
+    >>> with_ends(47.9, (13.7, 686.0))
+    ('50', '14', '690')
+    """
+    far = [abs(value - end) for end in ends]
+    # A value at the end of its own interval, where a search was bounded, has one distance only.
+    there = [distance for distance in far if distance > 0.01 * abs(value)] or far
+    place = max(_place(min(there)), _top(value) - MOST_DIGITS + 1)
+    low, high = (
+        at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1))
+        for end, distance in zip(ends, far, strict=True)
+    )
+    return at_place(value, min(place, _top(value))), low, high
+
+
+def significant(value: float, digits: int = FEW_DIGITS) -> str:
+    """So many digits that count, or all before the point when there are more.
+
+    Examples
+    --------
+    >>> significant(0.012345), significant(45.678), significant(1234.5)
+    ('0.0123', '45.7', '1234')
+    """
+    decimals = 0 if value == 0 else min(6, max(0, digits - 1 - _top(value)))
+    return f"{value:.{decimals}f}"
+
+
+def _place(spread: float) -> int:
+    """Power of ten of the last digit that is told: a tenth of the spread or more."""
+    if spread <= 0.0:
+        return -6
+    exponent = _top(spread)
+    return exponent if spread >= _LARGE * 10.0**exponent else exponent - 1
+
+
+def _top(value: float) -> int:
+    """Power of ten of the first digit."""
+    return math.floor(math.log10(abs(value))) if value else -6

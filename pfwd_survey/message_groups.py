@@ -1,0 +1,129 @@
+"""Messages that say the same of several things, each once, with the numbers as ranges."""
+
+import re
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Place = TypeVar("Place", bound=Hashable)
+
+_ONE = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"(?<![\w.:+/-]){_ONE}(?: to {_ONE})?(?![\w+/-]|[.:]\w)")
+"""A number, or two with a "to" between them. What is part of a name, a date, a time or a chainage
+(12-points.prjz, 2022-01-21, 14:05, 12+320) is none."""
+
+GAP = "{}"
+"""Stands for a number in a pattern."""
+
+DASH = "\N{EN DASH}"
+"""Between the ends of a range; a "to" may stand in the message already."""
+
+FEW = 2
+"""Different values that are listed; more become a range."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageGroup(Generic[Place]):
+    """One message and what it was said of."""
+
+    pattern: str
+    """The message with ``{}`` in place of its numbers: equal for all that mean the same."""
+    numbers: tuple[str, ...]
+    """What stands at the gaps: one number, two, or a range of them."""
+    places: tuple[Place, ...]
+    """Each once, in the order in which they came."""
+
+    @property
+    def text(self) -> str:
+        """The message in full."""
+        return fill(self.pattern, self.numbers)
+
+
+def group_messages(said: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
+    """Messages that differ in nothing but their numbers as one.
+
+    Parameters
+    ----------
+    said : iterable of (place, message)
+
+    Returns
+    -------
+    list of MessageGroup
+        In the order in which they were said first.
+
+    Examples
+    --------
+    >>> found = group_messages([("A", "load 53.1 kN is low"), ("B", "load 51 kN is low")])
+    >>> [(group.text, group.places) for group in found]
+    [('load 51 and 53.1 kN is low', ('A', 'B'))]
+    """
+    places: dict[str, dict[Place, None]] = {}
+    numbers: dict[str, list[tuple[str, ...]]] = {}
+    for place, text in said:
+        pattern, found = split_numbers(text)
+        places.setdefault(pattern, {})[place] = None
+        numbers.setdefault(pattern, []).append(found)
+    return [
+        MessageGroup(pattern, tuple(map(_together, zip(*numbers[pattern], strict=True))), (*where,))
+        for pattern, where in places.items()
+    ]
+
+
+def split_numbers(text: str) -> tuple[str, tuple[str, ...]]:
+    """A message as a pattern and its numbers.
+
+    Examples
+    --------
+    >>> split_numbers("12-points.prjz: peaks are +0.0 to +194.8 % off (12+320)")
+    ('12-points.prjz: peaks are {} % off (12+320)', ('+0.0 to +194.8',))
+    """
+    return _NUMBER.sub(lambda _: GAP, text.replace(GAP, "( )")), tuple(_NUMBER.findall(text))
+
+
+def fill(pattern: str, numbers: Sequence[str]) -> str:
+    """A pattern with its gaps filled from the left."""
+    parts = pattern.split(GAP)
+    return parts[0] + "".join(
+        number + part for number, part in zip(numbers, parts[1:], strict=True)
+    )
+
+
+def _together(values: Sequence[str]) -> str:
+    different = list(dict.fromkeys(values))
+    if len(different) == 1:
+        return different[0]
+    ends = sorted((end for value in different for end in value.split(" to ")), key=float)
+    if len(different) <= FEW and len(ends) == len(different):
+        return " and ".join(ends)
+    signed = any(end.startswith(("+", "-")) for end in ends)
+    return f"{ends[0]}{' to ' if signed else DASH}{ends[-1]}"
+
+
+def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
+    """Names as ranges of an order, so that many do not become a list.
+
+    Parameters
+    ----------
+    chosen : iterable of str
+        Among the names of the order.
+    order : sequence of str
+        All names, each once.
+
+    Examples
+    --------
+    >>> as_ranges(["A", "B", "C", "E"], ["A", "B", "C", "D", "E"])
+    'A to C, E'
+    >>> as_ranges(["A", "B"], ["A", "B", "C"])
+    'A, B'
+    """
+    wanted = set(chosen)
+    runs: list[list[str]] = []
+    before = None
+    for index, name in enumerate(order):
+        if name in wanted:
+            if before == index - 1 and runs:
+                runs[-1].append(name)
+            else:
+                runs.append([name])
+            before = index
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > FEW else ", ".join(run) for run in runs)
