@@ -350,6 +350,15 @@ def _add_export(commands: "Commands") -> None:
     export.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
     export.add_argument("--force", action="store_true", help="write over what is there")
     export.add_argument(
+        "--delimiter",
+        metavar="SIGN",
+        help="between the columns of table and points: a sign, or tab (default: a comma, or a "
+        "semicolon with a decimal comma)",
+    )
+    export.add_argument(
+        "--decimal", metavar="SIGN", help="of table and points: . or , (default: .)"
+    )
+    export.add_argument(
         "--invert", action="store_true", help="invert, in place of the results the survey holds"
     )
     export.add_argument(

@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple
 
 from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER
 
-Kind = Literal["text", "whole", "number", "flag", "texts"]
+Kind = Literal["text", "whole", "number", "flag", "texts", "time"]
 
 
 class ResultColumn(NamedTuple):
@@ -13,7 +13,7 @@ class ResultColumn(NamedTuple):
     name: str
     """With the SI unit at its end."""
     kind: Kind
-    """texts: several, joined by ``"; "`` where a cell holds one text."""
+    """texts: several, joined by ``"; "`` where a cell holds one text; time: ISO 8601."""
     meaning: str
 
 
@@ -23,7 +23,7 @@ COLUMNS = (
     ResultColumn("drop", "whole", "number of the drop within the point"),
     ResultColumn("record", "whole", "number of the drop within the survey"),
     ResultColumn("discarded", "flag", "whether the drop or its point was discarded"),
-    ResultColumn("time_utc", "text", "when, ISO 8601"),
+    ResultColumn("time_utc", "time", "when, ISO 8601"),
     ResultColumn("latitude", "number", "degrees, north positive"),
     ResultColumn("longitude", "number", "degrees, east positive"),
     ResultColumn("altitude_m", "number", "m"),

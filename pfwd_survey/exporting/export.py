@@ -54,6 +54,8 @@ def export_survey(
     invert: bool = False,
     seed: int = 0,
     jobs: int = 1,
+    delimiter: str | None = None,
+    decimal: str | None = None,
 ) -> Exported:
     """Write a survey to a file, or for ``csv`` to a folder; it is there whole or not at all.
 
@@ -72,6 +74,9 @@ def export_survey(
     jobs : int
         Processes that may work on it; a script that asks for more than one needs a guard
         ``if __name__ == "__main__"``, as for `multiprocessing`.
+    delimiter, decimal : str, optional
+        Of a text in columns: a sign, or ``tab``; ``.`` or ``,``. A comma and a point where nothing
+        is said; with a decimal comma a semicolon is between the columns.
 
     Returns
     -------
@@ -85,6 +90,7 @@ def export_survey(
         If the survey cannot be read, or what it holds does not fit into the format.
     """
     chosen = _format(form, invert=invert)
+    signs = _signs(chosen, delimiter, decimal)
     refuse_taken(path, force=force)  # now, and not after the work
     with ExitStack() as stack:
         second = None
@@ -95,7 +101,7 @@ def export_survey(
             second = stack.enter_context(second_process(os.fspath(survey), jobs))
         content = survey_content(survey)
         inverted = _inverted(os.fspath(survey), seed) if invert else None
-        order = Order(content, inverted, force, jobs, second)
+        order = Order(content, inverted, force, jobs, second, *signs)
         notes, results = _written(chosen, order, path)
     drops = len(content.drops)
     if results is not None and results < drops:
@@ -139,6 +145,27 @@ def _format(name: str, *, invert: bool) -> ExportFormat:
         holding = ", ".join(sorted(own.name for own in OWN.values() if own.with_results))
         raise OptionError(refusal("--invert", f"a format with results ({holding})", name))
     return form
+
+
+def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tuple[str, str]:
+    """Between the columns, and within numbers."""
+    for option, said in (("--delimiter", delimiter), ("--decimal", decimal)):
+        if said is not None and not form.delimited:
+            holding = ", ".join(own.name for own in OWN.values() if own.delimited)
+            raise OptionError(refusal(option, f"a format in columns ({holding})", form.name))
+    point = "." if decimal is None else decimal
+    if point not in (".", ","):
+        raise OptionError(refusal("--decimal", "a point or a comma", quote(decimal)))
+    between = ";" if point == "," else ","
+    if delimiter is not None:
+        between = "\t" if delimiter in ("tab", "\\t") else delimiter
+    printable = len(between) == 1 and (between == "\t" or between.isprintable())
+    if not printable or between in "\"'+-." or between.isalnum():
+        raise OptionError(refusal("--delimiter", "a sign such as ; or tab", quote(delimiter)))
+    if between == point:
+        came = f"{quote(between)} for both"
+        raise OptionError(refusal("--delimiter and --decimal", "two signs", came))
+    return between, point
 
 
 def _inverted(survey: str, seed: int) -> Results:

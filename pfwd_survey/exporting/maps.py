@@ -1,10 +1,12 @@
-"""Results on the map: ``geojson``, a feature a drop (RFC 7946), and ``gpx``, a way point a point.
+"""Results on the map: ``geojson``, a feature a drop (RFC 7946), ``points-geojson``, a feature a
+point, and ``gpx``, a way point a point.
 
 GPX is version 1.1; a point without a position cannot be in it.
 """
 
 import datetime
 import os
+from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 from xml.etree import ElementTree
@@ -14,6 +16,7 @@ from pfwd_device.text import clean
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.exporting.output import new_file
 from pfwd_survey.exporting.places import Place
+from pfwd_survey.exporting.point_rows import PointRow, point_rows
 from pfwd_survey.exporting.rows import Order, Row
 
 NAMESPACE = "http://www.topografix.com/GPX/1/1"
@@ -31,16 +34,7 @@ def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """
     rows = order.rows
     used = [row for row in rows if row.used]
-    collection = {
-        "type": "FeatureCollection",
-        "features": [_feature(row) for row in used],
-        "pfwd": {"version": software_version(), "survey_id": order.content.survey_id},
-    }
-    with (
-        new_file(path, force=order.force) as draft,
-        open(draft, "w", encoding="utf-8", newline="\n") as stream,
-    ):
-        stream.write(json_text(collection) + "\n")
+    _write_collection([_feature(row) for row in used], order, path)
     notes = []
     nowhere = sum(row.place is None for row in used)
     if nowhere:
@@ -48,6 +42,55 @@ def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
     if len(used) < len(rows):
         notes.append(f"{len(rows) - len(used)} discarded or damaged drops are left out")
     return notes
+
+
+def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write a feature for each point; discarded ones are marked.
+
+    Returns
+    -------
+    list of str
+        How many have no position: their geometry is null.
+    """
+    rows = point_rows(order)
+    features = [
+        {
+            "type": "Feature",
+            "id": row.point.name,
+            "geometry": row.place and _geometry(row.place),
+            "properties": {
+                name: value
+                for name, value in row.values.items()
+                if name not in ("latitude", "longitude")
+            },
+        }
+        for row in rows
+    ]
+    _write_collection(features, order, path)
+    return without_position(rows)
+
+
+def without_position(rows: Sequence[PointRow]) -> list[str]:
+    """How many points have no position, as a note; nothing where all have one."""
+    nowhere = sum(row.place is None for row in rows)
+    if not nowhere:
+        return []
+    return [f"{nowhere} of {len(rows)} points have no position: their geometry is null"]
+
+
+def _write_collection(
+    features: list[dict[str, Any]], order: Order, path: str | os.PathLike[str]
+) -> None:
+    collection = {
+        "type": "FeatureCollection",
+        "features": features,
+        "pfwd": {"version": software_version(), "survey_id": order.content.survey_id},
+    }
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="\n") as stream,
+    ):
+        stream.write(json_text(collection) + "\n")
 
 
 def _feature(row: Row) -> dict[str, Any]:

@@ -47,6 +47,18 @@ def time_of(record: DropFacts | None) -> str | None:
     return None
 
 
+def local_time_of(record: DropFacts | None) -> str | None:
+    """When a drop fell by the clock of the place, ISO 8601; None when nobody said."""
+    if record is None:
+        return None
+    imported = record.declared.get("imported")
+    noted = imported.get("time_local") if isinstance(imported, Mapping) else None
+    for said in (record.metadata.get("time_local"), record.declared.get("time_local"), noted):
+        if isinstance(said, str) and said:
+            return said
+    return None
+
+
 def _place(said: Any) -> Place | None:
     if not isinstance(said, Mapping):
         return None

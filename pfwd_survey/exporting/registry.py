@@ -36,6 +36,8 @@ class ExportFormat:
     """Whether it holds results, so that drops may be inverted for it."""
     by_parts: bool = False
     """Whether it makes a text of its rows with `row_texts`, so that a second process may help."""
+    delimited: bool = False
+    """Whether it is a text whose delimiter and decimal sign may be chosen."""
 
     def writer(self) -> Write:
         """The function ``write(order, path)``."""
@@ -54,10 +56,27 @@ OWN: Mapping[str, ExportFormat] = MappingProxyType(
         for form in (
             ExportFormat("h5", "the whole survey", f"{_HERE}.surveys:write_h5"),
             ExportFormat("csv", "a folder of trace files", f"{_HERE}.surveys:write_csv"),
-            ExportFormat("table", "results as CSV", f"{_HERE}.tables:write_table", True, True),
+            ExportFormat(
+                "table", "results as CSV", f"{_HERE}.tables:write_table", True, True, True
+            ),
+            ExportFormat(
+                "points",
+                "points with verdicts as CSV",
+                f"{_HERE}.tables:write_points",
+                True,
+                delimited=True,
+            ),
             ExportFormat("jsonl", "results as JSON", f"{_HERE}.tables:write_jsonl", True, True),
             ExportFormat("parquet", "results", f"{_HERE}.tables:write_parquet", True),
             ExportFormat("geojson", "results on the map", f"{_HERE}.maps:write_geojson", True),
+            ExportFormat(
+                "points-geojson",
+                "the points on the map",
+                f"{_HERE}.maps:write_points_geojson",
+                True,
+            ),
+            ExportFormat("xlsx", "a workbook for Excel", f"{_HERE}.workbook:write_xlsx", True),
+            ExportFormat("gpkg", "the points for GIS", f"{_HERE}.geopackage:write_gpkg", True),
             ExportFormat("gpx", "results as way points", f"{_HERE}.maps:write_gpx", True),
             ExportFormat("pddx", "peaks for pavement programs", f"{_HERE}.pddx:write_pddx"),
         )

@@ -15,7 +15,7 @@ from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
-from pfwd_survey.exporting.places import Place, number, place_of, time_of
+from pfwd_survey.exporting.places import Place, local_time_of, number, place_of, time_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
@@ -84,6 +84,8 @@ class Row:
     counts_as: str = ""
     """What it counts as beside the other drops of its point: seating, measured, rejected or
     discarded; empty: the points were not judged."""
+    time_local: str | None = None
+    """When, by the clock of the place, ISO 8601; None: nobody said."""
 
     @property
     def has_result(self) -> bool:
@@ -125,6 +127,10 @@ class Order:
     """Processes that may work on it."""
     second: RowMaker | None = None
     """Makes rows too, for who wants them as text."""
+    delimiter: str = ","
+    """Between the columns of a text."""
+    decimal: str = "."
+    """Decimal sign of a text."""
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -268,7 +274,8 @@ def row_of(
     declared = None if record is None else record.declared
     if kind in ("seating", "measured") and values["status"] in ("seating", "measured"):
         values["status"] = kind  # as the procedure counts now, whatever it was when it was inverted
-    return Row(point, drop, declared, place, peaks, result, values, kind)
+    local = _text(local_time_of(record))
+    return Row(point, drop, declared, place, peaks, result, values, kind, local)
 
 
 def _never(point: SurveyPoint, record: DropFacts) -> str | None:

@@ -1,8 +1,10 @@
-"""One line a drop with its result: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``."""
+"""One line a drop with its result: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``; one line
+a point with its verdict: ``points`` (CSV)."""
 
 import csv
 import os
 from collections.abc import Iterable, Iterator
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -11,6 +13,7 @@ from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.exporting.output import new_file
 from pfwd_survey.exporting.parts import row_texts
+from pfwd_survey.exporting.point_rows import POINT_COLUMNS, point_rows
 from pfwd_survey.exporting.rows import Order, Row
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -27,14 +30,19 @@ def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
         # newline: the writer ends lines itself, on every system alike
         open(draft, "w", encoding="utf-8", newline="") as stream,
     ):
-        stream.write(csv.writer(_Line()).writerow(_NAMES))
-        stream.writelines(row_texts(order, table_texts))
+        stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_NAMES))
+        texts = partial(table_texts, delimiter=order.delimiter, decimal=order.decimal)
+        stream.writelines(row_texts(order, texts))
     return []
 
 
-def table_texts(rows: Iterable[Row]) -> Iterator[str]:
+def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -> Iterator[str]:
     """The lines of rows in a table."""
-    writer = csv.writer(_Line())
+    writer = csv.writer(_Line(), delimiter=delimiter)
+    if decimal != ".":
+        for row in rows:
+            yield writer.writerow([cell(value, decimal) for value in _OF_ROW(row.values)])
+        return
     for row in rows:
         # The writer makes of a float and of None what `cell` does, and most values are those.
         yield writer.writerow(
@@ -43,6 +51,19 @@ def table_texts(rows: Iterable[Row]) -> Iterator[str]:
                 for value in _OF_ROW(row.values)
             ]
         )
+
+
+def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all points, discarded ones marked."""
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.writer(stream, delimiter=order.delimiter)
+        writer.writerow([column.name for column in POINT_COLUMNS])
+        for row in point_rows(order):
+            writer.writerow([cell(value, order.decimal) for value in row.cells])
+    return []
 
 
 class _Line:
@@ -88,6 +109,7 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
         raise OptionError(refusal("--format parquet", expected, "none", hint)) from err
     kinds: dict[str, Any] = {
         "text": pyarrow.string(),
+        "time": pyarrow.string(),
         "whole": pyarrow.int64(),
         "number": pyarrow.float64(),
         "flag": pyarrow.bool_(),
@@ -105,23 +127,23 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
     return []
 
 
-def cell(value: Any) -> str:
+def cell(value: Any, decimal: str = ".") -> str:
     """A value as the text of a cell; text that a spreadsheet would run begins with an apostrophe.
 
     Examples
     --------
-    >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"])
-    ('-1.5', "'-1.5", '', 'true', 'a; =b')
+    >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"]), cell(1.5, ",")
+    ('-1.5', "'-1.5", '', 'true', 'a; =b', '1,5')
     """
     if type(value) is float:  # nearly always
-        return repr(value)
+        return repr(value).replace(".", decimal)
     match value:
         case None:
             return ""
         case bool():
             return "true" if value else "false"
         case int() | float():
-            return repr(value)
+            return repr(value).replace(".", decimal)
         case list() | tuple():
             return cell("; ".join(map(str, value)))
     text = str(value)

@@ -21,6 +21,8 @@ def run(args: argparse.Namespace) -> int:
         invert=args.invert,
         seed=args.seed,
         jobs=MOST_PROCESSES,
+        delimiter=args.delimiter,
+        decimal=args.decimal,
     )
     for note in done.notes:
         say(f"export: {note}")

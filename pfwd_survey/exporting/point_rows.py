@@ -1,0 +1,135 @@
+"""One row per point: where, when, what it is judged by, its value and its verdict."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd_device.recording.survey_content import SurveyPoint
+from pfwd_device.text import clean
+from pfwd_survey.exporting.columns import ResultColumn
+from pfwd_survey.exporting.places import Place, number
+from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
+from pfwd_survey.exporting.standing import Standing, standings
+from pfwd_survey.procedures import Quantity
+
+POINT_COLUMNS = (
+    ResultColumn("point", "text", "test point, as it was named last"),
+    ResultColumn("chainage_m", "number", "along the line, m"),
+    ResultColumn("latitude", "number", "degrees, north positive"),
+    ResultColumn("longitude", "number", "degrees, east positive"),
+    ResultColumn("altitude_m", "number", "m"),
+    ResultColumn("time_utc", "time", "of the first drop that counts, UTC"),
+    ResultColumn("time_local", "time", "the same, by the clock of the place"),
+    ResultColumn("procedure", "text", "that the point is judged by"),
+    ResultColumn("quantity", "text", "that the procedure judges"),
+    ResultColumn("value", "number", "of the quantity, in the unit"),
+    ResultColumn("interval_low", "number", "95 %, in the unit"),
+    ResultColumn("interval_high", "number", "95 %, in the unit"),
+    ResultColumn("unit", "text", "of value, interval and target: Pa, or m for a deflection"),
+    ResultColumn("target", "number", "in the unit"),
+    ResultColumn("verdict", "text", "pass, fail, undecided, or none"),
+    ResultColumn("drops_measured", "whole", "drops that the value is the mean of"),
+    ResultColumn("modulus_pa", "number", "of the inversion, mean of these drops, Pa"),
+    ResultColumn("modulus_interval_low_pa", "number", "95 %, Pa"),
+    ResultColumn("modulus_interval_high_pa", "number", "95 %, Pa"),
+    ResultColumn("diagnosis", "text", "clean, explained or unexplained; empty: not asked for"),
+    ResultColumn("discarded", "flag", "whether the point was discarded"),
+    ResultColumn("note", "text", "of the point"),
+)
+"""What a point has in every export."""
+
+_NOTHING: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointRow:
+    """A point, ready for an export."""
+
+    point: SurveyPoint
+    place: Place | None
+    values: Mapping[str, Any]
+    """By the names of ``POINT_COLUMNS``; None: not known. Times are texts, ISO 8601."""
+
+    @property
+    def cells(self) -> list[Any]:
+        """The values in the order of the columns."""
+        return [self.values[column.name] for column in POINT_COLUMNS]
+
+
+def point_rows(order: Order) -> list[PointRow]:
+    """The rows of all points of a survey, in their order."""
+    content = order.content
+    # By the name that drops carry: titles of two points may be alike.
+    of_point: dict[str, list[Row]] = {}
+    for row in order.rows:
+        of_point.setdefault(row.point.name, []).append(row)
+    judged = standings(content, order.inverted)
+    return [
+        _row(point, of_point.get(point.name, []), standing)
+        for point, standing in zip(content.points, judged, strict=True)
+    ]
+
+
+def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing | None) -> PointRow:
+    used = set() if standing is None else set(standing.progress.used)
+    counted = [row for row in drops if row.drop.drop in used] or list(drops)
+    place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
+    values = dict(_NOTHING) | {
+        "point": point.title,
+        "chainage_m": _first(_chainage(row) for row in drops),
+        "latitude": place and place.latitude,
+        "longitude": place and place.longitude,
+        "altitude_m": place and place.altitude,
+        "time_utc": _first(row.values["time_utc"] for row in counted),
+        "time_local": _first(row.time_local for row in counted),
+        "discarded": point.discarded,
+        "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
+        "verdict": "none",
+        "drops_measured": 0,
+    }
+    if standing is not None:
+        values |= _judged(standing, discarded=point.discarded)
+    return PointRow(point, place, values)
+
+
+def _judged(standing: Standing, *, discarded: bool) -> dict[str, Any]:
+    progress, mean = standing.progress, standing.modulus
+    value = progress.value
+    low, high = (None, None) if value is None or value.interval is None else value.interval
+    found: dict[str, Any] = {
+        "procedure": standing.procedure,
+        "quantity": None if value is None else str(value.quantity),
+        "value": None if value is None else number(value.value),
+        "interval_low": number(low),
+        "interval_high": number(high),
+        "unit": None if value is None else unit_of(value.quantity),
+        "target": number(progress.target),
+        "verdict": "none" if discarded else str(progress.verdict),
+        "drops_measured": len(progress.used),
+    }
+    if mean is not None:
+        ends = mean.interval or (None, None)
+        found |= {
+            "modulus_pa": number(mean.value),
+            "modulus_interval_low_pa": number(ends[0]),
+            "modulus_interval_high_pa": number(ends[1]),
+        }
+    return found
+
+
+def unit_of(quantity: Quantity) -> str:
+    """SI unit of what a procedure judges."""
+    return "m" if quantity is Quantity.DEFLECTION else "Pa"
+
+
+def _chainage(row: Row) -> float | None:
+    """m, as it was declared, or as a file of another program said it."""
+    declared = row.declared or {}
+    noted = declared.get("imported")
+    imported = noted.get("chainage_m") if isinstance(noted, Mapping) else None
+    own = number(declared.get("chainage_m"))
+    return number(imported) if own is None else own
+
+
+def _first(values: Iterable[Any]) -> Any:
+    return next((value for value in values if value is not None), None)
