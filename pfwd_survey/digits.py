@@ -79,9 +79,10 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     far = [abs(value - end) for end in ends]
     # A value at the end of its own interval, where a search was bounded, has one distance only.
     there = [distance for distance in far if distance > 0.01 * abs(value)] or far
-    place = max(_place(min(there)), _top(value) - MOST_DIGITS + 1)
+    digits = MOST_DIGITS if any(far) else FEW_DIGITS
+    place = max(_place(min(there)), _top(value) - digits + 1)
     low, high = (
-        at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1))
+        at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1)) if end else "0"
         for end, distance in zip(ends, far, strict=True)
     )
     return at_place(value, min(place, _top(value))), low, high

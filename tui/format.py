@@ -8,6 +8,7 @@ from typing import Literal
 from pfwd_survey.digits import rounded, significant, with_ends
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropResult, HalfSinePulse, LayerResult
+from pfwd_survey.inverting.spread import relative_spread
 from pfwd_survey.message_groups import as_ranges, group_messages
 from tui.output import clean, spelled
 
@@ -168,17 +169,6 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
         return text if float(around) == 0.0 else f"{text} ± {around}"
 
     return show
-
-
-def relative_spread(result: DropResult) -> float:
-    """Least relative spread of what a fit found, as its modulus and its residual have it."""
-    spread = 0.0
-    if result.modulus_pa and result.modulus_interval_pa is not None:
-        low, high = result.modulus_interval_pa
-        spread = (high - low) / 2 / result.modulus_pa
-    if result.explained is False:
-        spread = max(spread, result.contact_residual_rms_over_peak or 0.0)
-    return spread if math.isfinite(spread) else 0.0
 
 
 def modulus_and_ends(result: DropResult) -> tuple[str, str]:

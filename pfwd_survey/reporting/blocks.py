@@ -49,7 +49,7 @@ class Paragraph(_Harmless):
 
     text: str
     style: str = "plain"
-    """plain, note (small) or warning."""
+    """plain, note (small), warning, or small warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,14 @@ class Picture(_Harmless):
     """What it shows, for those who cannot see it."""
 
 
-Block = Heading | Paragraph | Pairs | Table | Listing | Code | Picture
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Blocks that stand on one page where they fit on one; what they hold is harmless already."""
+
+    blocks: tuple["Block", ...]
+
+
+Block = Heading | Paragraph | Pairs | Table | Listing | Code | Picture | Together
 
 SIGNS = {"pass": "✓", "fail": "✗", "undecided": "?", "none": "–"}
 """Of a `Mark`; all of them are in DejaVu Sans, which comes with matplotlib."""

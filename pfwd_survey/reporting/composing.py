@@ -1,19 +1,40 @@
 """What a report says, in which order: the same blocks for HTML and for PDF."""
 
+import dataclasses
 import json
+import os
+from collections.abc import Mapping
+from typing import Any
 
-from pfwd_survey.files.header import declared_values
-from pfwd_survey.reporting.blocks import Block, Code, Heading, Pairs, Paragraph, Table
-from pfwd_survey.reporting.content import Report
+from pfwd_survey.files.header import IMPORTED, declared_values
+from pfwd_survey.reporting.blocks import (
+    Block,
+    Code,
+    Heading,
+    Pairs,
+    Paragraph,
+    Table,
+    Together,
+)
+from pfwd_survey.reporting.certificate_blocks import MOST_ROWS, certificate_blocks, points_table
+from pfwd_survey.reporting.content import Report, ReportPoint
 from pfwd_survey.reporting.device_blocks import device_blocks
 from pfwd_survey.reporting.fonts import Letters
+from pfwd_survey.reporting.localising import localised
+from pfwd_survey.reporting.lot_blocks import lot_blocks
 from pfwd_survey.reporting.point_blocks import point_blocks
 from pfwd_survey.reporting.procedure_blocks import procedure_blocks
-from pfwd_survey.reporting.summary_blocks import points_table, summary_blocks
+from pfwd_survey.reporting.summary_blocks import common_warnings, summary_blocks, warning_blocks
 from pfwd_survey.reporting.texts import Texts
 
 
-def compose(report: Report, texts: Texts, letters: Letters) -> list[Block]:
+def compose(
+    report: Report,
+    texts: Texts,
+    letters: Letters,
+    company: str | None = None,
+    logo: str | os.PathLike[str] | None = None,
+) -> list[Block]:
     """The blocks of a report.
 
     Parameters
@@ -22,25 +43,74 @@ def compose(report: Report, texts: Texts, letters: Letters) -> list[Block]:
     texts : Texts
     letters : Letters
         For names in drawings.
+    company : str, optional
+        Of the first page.
+    logo : path of a picture, optional
 
     Returns
     -------
     list of Block
         The first heading is that of the report.
     """
-    blocks: list[Block] = [Heading(report.title, level=1)]
-    blocks.append(Paragraph(texts["report"], "note"))
-    blocks += summary_blocks(report, texts, letters)
-    blocks += points_table(report, texts)
+    blocks = certificate_blocks(report, texts, letters, company, logo)
+    if len(report.points) > MOST_ROWS:
+        blocks += [Heading(texts["points"], new_page=True), points_table(report, texts)]
+    overview = summary_blocks(report, texts, letters)
+    blocks += [replace_page(overview[0]), *overview[1:]]
+    blocks += lot_blocks(report, texts)
+    blocks += warning_blocks(report, texts)
     blocks.append(Paragraph(texts["uncertainty_note"], "note"))
-    if texts.code != "en":
+    blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
+    if texts.code not in ("en", *texts.with_messages):
         blocks.append(Paragraph(texts["messages_note"], "note"))
-    blocks += procedure_blocks(report.procedure, texts) if report.chosen else []
-    blocks += device_blocks(report, texts)
-    for point in report.points:
-        blocks += point_blocks(point, report, texts)
-    blocks += _recompute(report, texts)
-    return blocks
+    common = common_warnings(report)
+    keep = {texts[name] for name in _AS_THEY_ARE}
+    pages = [Together(tuple(point_blocks(p, report, texts, common))) for p in report.points]
+    found = localised(blocks, texts, keep)
+    found += procedure_blocks(report.procedure, texts) if report.chosen else []
+    found += device_blocks(report, texts)
+    return [*found, *localised(pages, texts, keep), *_recompute(report, texts)]
+
+
+_AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period", "photos")
+"""Labels of what has dots that are no decimal signs."""
+
+
+def replace_page(heading: Block) -> Block:
+    """A heading at the beginning of a page."""
+    return dataclasses.replace(heading, new_page=True) if isinstance(heading, Heading) else heading
+
+
+def _declared(report: Report, texts: Texts) -> list[Block]:
+    """What was declared: what all points share once, then what they have of their own."""
+    said = [(point.name, _said(point)) for point in report.points]
+    first = said[0][1] if said else {}
+    shared = {k: v for k, v in first.items() if all(o.get(k, _ABSENT) == v for _, o in said)}
+    points: dict[str, list[str]] = {}
+    for name, values in said:
+        own = {key: value for key, value in values.items() if key not in shared}
+        points.setdefault(_text(own), []).append(name)
+    blocks: list[Block] = [Code(_text(shared))] if shared else []
+    lines = [f"{', '.join(names)}: {text}" for text, names in points.items() if text != "{}"]
+    return [*blocks, Code("\n".join(lines))] if lines else blocks
+
+
+_ABSENT = object()
+
+
+def _said(point: ReportPoint) -> dict[str, Any]:
+    """The keys of a point; the remarks of its import are among the warnings."""
+    said = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
+    noted = said.pop(IMPORTED, None)
+    if isinstance(noted, Mapping):
+        said |= {f"{IMPORTED}.{key}": v for key, v in noted.items() if key != "remarks"}
+    elif noted is not None:
+        said[IMPORTED] = noted
+    return said
+
+
+def _text(said: Mapping[str, Any]) -> str:
+    return json.dumps(said, ensure_ascii=False, default=str, sort_keys=True)
 
 
 def _recompute(report: Report, texts: Texts) -> list[Block]:
@@ -52,19 +122,11 @@ def _recompute(report: Report, texts: Texts) -> list[Block]:
         (texts["settings"], settings),
     )
     blocks: list[Block] = [
-        Heading(texts["recompute"], new_page=True),
+        Heading(texts["recompute"]),
         Paragraph(texts["recompute_note"], "note"),
         Pairs(rows),
     ]
-    declared: dict[str, list[str]] = {}
-    for point in report.points:
-        said = {k: v for k, v in declared_values(point.setup).items() if k != "point"}
-        text = json.dumps(said, ensure_ascii=False, default=str, sort_keys=True)
-        declared.setdefault(text, []).append(point.name)
-    blocks.append(Heading(texts["declared"], 3))
-    for text, names in declared.items():
-        blocks.append(Paragraph(f"{texts['point']} {', '.join(names)}", "note"))
-        blocks.append(Code(text))
+    blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
     files = [
         (point.name, str(drop.number), f"drop-{drop.record:06d}.h5", drop.checksum)
         for point in report.points

@@ -1,16 +1,18 @@
 """The drawings of a report, into a figure of matplotlib or a part of one."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import Quantity, Verdict
-from pfwd_survey.reporting.blocks import SIGNS
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.fonts import Letters
+from pfwd_survey.reporting.labels import common_beginning, on_page, place_labels, room_of
+from pfwd_survey.reporting.lot import Line, Lot
 from pfwd_survey.reporting.shown import name_of
 from pfwd_survey.reporting.texts import Texts
 
@@ -26,8 +28,8 @@ VERDICT_SHAPES = {"pass": "o", "fail": "X", "undecided": "D", "none": "s"}
 SHOWN_AFTER = 2.2
 """Window of the fit that a picture shows; what comes later is the same line."""
 
-MOST_NAMES = 40
-"""Points in a sketch that are named; more names hide each other."""
+_NAME_SIZE = 7.5
+"""Points; letters of names in a sketch."""
 
 MOST_DOTS = 260
 """Of a trace; more cannot be told apart and make a file large."""
@@ -58,8 +60,7 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
     axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
     places = place(report)
     for index, (east, north) in places.items():
-        point = report.points[index]
-        kind = _verdict(point)
+        kind = _verdict(report.points[index])
         axes.plot(
             east,
             north,
@@ -67,16 +68,6 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
             color=VERDICT_COLOURS[kind],
             markersize=8,
             markeredgecolor="white",
-        )
-        if len(places) > MOST_NAMES:
-            continue
-        axes.annotate(
-            f"{_short(letters.drawable(point.name))} {SIGNS[kind]}",
-            (east, north),
-            xytext=(6, 5),
-            textcoords="offset points",
-            fontsize=8,
-            parse_math=False,
         )
     if len(places) > 1:
         path = np.array(list(places.values()))
@@ -94,12 +85,38 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
         fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "0.2"},
     )
-    finish(axes)
+    finish(axes, texts)
+    _name_points(axes, report, places, letters)
+
+
+def _name_points(
+    axes: Any, report: Report, places: Mapping[int, tuple[float, float]], letters: Letters
+) -> None:
+    """Names beside the markers; one that would hide another name or a marker is left away."""
+    axes.apply_aspect()  # places on the page are known from here on
+    titles = [letters.drawable(report.points[index].name) for index in places]
+    skipped = len(common_beginning(titles))
+    names = [_short(title[skipped:]) for title in titles]
+    sizes = [(letters.width(name, _NAME_SIZE) + 2, _NAME_SIZE * 1.3) for name in names]
+    spots = list(places.values())
+    for label in place_labels(on_page(axes, spots), sizes, room_of(axes)):
+        line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6}
+        axes.annotate(
+            names[label.number],
+            spots[label.number],
+            xytext=(label.dx, label.dy),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=_NAME_SIZE,
+            parse_math=False,
+            arrowprops=line if label.led else None,
+        )
 
 
 def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
     """What is judged, point by point, with intervals and targets."""
-    axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.22, 0.96))
+    axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.24, 0.90))
     distances = _distances(report)
     deflection = report.procedure.quantity is Quantity.DEFLECTION
     scale = 1e3 if deflection else 1e-6
@@ -137,17 +154,34 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     axes.set_ylabel(f"{name_of(report.procedure.quantity, texts)}, {unit}", fontsize=8)
     by_distance = bool(place(report)) and len(place(report)) == len(report.points) > 1
     axes.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
-    if not by_distance and len(report.points) <= 24:
-        names = [letters.drawable(point.name) for point in report.points]
-        axes.set_xticks(distances, [_short(name) for name in names])
-        for label in axes.get_xticklabels():
-            label.set_parse_math(False)
-            label.set_rotation(30 if max(map(len, names)) > 4 else 0)
     axes.set_ylim(0, 1.12 * highest if highest > 0 else 1.0)
     axes.margins(x=0.06 if len(report.points) > 1 else 0.5)
     if told:
-        axes.legend(fontsize=7, loc="lower right", ncols=4)
-    finish(axes)
+        # Above the axes, where no point is.
+        above = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985)}
+        axes.legend(fontsize=7, ncols=4, frameon=False, **above)
+    finish(axes, texts)
+    if not by_distance:
+        name_ticks(axes, distances, [point.name for point in report.points], letters)
+
+
+def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letters: Letters) -> None:
+    """Names below an axis, upright where they are long, some of them where they are many.
+
+    No two of them overlap.
+    """
+    names = [letters.drawable(title) for title in titles]
+    skipped = len(common_beginning(names))
+    names = [_short(name[skipped:]) for name in names]
+    room = room_of(axes)
+    step = (room.right - room.left) / max(1, len(names))
+    widest = max(letters.width(name, 7.0) for name in names) + 4
+    turned = widest > step
+    every = max(1, math.ceil((9.0 if turned else widest) / step))
+    axes.set_xticks(list(places)[::every], names[::every])
+    for label in axes.get_xticklabels():
+        label.set_parse_math(False)
+        label.set_rotation(90 if turned else 0)
 
 
 def _distances(report: Report) -> list[float]:
@@ -167,23 +201,40 @@ def _step(distances: Sequence[float]) -> float:
     return max((distances[-1] - distances[0]) / (len(distances) - 1), 1e-9)
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 12 else f"{name[:11]}…"
+def _short(name: str, most: int = 12) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
 def _verdict(point: ReportPoint) -> str:
     return "none" if point.discarded else Verdict(point.progress.verdict).value
 
 
+def draw_point(figure: Any, point: ReportPoint, drops: Sequence[ReportDrop], texts: Texts) -> None:
+    """Traces of drops on the left, deflection and modulus drop by drop on the right."""
+    several = len(point.progress.compaction) > 1
+    if drops:
+        _draw_traces(figure, drops, texts, 0.62 if several else 0.985)
+    if several:
+        left = 0.71 if drops else 0.09
+        bottom = figure.add_axes((left, 0.16, 0.985 - left, 0.33))
+        top = figure.add_axes((left, 0.585, 0.985 - left, 0.33), sharex=bottom)
+        _draw_compaction(top, bottom, point, texts)
+        top.set_xlabel("")
+        top.tick_params(labelbottom=False)
+
+
 def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
     """Load, displacement and residual of drops, one above the other."""
-    load, moved, residual = figure.subplots(
-        3,
-        1,
-        sharex=True,
-        height_ratios=(1.0, 1.6, 1.0),
-        gridspec_kw={**margins(0.09, 0.985, 0.115, 0.985), "hspace": 0.1},
-    )
+    _draw_traces(figure, drops, texts, 0.985)
+
+
+def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: float) -> None:
+    wide = right - 0.09
+    residual = figure.add_axes((0.09, 0.16, wide, 0.2))
+    moved = figure.add_axes((0.09, 0.39, wide, 0.35), sharex=residual)
+    load = figure.add_axes((0.09, 0.77, wide, 0.215), sharex=residual)
+    for axes in (load, moved):
+        axes.tick_params(labelbottom=False)
     ends = []
     for index, drop in enumerate(drops):
         curves = drop.curves
@@ -216,13 +267,13 @@ def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
             residual.plot(time[few], left[few] * 1e6, color=colour, linewidth=0.9)
         moved.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
         residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
-    load.set_ylabel(texts["load_axis"], fontsize=8)
-    moved.set_ylabel(texts["deflection_axis"], fontsize=8)
-    residual.set_ylabel(texts["residual_axis"], fontsize=7)
-    residual.set_xlabel(texts["time_axis"], fontsize=8)
+    load.set_ylabel(texts["load_axis"], fontsize=6.5)
+    moved.set_ylabel(texts["deflection_axis"], fontsize=6.5)
+    residual.set_ylabel(texts["residual_axis"], fontsize=6.5)
+    residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
-        finish(axes)
+        finish(axes, texts)
     left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
     for offset in left_out:
         # Its name alone: what a loose sensor recorded would squeeze the others into a line.
@@ -247,6 +298,10 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
     left, right = figure.subplots(
         1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
     )
+    _draw_compaction(left, right, point, texts)
+
+
+def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) -> None:
     kinds = dict(point.progress.kinds)
     shapes = {"seating": ("s", "white"), "measured": ("o", COLOURS[0]), "discarded": ("x", "0.4")}
     told: set[str] = set()
@@ -266,7 +321,7 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
         depths.append(deflection * 1e6)
         highest[id(left)] = max(highest[id(left)], deflection * 1e6)
     left.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
-    left.set_ylabel(texts["deflection_axis"], fontsize=8)
+    left.set_ylabel(texts["deflection_axis"], fontsize=6.5)
     for drop in point.drops:
         facts = drop.facts
         if facts.modulus is None:
@@ -287,24 +342,216 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
             markersize=6,
             capsize=4,
         )
-    right.set_ylabel(texts["modulus_axis"], fontsize=8)
+    right.set_ylabel(texts["modulus_axis"], fontsize=6.5)
     for axes in (left, right):
-        axes.set_xlabel(texts["drop_axis"], fontsize=8)
+        axes.set_xlabel(texts["drop_axis"], fontsize=7, labelpad=1)
         axes.margins(x=0.08)
         axes.set_ylim(0, 1.15 * (highest[id(axes)] or 1.0))
         axes.xaxis.get_major_locator().set_params(integer=True)
-        finish(axes)
+        finish(axes, texts)
     if told:
-        left.legend(fontsize=7, loc="lower right")
+        # Above the axes, where no drop is.
+        left.legend(
+            fontsize=6.5,
+            loc="lower right",
+            bbox_to_anchor=(1.02, 0.98),
+            ncols=3,
+            frameon=False,
+            handletextpad=0.1,
+            columnspacing=0.8,
+        )
 
 
-def margins(left: float, right: float, bottom: float, top: float) -> dict[str, float]:
+MOST_CURVES = 12
+"""Points whose curves are on the first page; of more only their own pages have them."""
+
+_CURVES_IN_ROW = 4
+
+_CURVE_PART = 1.25
+"""Window of the fit that the curves of the first page show; the peak is well within."""
+
+
+def curve_rows(points: Sequence[ReportPoint]) -> int:
+    """Rows of the picture of :func:`draw_curves`."""
+    return math.ceil(min(len(points), MOST_CURVES) / _CURVES_IN_ROW)
+
+
+def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letters: Letters) -> None:
+    """The deflection curves of the averaged drops of each point, all to one scale."""
+    shown = list(points)[:MOST_CURVES]
+    columns, rows = min(len(shown), _CURVES_IN_ROW), curve_rows(shown)
+    wide, high = 0.93 / columns, 0.9 / rows
+    depth, end = _deepest(shown), 0.0
+    drawn = []
+    for number, point in enumerate(shown):
+        row, column = divmod(number, columns)
+        left, bottom = 0.07 + column * wide, 0.1 + (rows - 1 - row) * high
+        axes = figure.add_axes((left, bottom, wide * 0.9, high * 0.74))
+        drawn.append(axes)
+        for index, drop in enumerate(with_curves(point)):
+            end = max(end, _draw_curve(axes, drop, COLOURS[index % len(COLOURS)]))
+        axes.set_ylim(1.08 * depth, -0.12 * depth)  # a plate goes down
+        axes.axhline(0.0, color="0.7", linewidth=0.6)
+        title = _short(letters.drawable(point.name), 22)
+        axes.set_title(title, fontsize=7, pad=2, parse_math=False)
+        finish(axes, texts)
+        axes.tick_params(labelsize=6, labelleft=not column)
+        if axes.lines[1:]:
+            axes.legend(fontsize=5.5, loc="lower right", frameon=False, handlelength=1.0)
+        if not column:
+            axes.set_ylabel("s, mm", fontsize=7)
+        lowest = number + columns >= len(shown)
+        axes.tick_params(labelbottom=lowest)
+        if lowest:
+            axes.set_xlabel("ms", fontsize=7, labelpad=1)
+    for axes in drawn:
+        axes.set_xlim(right=end or 1.0)
+
+
+def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
+    """Draws the deflection of the centre and returns where it ends, ms."""
+    curves = drop.curves
+    if curves is None:
+        return 0.0
+    start = float(curves.time[0])
+    until = start + _CURVE_PART * (curves.window_end - start)
+    part = np.flatnonzero(curves.time <= until)
+    few = part[:: max(1, part.size // MOST_DOTS)]
+    axes.plot(
+        curves.time[few] * 1e3,
+        curves.observed[0][few] * 1e3,
+        color=colour,
+        linewidth=0.9,
+        label=str(drop.number),
+    )
+    return until * 1e3
+
+
+def with_curves(point: ReportPoint) -> list[ReportDrop]:
+    """The averaged drops that have traces."""
+    used = [drop for drop in point.drops if drop.number in point.progress.used]
+    return [drop for drop in used if drop.curves is not None]
+
+
+_OUT_OF_SCALE = 2.5
+"""Times the middle deflection that the common scale reaches at most; a point that sank ten times as
+far leaves the picture, and the others stay readable."""
+
+
+def _deepest(points: Sequence[ReportPoint]) -> float:
+    """Largest deflection of the curves that is shown, mm."""
+    peaks = [
+        float(drop.curves.observed[0][drop.curves.time <= drop.curves.window_end].max()) * 1e3
+        for point in points
+        for drop in with_curves(point)
+        if drop.curves is not None
+    ]
+    found = [peak for peak in peaks if peak > 0]
+    return min(max(found), _OUT_OF_SCALE * float(np.median(found))) if found else 1.0
+
+
+def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
+    """Lines to sign on, each with what stands below it."""
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, 1)
+    wide = 1.0 / len(labels)
+    for number, label in enumerate(labels):
+        start = number * wide
+        axes.plot([start, start + 0.88 * wide], [0.34, 0.34], color="0.2", linewidth=0.8)
+        axes.text(start, 0.08, label, fontsize=7.5, color="0.35", parse_math=False)
+
+
+def draw_logo(figure: Any, image: Any) -> None:
+    """A picture at the left, as high as there is room."""
+    axes = figure.add_axes((0.0, 0.02, 0.45, 0.96))
+    axes.imshow(image)
+    axes.set_anchor("W")
+    axes.set_axis_off()
+
+
+def draw_lot(figure: Any, lot: Lot, unit: str, target: float | None, texts: Texts) -> None:
+    """Control chart of the values in their order, and their histogram beside it."""
+    shape = {**margins(0.09, 0.985, 0.19, 0.88), "wspace": 0.16, "width_ratios": (2.2, 1.0)}
+    chart, bars = figure.subplots(1, 2, gridspec_kw=shape)
+    numbers = np.arange(1, len(lot.values) + 1)
+    values = np.asarray(lot.values)
+    chart.plot(numbers, values, color="0.75", linewidth=1.0, zorder=0)
+    chart.plot(numbers, values, "o", color=COLOURS[0], markersize=4)
+    out = list(lot.noticeable)
+    if out:
+        ring: Mapping[str, Any] = {"markersize": 9, "markerfacecolor": "none"}
+        chart.plot(
+            numbers[out], values[out], "o", color=COLOURS[1], label=texts["outliers"], **ring
+        )
+    chart.axhline(lot.mean, color=COLOURS[0], linewidth=1.0, label=texts["mean"])
+    for limit, name in zip(lot.limits, (texts["control_limits"], None), strict=True):
+        chart.axhline(limit, color=COLOURS[1], linewidth=0.9, linestyle="--", label=name)
+    line: Mapping[str, Any] = {"color": COLOURS[3], "linewidth": 0.9, "linestyle": ":"}
+    if lot.characteristic > 0:
+        chart.axhline(lot.characteristic, label=texts["characteristic_short"], **line)
+    if target is not None:
+        chart.axhline(target, color="0.2", linewidth=1.0, linestyle="-.", label=texts["target"])
+    chart.set_ylim(0.0, 1.08 * max(*values, *lot.limits, target or 0.0))
+    chart.set_ylabel(unit, fontsize=8)
+    chart.set_xlabel(texts["profile_order"], fontsize=8)
+    chart.xaxis.get_major_locator().set_params(integer=True)
+    chart.legend(fontsize=6.5, loc="lower left", bbox_to_anchor=(0.0, 0.99), ncols=5, frameon=False)
+    bars.hist(values, bins="auto" if len(values) > 5 else 3, color=COLOURS[0], rwidth=0.94)
+    bars.set_xlabel(unit, fontsize=8)
+    bars.set_ylabel(texts["points"], fontsize=8)
+    bars.yaxis.get_major_locator().set_params(integer=True)
+    for axes in (chart, bars):
+        finish(axes, texts)
+
+
+def draw_correlation(
+    figure: Any,
+    pairs: Sequence[tuple[float, float]],
+    line: Line,
+    names: tuple[str, str],
+    texts: Texts,
+) -> None:
+    """Pairs of what was judged and what a plate load test said, and the line through them."""
+    axes = figure.subplots(gridspec_kw=margins(0.09, 0.6, 0.2, 0.96))
+    xs, ys = zip(*pairs, strict=True)
+    axes.plot(xs, ys, "o", color=COLOURS[0], markersize=5)
+    ends = np.array([min(xs), max(xs)])
+    axes.plot(ends, line.intercept + line.slope * ends, color=COLOURS[1], linewidth=1.2)
+    axes.set_xlabel(names[0], fontsize=8)
+    axes.set_ylabel(names[1], fontsize=8)
+    axes.margins(0.12)
+    finish(axes, texts)
+
+
+def margins(left: float, right: float, bottom: float, top: float) -> dict[str, Any]:
     """Given, not found: parts of a page are not laid out by matplotlib."""
     return {"left": left, "right": right, "bottom": bottom, "top": top}
 
 
-def finish(axes: Any) -> None:
+def finish(axes: Any, texts: Texts | None = None) -> None:
+    """The same look for all axes; numbers with the decimal sign of the language."""
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+    if texts is not None and texts.decimal != ".":
+        from matplotlib.ticker import FuncFormatter, ScalarFormatter
+
+        for axis in (axes.xaxis, axes.yaxis):
+            plain = axis.get_major_formatter()
+            if type(plain) is ScalarFormatter:
+                axis.set_major_formatter(FuncFormatter(_localised(axis, texts.decimal)))
+
+
+def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
+    """Numbers of an axis with another decimal sign, with the digits that their steps need."""
+
+    def show(value: float, _place: Any) -> str:
+        places = axis.get_majorticklocs()
+        step = min((b - a for a, b in pairwise(places)), default=1.0)
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9)) if step > 0 else 0
+        return f"{value:.{decimals}f}".replace(".", decimal)
+
+    return show

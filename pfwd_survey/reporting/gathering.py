@@ -103,6 +103,12 @@ class ReportOptions:
     """Media to invert anew with, whatever is stored; None: what is stored counts."""
     thickness: Thickness | None = None
     """Of all media but the lowest, from the top, m; None: fitted."""
+    company: str | None = None
+    """Whose report it is, for the first page."""
+    logo: str | None = None
+    """Path of a picture for the first page."""
+    jobs: int = 1
+    """Processes that may work on it."""
 
     def __post_init__(self) -> None:
         self.analysis  # noqa: B018 - refuses layers that cannot be

@@ -85,7 +85,7 @@ def _draw_layers(axes: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
     if any(result.effective_modulus_pa is not None for _, result in layered):
         axes.plot([], [], "--", color="0.3", linewidth=1.0, label=texts["effective"])
     axes.legend(fontsize=7, loc="best")
-    finish(axes)
+    finish(axes, texts)
 
 
 def _reach(result: DropResult) -> float:
@@ -172,4 +172,4 @@ def _draw_bowl(
     axes.set_xlabel(texts["offset_axis"], fontsize=8)
     axes.set_ylabel(texts["peak_axis"], fontsize=8)
     axes.legend(fontsize=7, loc="lower right")
-    finish(axes)
+    finish(axes, texts)

@@ -2,14 +2,14 @@
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from typing import Any
 
 import jinja2
 
 from pfwd_survey.matplotlib_start import start_matplotlib
-from pfwd_survey.reporting.blocks import SIGNS, Block, Picture
+from pfwd_survey.reporting.blocks import SIGNS, Block, Picture, Together
 from pfwd_survey.reporting.fonts import families
 from pfwd_survey.reporting.texts import Texts
 
@@ -43,12 +43,21 @@ def render_html(blocks: Sequence[Block], texts: Texts, title: str) -> str:
         .joinpath("templates/report.html.j2")
         .read_text(encoding="utf-8")
     )
-    shown = [{"kind": type(block).__name__, "block": block} for block in blocks]
+    shown = [{"kind": type(block).__name__, "block": block} for block in _flat(blocks)]
     for item in shown:
         block = item["block"]
         if isinstance(block, Picture):
             item["data"] = _data_address(block)
     return template.render(blocks=shown, code=texts.code, title=title, signs=SIGNS)
+
+
+def _flat(blocks: Sequence[Block]) -> Iterator[Block]:
+    """Paper alone has pages."""
+    for block in blocks:
+        if isinstance(block, Together):
+            yield from _flat(block.blocks)
+        else:
+            yield block
 
 
 def _data_address(picture: Picture) -> str:

@@ -20,6 +20,7 @@ from pfwd_survey.reporting.blocks import (
     Paragraph,
     Picture,
     Table,
+    Together,
 )
 from pfwd_survey.reporting.drawing import VERDICT_COLOURS
 from pfwd_survey.reporting.fonts import Letters, families
@@ -60,6 +61,9 @@ _LABEL = 112.0
 
 _TOGETHER = 6
 """Lines of a pair that stand on one page."""
+
+_SLACK = 40.0
+"""Points that blocks take more within a page than at its top: gaps, room below a picture."""
 
 _KEEP = 90.0
 """Points that have to be left below a heading; it goes to the next page otherwise."""
@@ -127,6 +131,13 @@ class _Region:
         }
         return self._page.subplots(*counts, gridspec_kw=placed, **style)
 
+    def add_axes(self, place: tuple[float, float, float, float], **style: Any) -> Any:
+        """Axes at left, bottom, width, height, as parts of the region."""
+        left, bottom, width, height = place
+        wide, high = 1 - 2 * MARGIN / PAGE_WIDTH, self._top - self._bottom
+        x, y = MARGIN / PAGE_WIDTH + left * wide, self._bottom + bottom * high
+        return self._page.add_axes((x, y, width * wide, height * high), **style)
+
     def align_ylabels(self, axes: Sequence[Any]) -> None:
         """Labels of axes above each other in one line."""
         self._page.align_ylabels(axes)
@@ -135,8 +146,9 @@ class _Region:
 class _Pages:
     """Pages that are filled from the top."""
 
-    def __init__(self, letters: Letters) -> None:
+    def __init__(self, letters: Letters, *, measuring: bool = False) -> None:
         self._letters = letters
+        self._measuring = measuring
         self._done: list[Any] = []
         self._page: Any = None
         self._y = 0.0
@@ -151,8 +163,8 @@ class _Pages:
             case Heading():
                 self._heading(block)
             case Paragraph(text, style):
-                small = style == "note"
-                colour = {"note": _SOFT, "warning": _BROWN}.get(style, _INK)
+                small = style in ("note", "small warning")
+                colour = _SOFT if style == "note" else _BROWN if "warning" in style else _INK
                 self._paragraph(text, _NOTE if small else _TEXT, colour)
             case Pairs(rows):
                 for label, value in rows:
@@ -169,6 +181,22 @@ class _Pages:
                 self._paragraph(text, 7.0, _INK)
             case Picture():
                 self._picture(block)
+            case Together(blocks):
+                self._together(blocks)
+
+    def _together(self, blocks: Sequence[Block]) -> None:
+        """On a new page when there is no room for them here, and a page has it."""
+        trial = _Pages(self._letters, measuring=True)
+        missing = self._letters.missing
+        for block in blocks:
+            trial.add(block)
+        self._letters.missing = missing
+        if len(trial.finished()) == 1:
+            self._room(PAGE_HEIGHT - MARGIN - trial._y + _SLACK)
+        elif self._y < PAGE_HEIGHT - MARGIN:
+            self._new_page()
+        for block in blocks:
+            self.add(block)
 
     def _new_page(self) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -256,9 +284,11 @@ class _Pages:
         height = block.height * _POINTS_PER_MM * self._width / (180.0 * _POINTS_PER_MM)
         self._room(height + 30)
         bottom = self._y - height
-        block.draw(_Region(self._page, bottom / PAGE_HEIGHT, self._y / PAGE_HEIGHT))
+        if not self._measuring:
+            block.draw(_Region(self._page, bottom / PAGE_HEIGHT, self._y / PAGE_HEIGHT))
         self._y = bottom
-        self._paragraph(block.caption, _NOTE, _SOFT)
+        if block.caption:
+            self._paragraph(block.caption, _NOTE, _SOFT)
 
     def _table(self, table: Table) -> None:
         longest = max(

@@ -1,13 +1,15 @@
 """The part of a report on one point: its facts, traces, results and diagnosis."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any
 
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO
 from pfwd_survey.inverting.diagnosis.result import EffectResult
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.spread import relative_spread
+from pfwd_survey.message_groups import as_ranges, group_messages
 from pfwd_survey.procedures import Quantity
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import (
@@ -20,7 +22,7 @@ from pfwd_survey.reporting.blocks import (
     Table,
 )
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
-from pfwd_survey.reporting.drawing import draw_compaction, draw_traces
+from pfwd_survey.reporting.drawing import draw_point
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
 from pfwd_survey.reporting.peaks_blocks import peaks_blocks
 from pfwd_survey.reporting.point_facts import (
@@ -28,6 +30,7 @@ from pfwd_survey.reporting.point_facts import (
     effective_result,
     first_result,
     mean_modulus,
+    time_of,
     used_drops,
     verdict_of,
 )
@@ -53,10 +56,25 @@ _COLUMNS = (
 )
 
 
-def point_blocks(point: ReportPoint, report: Report, texts: Texts) -> list[Block]:
-    """All of one point, on a page of its own."""
-    return [
-        Heading(f"{texts['point']} {point.name}", new_page=True),
+_HEIGHT = 54.0
+"""mm, of the picture of a point: two points of three drops fit on a page."""
+
+
+def point_blocks(
+    point: ReportPoint, report: Report, texts: Texts, common: Collection[str] = ()
+) -> list[Block]:
+    """All of one point.
+
+    Parameters
+    ----------
+    point : ReportPoint
+    report : Report
+    texts : Texts
+    common : collection of str
+        Patterns of warnings that hold for all points, and are said once in the beginning.
+    """
+    blocks: list[Block] = [
+        Heading(f"{texts['point']} {point.name}"),
         Pairs(
             tuple(row for row in _rows(point, report, texts) if row[1] and row[1] != shown.NOTHING)
         ),
@@ -64,16 +82,17 @@ def point_blocks(point: ReportPoint, report: Report, texts: Texts) -> list[Block
         *ground_blocks(_traced(point), point.name, texts),
         *_results(point, texts),
         *peaks_blocks(point, texts),
-        *_remarks(point, texts),
-        Heading(texts["diagnosis"], 3),
-        *_diagnosis(point, texts),
+        *_remarks(point, texts, common),
     ]
+    if point.diagnosis is not None:
+        blocks += [Heading(texts["diagnosis"], 3), *_diagnosis(point, texts)]
+    return blocks
 
 
 def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, str]]:
     progress = point.progress
     word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
-    rows = [(texts["verdict"], f"{word}: {progress.verdict_reason}")]
+    rows = [(texts["verdict"], f"{word}: {texts.message(progress.verdict_reason)}")]
     if report.procedure.quantity is not Quantity.MODULUS:
         rows += [
             (
@@ -82,30 +101,62 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
                 f"{shown.value_basis(progress.value, texts)}",
             )
         ]
+    layered = len(effective_result(point).layers or ()) > 1
+    spread = shown.percent(progress.deflection_spread)
+    s_over_v = shown.scaled(progress.s_over_v, 1e3, "ms")
+    scatter = [
+        f"{name}: {value}"
+        for name, value in ((texts["spread"], spread), (texts["s_over_v"], s_over_v))
+        if value != shown.NOTHING
+    ]
+    around = [
+        f"{texts[name]}: {value}"
+        for name, value in (
+            ("moisture", shown.scaled(point.setup.moisture, 1.0, "%")),
+            ("temperature", shown.scaled(point.setup.temperature, 1.0, "°C")),
+            ("material", _said(point.setup.material)),
+            ("photos", _said(point.setup.photos)),
+        )
+        if value and value != shown.NOTHING
+    ]
     rows += [
         (
             texts["modulus"],
             f"{mean_modulus(point, texts)}; {shown.basis_of(first_result(point))}",
         ),
-        (texts["effective"], effective_of(effective_result(point), texts)),
-        (texts["target"], _target(point, report)),
-        (texts["used"], ", ".join(map(str, progress.used)) or shown.NOTHING),
         (
-            texts["excluded"],
-            "; ".join(f"{drop.number}: {drop.reason}" for drop in progress.excluded),
+            texts["effective"],
+            effective_of(effective_result(point), texts) if layered else shown.NOTHING,
         ),
-        (texts["spread"], shown.percent(progress.deflection_spread)),
-        (texts["s_over_v"], shown.scaled(progress.s_over_v, 1e3, "ms")),
+        (texts["target"], _target(point, report, texts)),
+        (texts["used"], _used(point, texts)),
+        (texts["checks"], "; ".join(scatter)),
         (texts["stress"], _stress(point, texts)),
-        (texts["position"], _position(point.position)),
-        (texts["time"], next((drop.time_local for drop in point.drops if drop.time_local), "")),
-        (texts["moisture"], shown.scaled(point.setup.moisture, 1.0, "%")),
-        (texts["temperature"], shown.scaled(point.setup.temperature, 1.0, "°C")),
-        (texts["material"], _said(point.setup.material)),
-        (texts["photos"], _said(point.setup.photos)),
+        (
+            f"{texts['time']}, {texts['position']}",
+            "; ".join(filter(None, (time_of(point), _position(point.position)))),
+        ),
+        (texts["conditions"], "; ".join(around)),
         (texts["notes"], "; ".join(point.notes)),
     ]
     return rows
+
+
+def _used(point: ReportPoint, texts: Texts) -> str:
+    """Which drops are averaged, and why the others take no part, each reason once."""
+    used = ", ".join(map(str, point.progress.used)) or shown.NOTHING
+    excluded = _excluded(point, texts)
+    return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
+
+
+def _excluded(point: ReportPoint, texts: Texts) -> str:
+    order = [str(drop.number) for drop in point.drops]
+    excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
+    return "; ".join(
+        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: "
+        f"{texts.grouped_message(group.pattern, group.numbers)}"
+        for group in group_messages(excluded)
+    )
 
 
 def _traced(point: ReportPoint) -> list[ReportDrop]:
@@ -115,39 +166,36 @@ def _traced(point: ReportPoint) -> list[ReportDrop]:
 
 
 def _pictures(point: ReportPoint, texts: Texts) -> list[Block]:
-    blocks: list[Block] = []
     traced = _traced(point)
-    if traced:
-        names = ", ".join(str(drop.number) for drop in traced)
-        caption = f"{texts['traces']}, {texts['drops']} {names}. {texts['traces_note']}"
-        alternative = f"{texts['traces']}: {texts['point']} {point.name}"
-        blocks.append(
-            Picture(partial(draw_traces, drops=traced, texts=texts), 98, caption, alternative)
-        )
-    if len(point.progress.compaction) > 1:
-        caption = f"{texts['compaction']}. {texts['compaction_note']}"
-        blocks.append(
-            Picture(
-                partial(draw_compaction, point=point, texts=texts), 42, caption, texts["compaction"]
-            )
-        )
-    return blocks
+    if not traced and len(point.progress.compaction) < 2:
+        return []
+    names = ", ".join(str(drop.number) for drop in traced)
+    caption = f"{texts['traces']}, {texts['drops']} {names}. " if traced else ""
+    caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
+    alternative = f"{texts['traces']}: {texts['point']} {point.name}"
+    draw = partial(draw_point, point=point, drops=traced, texts=texts)
+    return [Picture(draw, _HEIGHT if traced else 42, caption.strip(), alternative)]
 
 
-def _remarks(point: ReportPoint, texts: Texts) -> list[Block]:
+def _remarks(point: ReportPoint, texts: Texts, common: Collection[str]) -> list[Block]:
+    """Warnings that not all points share, and notes of drops."""
     blocks: list[Block] = []
-    found = all_warnings(point)
+    found = [
+        texts.grouped_message(group.pattern, group.numbers)
+        for group in group_messages((point.name, text) for text in all_warnings(point))
+        if group.pattern not in common
+    ]
     drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
     if found:
-        blocks += [Heading(texts["warnings"], 3), Listing(tuple(found), "warning")]
+        blocks.append(Paragraph("; ".join(found), "small warning"))
     if drop_notes:
         blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
     return blocks
 
 
-def _target(point: ReportPoint, report: Report) -> str:
+def _target(point: ReportPoint, report: Report, texts: Texts) -> str:
     text = shown.target_of(point.progress.target, report.procedure.quantity)
-    source = point.progress.target_source
+    source = texts.message(point.progress.target_source or "")
     return f"{text} ({source})" if text != shown.NOTHING and source else text
 
 
@@ -181,6 +229,7 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
     for drop in point.drops:
         facts, result = drop.facts, drop.result or _NO_RESULT
         kind = str(kinds.get(drop.number, facts.kind))
+        blurred = relative_spread(result)
         rows.append(
             (
                 str(drop.number),
@@ -189,9 +238,13 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
                 shown.scaled(facts.peak_deflection, 1e6, ""),
                 shown.scaled(facts.pulse_duration, 1e3, ""),
                 shown.modulus_of(drop.result, texts, unit=""),
-                shown.with_deviation(result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, ""),
-                shown.with_deviation(result.density_kg_m3, result.density_sd_kg_m3, 1.0, ""),
-                shown.with_deviation(result.bedrock_depth_m, result.bedrock_depth_sd_m, 1.0, ""),
+                shown.with_deviation(
+                    result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
+                ),
+                shown.with_deviation(
+                    result.density_kg_m3, result.density_sd_kg_m3, 1.0, "", blurred
+                ),
+                shown.depth_of(result, texts, ""),
                 shown.scaled(result.residual_rms_over_peak, 1e2, "", 2),
                 shown.scaled(result.peak_modulus_pa, 1e-6, ""),
             )
@@ -207,13 +260,15 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
                 f"{shown.basis_of(found, with_depth=False)}; "
                 f"{found.method}, {texts['load']}: {found.load}; "
                 f"{texts['seed']} {found.seed}; {where}; "
-                f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}, "
-                f"{texts['peak_note']}"
+                f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}"
             )
             basis.setdefault(text, []).append(str(drop.number))
-    lines = [f"{texts['drop']} {', '.join(numbers)}: {text}" for text, numbers in basis.items()]
+    order = [str(drop.number) for drop in point.drops]
+    lines = [
+        f"{texts['drop']} {as_ranges(numbers, order).replace(' to ', ' – ')}: {text}"
+        for text, numbers in basis.items()
+    ]
     return [
-        Heading(texts["results"], 3),
         table,
         *(Paragraph(line, "note") for line in lines),
     ]
@@ -222,7 +277,7 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
 def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
     found = point.diagnosis
     if found is None:
-        return [Paragraph(texts["no_diagnosis"], "note")]
+        return []
     verdict = str(found.verdict)
     known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
     blocks: list[Block] = [Paragraph(texts[f"verdict_{verdict}"] if known else verdict)]
@@ -243,7 +298,9 @@ def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
     warnings = found.warnings or ()
-    return [*blocks, Listing(warnings, "warning")] if warnings else blocks
+    return (
+        [*blocks, Listing(tuple(map(texts.message, warnings)), "warning")] if warnings else blocks
+    )
 
 
 def _effect(effect: EffectResult) -> str:

@@ -1,5 +1,8 @@
 """What several parts of a report say of a point."""
 
+from collections.abc import Mapping
+
+from pfwd_survey.files.header import IMPORTED
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import NO_PROCEDURE, Verdict, judge
 from pfwd_survey.reporting import shown
@@ -15,6 +18,16 @@ def verdict_of(point: ReportPoint) -> str:
 def used_drops(point: ReportPoint) -> list[ReportDrop]:
     """The drops that are averaged."""
     return [drop for drop in point.drops if drop.number in point.progress.used]
+
+
+def time_of(point: ReportPoint) -> str:
+    """When the first averaged drop fell, by the clock of the place; empty: nobody said."""
+    for drop in (*used_drops(point), *point.drops):
+        if drop.time_local:
+            return drop.time_local
+    noted = point.setup.extra.get(IMPORTED)
+    said = noted.get("time_local") if isinstance(noted, Mapping) else None
+    return said.replace("T", " ") if isinstance(said, str) else ""
 
 
 def first_result(point: ReportPoint) -> DropResult | None:

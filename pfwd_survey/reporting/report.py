@@ -4,7 +4,9 @@ import os
 from pathlib import Path
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.reporting.blocks import Heading
+from pfwd_survey.reporting.certificate_blocks import read_logo
 from pfwd_survey.reporting.composing import compose
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fonts import Letters, require_letters
@@ -50,9 +52,12 @@ def write_report(
         raise OptionError(refusal("--output", "a name ending in .html or .pdf", str(target)))
     texts = load_texts(options.language)
     require_letters(texts.code)
+    require_writable(target, "--output")
+    if options.logo is not None:
+        read_logo(options.logo)  # said now, and not after the work
     report = gather(Path(survey), options, progress)
     letters = Letters()
-    blocks = compose(report, texts, letters)
+    blocks = compose(report, texts, letters, options.company, options.logo)
     title = next(block.text for block in blocks if isinstance(block, Heading))
     if target.suffix.lower() == ".pdf":
         from pfwd_survey.reporting.pdf_file import render_pdf

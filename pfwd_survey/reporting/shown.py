@@ -3,6 +3,7 @@
 import math
 from typing import Any, TypeGuard
 
+from pfwd_survey.digits import rounded, with_ends
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import PointValue, Quantity
 from pfwd_survey.reporting.texts import Texts
@@ -44,29 +45,53 @@ def with_interval(
     """
     if not interval or not all(_is_finite(end) for end in interval):
         return f"{f'{digits(value)} {unit}'.strip()} ({texts[missing]})"
-    low, high = interval
-    half = (high - low) / 2
-    decimals = _decimals(half, 2) if half > 0 else _decimals(value, 3)
-    # Never more digits than a modulus is worth, however small its scatter.
-    decimals = min(decimals, _decimals(value, 4))
+    shown, low, high = with_ends(value, (interval[0], interval[1]))
     # Broken between value and interval, if at all.
-    value_text = f"{value:.{decimals}f}" + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
+    value_text = shown + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
     gap = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}"
-    return f"{value_text} ({low:.{decimals}f}{gap}{high:.{decimals}f})"
+    return f"{value_text} ({low}{gap}{high})"
 
 
-def with_deviation(value: Any, deviation: Any, scale: float, unit: str) -> str:
-    """A value with its standard deviation; a dash for none."""
+def with_deviation(
+    value: Any, deviation: Any, scale: float, unit: str, relative: float = 0.0
+) -> str:
+    """A value with its standard deviation; a dash for none.
+
+    Parameters
+    ----------
+    value, deviation : float, or anything that is none
+    scale : float
+    unit : str
+    relative : float
+        Least spread over the value that the digits are for, where the deviation is not all.
+    """
     if not _is_finite(value):
         return NOTHING
     shown = value * scale
     if not _is_finite(deviation):
         return f"{digits(shown)} {unit}".rstrip()
     spread = deviation * scale
+    if relative > 0.0 and abs(shown) * relative > spread:
+        text, around = rounded(shown, abs(shown) * relative), rounded(spread, abs(shown) * relative)
+        return (
+            f"{text} {unit}".rstrip()
+            if float(around) == 0.0
+            else f"{text} ± {around} {unit}".rstrip()
+        )
     decimals = min(_decimals(spread, 2) if spread else 3, _decimals(shown, 4))
     least = 10.0**-decimals
     around = f"<{least:.{decimals}f}" if spread < least / 2 else f" {spread:.{decimals}f}"
     return f"{shown:.{decimals}f} ±{around} {unit}".rstrip()
+
+
+def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
+    """The depth of the rock with its interval; a dash for none."""
+    depth = result.bedrock_depth_m
+    if not _is_finite(depth):
+        return NOTHING
+    if result.bedrock_depth_sd_m is None:
+        return f"{digits(depth)} {unit}".rstrip()
+    return with_interval(depth, result.bedrock_depth_interval_m, unit, texts)
 
 
 def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> str:
@@ -88,8 +113,12 @@ def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
     if result.layers and len(result.layers) > 1:
         model = f"lowest of {len(result.layers)} media, {model}"
     if with_depth and result.bedrock_depth_m is not None:
-        depth = with_deviation(result.bedrock_depth_m, result.bedrock_depth_sd_m, 1.0, "m")
-        model += f" {depth}"
+        depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
+        if result.bedrock_depth_sd_m is None or ends is None:
+            model += f" {digits(depth)} m"
+        else:
+            _, low, high = with_ends(depth, ends)
+            model += f" {low} – {high} m"
     return (
         f"{model}, {result.plate} {_plain(result.plate_radius_m)} m, "
         f"ν {_plain(result.poisson_ratio)}"

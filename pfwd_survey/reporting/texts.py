@@ -3,12 +3,13 @@
 import re
 import string
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cache
 from importlib import resources
 
 from pfwd_device.text import clean
 from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.message_groups import GAP, fill, split_numbers
 
 LARGEST_FILE = 1_000_000
 """Bytes of a file with texts; a catalogue has under 20 000."""
@@ -31,9 +32,40 @@ class Texts:
     def __init__(self, code: str, table: dict[str, str]) -> None:
         self.code = code
         self._table = table
+        self._messages = _messages().get(code, {})
+
+    @property
+    def decimal(self) -> str:
+        """Decimal sign of the language."""
+        return self._table["decimal_sign"]
 
     def __getitem__(self, key: str) -> str:
         return self._table[key]
+
+    @property
+    def with_messages(self) -> tuple[str, ...]:
+        """Codes of the languages that messages are translated into."""
+        return tuple(_messages())
+
+    def message(self, text: str) -> str:
+        """A message of the program in this language; in English where its catalogue lacks it."""
+        return self.grouped_message(*split_numbers(text)) if self._messages else text
+
+    def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
+        """As :meth:`message`, of a pattern with gaps and of the numbers that fill them."""
+        found = self._messages.get(pattern)
+        if found is not None:
+            return fill(found, [number.replace(".", self.decimal) for number in numbers])
+        for part in ("; ", ": "):
+            # What a file or a procedure is called stands before what is said of it.
+            head, sign, rest = pattern.partition(part)
+            gaps = head.count(GAP)
+            known = self._messages.get(rest), self._messages.get(head)
+            if sign and any(known):
+                said = [self.grouped_message(head, numbers[:gaps])]
+                said.append(self.grouped_message(rest, numbers[gaps:]))
+                return part.join(said)
+        return fill(pattern, numbers)
 
     def say(self, key: str, **values: object) -> str:
         """A text with its words in braces filled in."""
@@ -45,6 +77,17 @@ def _catalogues() -> dict[str, str]:
     folder = resources.files(__package__).joinpath("catalogues")
     return {
         file.name.removesuffix(".toml"): file.read_text(encoding="utf-8")
+        for file in sorted(folder.iterdir(), key=lambda file: file.name)
+        if file.name.endswith(".toml")
+    }
+
+
+@cache
+def _messages() -> dict[str, dict[str, str]]:
+    """By the code of a language: what the program says in English, with its numbers as gaps."""
+    folder = resources.files(__package__).joinpath("catalogues", "messages")
+    return {
+        file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8"))
         for file in sorted(folder.iterdir(), key=lambda file: file.name)
         if file.name.endswith(".toml")
     }

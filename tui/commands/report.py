@@ -6,7 +6,6 @@ import time
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import target_pa
-from pfwd_survey.files.output_path import require_writable
 from tui.output import clean, say
 
 
@@ -20,7 +19,6 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seed < 0:
         raise OptionError(refusal("--seed", "a whole number >= 0", str(args.seed)))
-    require_writable(args.output, "--output")
     options = ReportOptions(
         language=args.language,
         title=args.title,

@@ -372,7 +372,7 @@ def test_chinese_where_there_is_a_font(survey: Path) -> None:
     [
         ("report.txt", {}, "a name ending in .html or .pdf"),
         ("report.html", {"language": "fr"}, "one of de, en, zh, or a file .toml, came 'fr'"),
-        ("no/such/folder/report.html", {}, "a file to write"),
+        ("no/such/folder/report.html", {}, "came none; make it first"),
         ("report.html", {"procedure": "mndott"}, "pfwd procedures lists them"),
     ],
 )
