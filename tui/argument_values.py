@@ -70,8 +70,8 @@ def thickness(text: str) -> tuple[float, ...] | str:
 
 def report_file(text: str) -> str:
     """The name of a report."""
-    if not text.lower().endswith((".html", ".pdf")):
-        raise _refused("a name ending in .html or .pdf", text)
+    if not text.lower().endswith((".html", ".pdf", ".xlsx")):
+        raise _refused("a name ending in .html or .pdf, or in .xlsx with --template", text)
     return text
 
 

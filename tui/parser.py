@@ -477,7 +477,17 @@ def _add_report(commands: "Commands") -> None:
     )
     report.add_argument("survey", metavar="SURVEY", help="folder")
     report.add_argument(
-        "-o", "--output", type=report_file, metavar="FILE", required=True, help=".html or .pdf"
+        "-o",
+        "--output",
+        type=report_file,
+        metavar="FILE",
+        required=True,
+        help=".html or .pdf; .xlsx with --template",
+    )
+    report.add_argument(
+        "--template",
+        metavar="T.xlsx",
+        help="a workbook whose named cells, or cells with {{ name }}, are filled",
     )
     report.add_argument(
         "--language",
@@ -508,6 +518,9 @@ def _add_report(commands: "Commands") -> None:
     report.add_argument(
         "--no-store", action="store_true", help="leave the survey as it is: results are not kept"
     )
+    report.add_argument("--company", metavar="TEXT", help="on the first page")
+    report.add_argument("--logo", metavar="FILE", help="picture for the first page (.png, .jpg)")
+    _add_jobs(report)
     _add_seed(report)
     report.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 

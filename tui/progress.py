@@ -124,3 +124,35 @@ def points_counted() -> Iterator[Callable[[str, int, int], None]]:
             bar.update(tasks[what], completed=done, total=total)
 
         yield draw
+
+
+@contextmanager
+def telling() -> Iterator[Callable[[str], None]]:
+    """Yields the callable that a library tells what it does, a sentence each.
+
+    On a terminal the last one stands on a line that goes away; elsewhere nothing is shown that
+    begins with blanks, as the steps within a step do.
+    """
+    if not sys.stderr.isatty():
+
+        def tell(text: str) -> None:
+            if not text.startswith(" "):
+                say(text)
+
+        yield tell
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("", spinner="line") as line:
+        heading = ""
+
+        def show(text: str) -> None:
+            nonlocal heading
+            if not text.startswith(" "):
+                heading = text
+            within = f", {text.strip()}" if text.startswith(" ") else ""
+            from rich.markup import escape
+
+            line.update(escape(clean(heading + within)))
+
+        yield show

@@ -111,7 +111,7 @@ def _depth(result: DropResult) -> str:
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
     """Mean of the measured drops with its interval, as reports have it."""
-    from pfwd_survey.reporting.content import NO_PROCEDURE
+    from pfwd_survey.procedures import NO_PROCEDURE
 
     measured = [r for r in results if r.status == "measured"]
     facts = [

@@ -99,6 +99,10 @@ class PointSetup:
     """Known stiffness of that rig, N/m, > 0."""
     photos: FreeText | None = None
     """Names of pictures of the point, separated by commas."""
+    zone: FreeText | None = None
+    """Part of the site that the point counts to in statistics."""
+    plate_load_modulus: float | None = None
+    """Modulus of a static plate load test at the point, Pa, > 0."""
     source: FreeText | None = None
     """Where the record comes from."""
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -219,8 +223,10 @@ KEYS: dict[str, HeaderKey] = {
             "procedure",
             "material",
             "photos",
+            "zone",
         )
     },
+    "plate_load_modulus_pa": HeaderKey("plate_load_modulus", "a number > 0, in Pa", _positive),
     "moisture_percent": HeaderKey("moisture", "a number >= 0, in percent by mass", _not_negative),
     "test": HeaderKey(
         "test",

@@ -67,7 +67,7 @@ def certificate_blocks(
         blocks.append(Picture(draw, _LOGO_HEIGHT, "", company or texts["company"]))
     blocks.append(Heading(report.title, level=1))
     said = report.procedure.title if report.chosen else texts["report"]
-    head = f"{texts['certificate']}: {texts.message(said)}" if report.chosen else texts["report"]
+    head = f"{texts['certificate']}: {texts.title(said)}" if report.chosen else texts["report"]
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in _rows(report, kept, texts) if row[1])))
     if len(report.points) <= MOST_ROWS:
@@ -154,7 +154,7 @@ def judged_by(report: Report, texts: Texts) -> str:
         return f"{texts['modulus_full']}; {texts['no_procedure']}"
     name = report.procedure.quantity
     what = texts["modulus_full"] if name is Quantity.MODULUS else shown.name_of(name, texts)
-    return f"{report.procedure.name} ({texts.message(report.procedure.title)}): {what}"
+    return f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
 
 
 def points_table(report: Report, texts: Texts) -> Table:

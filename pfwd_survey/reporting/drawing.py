@@ -267,9 +267,9 @@ def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: 
             residual.plot(time[few], left[few] * 1e6, color=colour, linewidth=0.9)
         moved.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
         residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
-    load.set_ylabel(texts["load_axis"], fontsize=6.5)
-    moved.set_ylabel(texts["deflection_axis"], fontsize=6.5)
-    residual.set_ylabel(texts["residual_axis"], fontsize=6.5)
+    load.set_ylabel(texts["load_axis"], fontsize=6)
+    moved.set_ylabel(texts["deflection_axis"], fontsize=6)
+    residual.set_ylabel(texts["residual_axis"], fontsize=6)
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
@@ -321,7 +321,7 @@ def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) ->
         depths.append(deflection * 1e6)
         highest[id(left)] = max(highest[id(left)], deflection * 1e6)
     left.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
-    left.set_ylabel(texts["deflection_axis"], fontsize=6.5)
+    left.set_ylabel(texts["deflection_axis"], fontsize=6)
     for drop in point.drops:
         facts = drop.facts
         if facts.modulus is None:
@@ -342,7 +342,7 @@ def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) ->
             markersize=6,
             capsize=4,
         )
-    right.set_ylabel(texts["modulus_axis"], fontsize=6.5)
+    right.set_ylabel(texts["modulus_axis"], fontsize=6)
     for axes in (left, right):
         axes.set_xlabel(texts["drop_axis"], fontsize=7, labelpad=1)
         axes.margins(x=0.08)
@@ -519,8 +519,8 @@ def draw_correlation(
     axes.plot(xs, ys, "o", color=COLOURS[0], markersize=5)
     ends = np.array([min(xs), max(xs)])
     axes.plot(ends, line.intercept + line.slope * ends, color=COLOURS[1], linewidth=1.2)
-    axes.set_xlabel(names[0], fontsize=8)
-    axes.set_ylabel(names[1], fontsize=8)
+    axes.set_xlabel(names[0], fontsize=7)
+    axes.set_ylabel(names[1], fontsize=6)
     axes.margins(0.12)
     finish(axes, texts)
 

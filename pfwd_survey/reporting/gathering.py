@@ -5,8 +5,9 @@ import hashlib
 import importlib.metadata
 import json
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -58,6 +59,7 @@ from pfwd_survey.procedures import (
 )
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.fits import curves_of
+from pfwd_survey.spawning import worker_pool
 
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Whose versions a report names: they made its numbers and pictures."""
@@ -107,11 +109,15 @@ class ReportOptions:
     """Whose report it is, for the first page."""
     logo: str | None = None
     """Path of a picture for the first page."""
+    template: str | None = None
+    """Path of a workbook to be filled."""
     jobs: int = 1
     """Processes that may work on it."""
 
     def __post_init__(self) -> None:
         self.analysis  # noqa: B018 - refuses layers that cannot be
+        if self.jobs < 1:
+            raise OptionError(refusal("--jobs", "a whole number from 1", str(self.jobs)))
         for name in ("target", "target_deflection"):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
@@ -170,9 +176,9 @@ def gather(
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     job = _job(survey, options)
     found = _Gatherer(survey, options, job, tell)
-    points = [gathered for point in survey.points for gathered in found.points(point)]
+    points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
     if options.store:
-        failed = keep_results(str(folder), found.new, counting=not options.anew)
+        failed = keep_results(str(folder), _new_results(points), counting=not options.anew)
         if failed is not None:
             tell(failed)
     if options.diagnose:
@@ -201,6 +207,51 @@ def gather(
         },
         command=_command(str(folder), options),
     )
+
+
+def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[ReportPoint]]:
+    """The points of a survey in their order, on so many processes."""
+    points = found.survey.points
+    if jobs < 2 or len(points) < 2:
+        yield from map(found.points, points)
+        return
+    folder = str(found.survey.folder)
+    work = partial(_gather_elsewhere, folder, found.options, found.job)
+    with worker_pool(min(jobs, len(points))) as pool:
+        for said, instruments, some in pool.map(work, range(len(points))):
+            for text in said:
+                found.tell(text)
+            found.instruments |= {
+                k: v for k, v in instruments.items() if k not in found.instruments
+            }
+            yield some
+
+
+_here: dict[str, "_Gatherer"] = {}
+"""In a worker: the survey that it works on, read once."""
+
+
+def _gather_elsewhere(
+    folder: str, options: ReportOptions, job: Job, number: int
+) -> tuple[list[str], dict[str, Mapping[str, Any]], list[ReportPoint]]:
+    """What was said, the instruments that were met, and one point."""
+    said: list[str] = []
+    if folder not in _here:
+        _here[folder] = _Gatherer(read_survey(folder), options, job, _silent)
+    gatherer = _here[folder]
+    gatherer.tell = said.append
+    point = gatherer.points(gatherer.survey.points[number])
+    return said, gatherer.instruments, point
+
+
+def _new_results(points: Sequence[ReportPoint]) -> list[tuple[int, DropResult]]:
+    """What the survey has not, with the numbers of the drops within it."""
+    return [
+        (drop.record, drop.result)
+        for point in points
+        for drop in point.drops
+        if drop.result is not None and not drop.stored and drop.result.question is not None
+    ]
 
 
 def _silent(_text: str) -> None:
@@ -262,15 +313,13 @@ class _Gatherer:
     """Works through the points of a survey."""
 
     def __init__(self, survey: Survey, options: ReportOptions, job: Job, tell: Progress) -> None:
-        self._survey = survey
-        self._options = options
-        self._job = job
+        self.survey = survey
+        self.options = options
+        self.job = job
         self._analysis = options.analysis
         self._library = SurrogateLibrary()
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
-        self.new: list[tuple[int, DropResult]] = []
-        """Results that the survey has not, with the numbers of their drops within it."""
 
     def points(self, point: SurveyPoint) -> list[ReportPoint]:
         """A point; several of them when it was measured with another plate on the way.
@@ -281,7 +330,7 @@ class _Gatherer:
         groups: list[tuple[PointSetup, list[tuple[SurveyDrop, DropRecord]]]] = []
         for drop in point.drops:
             record = drop.read()
-            setup = setup_now(record.declared, later, f"{self._survey.folder}, point {point.title}")
+            setup = setup_now(record.declared, later, f"{self.survey.folder}, point {point.title}")
             setup = replace(setup, point=point.title)
             if not groups or _basis(groups[-1][0]) != _basis(setup):
                 groups.append((setup, []))
@@ -294,7 +343,7 @@ class _Gatherer:
             for (drop, record), found in zip(kept, drops, strict=True)
         ]
         whole = MeasuredPoint(point.title, measured, target_of_point(point), point.discarded)
-        progress = judge_point(self._job, whole, fallback=self._options.fallback(self._job))
+        progress = judge_point(self.job, whole, fallback=self.options.fallback(self.job))
         facts = {fact.number: fact for fact in compared(measured)}
         return [
             self._point(
@@ -318,7 +367,7 @@ class _Gatherer:
         setup: PointSetup,
         drops: Sequence[tuple[SurveyDrop, DropRecord]],
     ) -> tuple[ReportDrop, ...]:
-        where = f"{self._survey.folder}, point {point.title}"
+        where = f"{self.survey.folder}, point {point.title}"
         whole = TracePoint(where, setup, tuple(record.drop for _, record in drops))
         screenings = leave_out_bad_sensors(whole, screen_point(whole))
         self.tell(f"point {point.title}: {len(drops)} drops")
@@ -338,7 +387,7 @@ class _Gatherer:
         warnings = list(setup_warnings(setup))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        warnings += _said_of_layers(found, self._job.procedure_in_force)
+        warnings += _said_of_layers(found, self.job.procedure_in_force)
         return ReportPoint(
             name=point.title,
             setup=setup,
@@ -356,7 +405,7 @@ class _Gatherer:
     ) -> ReportDrop:
         result, stored, warnings = None, False, list(screening.warnings)
         if not kept.discarded and screening.status != "rejected":
-            result = None if self._options.anew else last_sound(kept)
+            result = None if self.options.anew else last_sound(kept)
             options = self._analysis
             if result is not None and not rests_on(result, setup):
                 options = with_layers_of(options, result)
@@ -366,9 +415,7 @@ class _Gatherer:
             if result is None:
                 self.tell(f"  drop {kept.drop} is inverted")
                 analysis = analyse_drop(record.drop, setup, screening, options, self._library)
-                result = drop_result(str(kept.file or self._survey.folder), analysis)
-                if analysis.result is not None:
-                    self.new.append((kept.number, result))
+                result = drop_result(str(kept.file or self.survey.folder), analysis)
             warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
         if result is not None:

@@ -1,7 +1,7 @@
 """Numbers and messages in the language of a report."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 from pfwd_survey.reporting.blocks import (
@@ -63,8 +63,3 @@ def _block(block: Block, texts: Texts, keep: Collection[str]) -> Block:
         case Together(inner):
             return Together(tuple(_block(part, texts, keep) for part in inner))
     return block
-
-
-def messages(said: Sequence[str], texts: Texts) -> list[str]:
-    """Messages in the language of the report, as far as its catalogue has them."""
-    return [texts.message(text) for text in said]

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
-from pfwd_survey.exporting.places import number
 from pfwd_survey.procedures import Quantity
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
@@ -13,12 +12,6 @@ from pfwd_survey.reporting.drawing import draw_correlation, draw_lot
 from pfwd_survey.reporting.lot import Lot, line_through, lot_of
 from pfwd_survey.reporting.point_facts import verdict_of
 from pfwd_survey.reporting.texts import Texts
-
-ZONE = "zone"
-"""Key of a header, or of ``pfwd edit --set``, that points of one part of a site share."""
-
-PLATE_LOAD = "plate_load_modulus_pa"
-"""Key for the modulus that a static plate load test gave at a point (E_v2, say), Pa."""
 
 _HEIGHT, _CORRELATION_HEIGHT = 56.0, 48.0
 """mm."""
@@ -103,8 +96,8 @@ def _zones(
 ) -> list[Block]:
     zones: dict[str, list[ReportPoint]] = {}
     for point in points:
-        said = point.setup.extra.get(ZONE)
-        zones.setdefault(str(point.setup.site if said is None else said), []).append(point)
+        zone = point.setup.site if point.setup.zone is None else point.setup.zone
+        zones.setdefault(shown.NOTHING if zone is None else str(zone), []).append(point)
     if len(zones) < 2:
         return []
     rows = []
@@ -113,7 +106,7 @@ def _zones(
         lot = _lot(report, some, scale)
         rows.append(
             (
-                shown.NOTHING if name == "None" else name,
+                name,
                 str(len(values)),
                 shown.digits(sum(values) / len(values)),
                 shown.NOTHING if lot is None else shown.digits(lot.deviation, 2),
@@ -142,7 +135,7 @@ def _correlation(
         (point.progress.value.value * scale, static / 1e6)
         for point in points
         if point.progress.value is not None
-        and (static := number(point.setup.extra.get(PLATE_LOAD))) is not None
+        and (static := point.setup.plate_load_modulus) is not None
     ]
     if not pairs:
         return []

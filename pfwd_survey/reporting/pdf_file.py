@@ -62,8 +62,8 @@ _LABEL = 112.0
 _TOGETHER = 6
 """Lines of a pair that stand on one page."""
 
-_SLACK = 40.0
-"""Points that blocks take more within a page than at its top: gaps, room below a picture."""
+_BEFORE_HEADING, _BELOW_PICTURE = 8.0, 30.0
+"""Points left free above a heading within a page, and asked for below a picture."""
 
 _KEEP = 90.0
 """Points that have to be left below a heading; it goes to the next page otherwise."""
@@ -192,7 +192,8 @@ class _Pages:
             trial.add(block)
         self._letters.missing = missing
         if len(trial.finished()) == 1:
-            self._room(PAGE_HEIGHT - MARGIN - trial._y + _SLACK)
+            below = _BELOW_PICTURE if isinstance(blocks[-1], Picture) else 0.0
+            self._room(PAGE_HEIGHT - MARGIN - trial._y + _BEFORE_HEADING + below)
         elif self._y < PAGE_HEIGHT - MARGIN:
             self._new_page()
         for block in blocks:
@@ -242,7 +243,7 @@ class _Pages:
         size = _SIZES[block.level]
         self._room(_KEEP if block.level > 1 else size)
         if self._y < top:
-            self._y -= 8 if block.level == 2 else 4
+            self._y -= _BEFORE_HEADING if block.level == 2 else 4
         for line in self._letters.wrap(
             self._letters.drawable(block.text), size * _BOLD, self._width
         ):
@@ -282,7 +283,7 @@ class _Pages:
 
     def _picture(self, block: Picture) -> None:
         height = block.height * _POINTS_PER_MM * self._width / (180.0 * _POINTS_PER_MM)
-        self._room(height + 30)
+        self._room(height + _BELOW_PICTURE)
         bottom = self._y - height
         if not self._measuring:
             block.draw(_Region(self._page, bottom / PAGE_HEIGHT, self._y / PAGE_HEIGHT))

@@ -56,7 +56,7 @@ _COLUMNS = (
 )
 
 
-_HEIGHT = 54.0
+_HEIGHT = 50.0
 """mm, of the picture of a point: two points of three drops fit on a page."""
 
 
@@ -133,8 +133,8 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
         (texts["checks"], "; ".join(scatter)),
         (texts["stress"], _stress(point, texts)),
         (
-            f"{texts['time']}, {texts['position']}",
-            "; ".join(filter(None, (time_of(point), _position(point.position)))),
+            texts["position"],
+            "; ".join(filter(None, (time_of(point), _position(point.position, texts)))),
         ),
         (texts["conditions"], "; ".join(around)),
         (texts["notes"], "; ".join(point.notes)),
@@ -212,10 +212,11 @@ def _stress(point: ReportPoint, texts: Texts) -> str:
     return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
 
 
-def _position(position: Mapping[str, Any] | None) -> str:
+def _position(position: Mapping[str, Any] | None, texts: Texts) -> str:
     if position is None:
         return ""
-    parts = [f"{position['latitude']:.6f}, {position['longitude']:.6f}", str(position["source"])]
+    said = texts.message(str(position["source"]))
+    parts = [f"{position['latitude']:.6f}, {position['longitude']:.6f}", said]
     for key, name in (("fix", ""), ("hdop", "HDOP"), ("satellites", "sat."), ("age_s", "age s")):
         value = position.get(key)
         if value is not None:

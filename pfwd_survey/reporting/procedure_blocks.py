@@ -3,6 +3,7 @@
 from pfwd_survey.procedures import Number, Procedure, Quantity
 from pfwd_survey.procedures.profile import CHECKS
 from pfwd_survey.reporting.blocks import Block, Heading, Pairs, Paragraph, Table
+from pfwd_survey.reporting.localising import with_decimals
 from pfwd_survey.reporting.texts import Texts
 
 _NUMBER_UNITS = {
@@ -30,18 +31,18 @@ _NAMES = {
 def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
     """The procedure with all its numbers."""
     blocks: list[Block] = [
-        Heading(f"{texts['procedure']}: {procedure.title}"),
+        Heading(f"{texts['procedure']}: {texts.title(procedure.title)}"),
         Pairs(((texts["procedure"], procedure.name), (texts["source"], procedure.source))),
     ]
     if procedure.about:
-        blocks.append(Paragraph(procedure.about, "note"))
+        blocks.append(Paragraph(texts.title(procedure.about), "note"))
     rows = []
     for key, number in procedure.numbers().items():
         words = CHECKS[key].words if key in CHECKS else _NAMES.get(key, key)
         rows.append(
             (
-                words,
-                _number(procedure, key, number),
+                texts.message(words),
+                with_decimals(_number(procedure, key, number), texts),
                 number.source,
                 _state(procedure, number, texts),
             )

@@ -1,4 +1,4 @@
-"""Writes a report of a survey, as HTML or PDF by the ending of its name."""
+"""Writes a report of a survey, as HTML or PDF by the ending of its name, or fills a workbook."""
 
 import os
 from pathlib import Path
@@ -11,11 +11,13 @@ from pfwd_survey.reporting.composing import compose
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fonts import Letters, require_letters
 from pfwd_survey.reporting.gathering import Progress, ReportOptions, gather
-from pfwd_survey.reporting.texts import load_texts
+from pfwd_survey.reporting.texts import Texts, load_texts
 
 __all__ = ["ReportOptions", "write_report"]
 
 ENDINGS = (".html", ".pdf")
+WORKBOOK = ".xlsx"
+"""With a template."""
 
 
 def write_report(
@@ -29,7 +31,7 @@ def write_report(
     Parameters
     ----------
     survey : path of a survey
-    output : path ending in .html or .pdf
+    output : path ending in .html or .pdf; in .xlsx with a template
     options : ReportOptions, optional
     progress : callable, optional
         Told what is done, one sentence each.
@@ -48,25 +50,52 @@ def write_report(
     """
     options = options or ReportOptions()
     target = Path(output)
-    if target.suffix.lower() not in ENDINGS:
+    ending = target.suffix.lower()
+    if options.template is not None and ending != WORKBOOK:
+        raise OptionError(refusal("--template", f"--output with {WORKBOOK}", str(target)))
+    if ending not in (*ENDINGS, WORKBOOK):
         raise OptionError(refusal("--output", "a name ending in .html or .pdf", str(target)))
+    if ending == WORKBOOK and options.template is None:
+        hint = "pfwd export --format xlsx makes a workbook without one"
+        raise OptionError(refusal(f"--output {target}", "--template T.xlsx", "none", hint))
     texts = load_texts(options.language)
-    require_letters(texts.code)
     require_writable(target, "--output")
-    if options.logo is not None:
-        read_logo(options.logo)  # said now, and not after the work
+    if options.template is None:
+        require_letters(texts.code)
+        if options.logo is not None:
+            read_logo(options.logo)  # said now, and not after the work
+    elif not Path(options.template).is_file():
+        where = f"--template {options.template}"
+        raise OptionError(refusal(where, "a workbook (.xlsx)", "no such file"))
+    elif target.exists() and target.samefile(options.template):
+        raise OptionError(refusal("--output", "another file than the template", str(target)))
     report = gather(Path(survey), options, progress)
+    data = _filled(report, options) if options.template is not None else None
+    _write(target, _rendered(report, options, texts, ending) if data is None else data)
+    return report
+
+
+def _filled(report: Report, options: ReportOptions) -> bytes:
+    from pfwd_survey.reporting.template import fill_template
+
+    assert options.template is not None
+    return fill_template(report, options.template, options.company)[0]
+
+
+def _rendered(report: Report, options: ReportOptions, texts: Texts, ending: str) -> bytes:
     letters = Letters()
     blocks = compose(report, texts, letters, options.company, options.logo)
     title = next(block.text for block in blocks if isinstance(block, Heading))
-    if target.suffix.lower() == ".pdf":
+    if ending == ".pdf":
         from pfwd_survey.reporting.pdf_file import render_pdf
 
-        data = render_pdf(blocks, texts, title, letters)
-    else:
-        from pfwd_survey.reporting.html_file import render_html
+        return render_pdf(blocks, texts, title, letters)
+    from pfwd_survey.reporting.html_file import render_html
 
-        data = render_html(blocks, texts, title).encode("utf-8")
+    return render_html(blocks, texts, title).encode("utf-8")
+
+
+def _write(target: Path, data: bytes) -> None:
     temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         # Another program never sees half of it.
@@ -76,4 +105,3 @@ def write_report(
         temporary.unlink(missing_ok=True)
         came = err.strerror or str(err)
         raise OptionError(refusal(f"--output {target}", "a file to write", came)) from err
-    return report

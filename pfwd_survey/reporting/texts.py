@@ -51,11 +51,21 @@ class Texts:
         """A message of the program in this language; in English where its catalogue lacks it."""
         return self.grouped_message(*split_numbers(text)) if self._messages else text
 
+    def title(self, text: str) -> str:
+        """As :meth:`message`, of what has numbers in its name: they stay as they are."""
+        pattern, numbers = split_numbers(text)
+        return fill(self._messages.get(pattern, pattern), numbers)
+
     def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
         """As :meth:`message`, of a pattern with gaps and of the numbers that fill them."""
         found = self._messages.get(pattern)
         if found is not None:
-            return fill(found, [number.replace(".", self.decimal) for number in numbers])
+            to = f" {self['range_to']} "
+            said = [number.replace(".", self.decimal).replace(" to ", to) for number in numbers]
+            return fill(found, said)
+        word = pattern.replace(GAP, "").strip(" ,")
+        if word in ("drop", "drops"):  # and their numbers
+            return fill(pattern.replace(word, self[word]), numbers)
         for part in ("; ", ": "):
             # What a file or a procedure is called stands before what is said of it.
             head, sign, rest = pattern.partition(part)

@@ -7,6 +7,8 @@ from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import target_pa
 from tui.output import clean, say
+from tui.progress import telling
+from tui.report_settings import load_report_settings
 
 
 def _metres(millimetres: float | None) -> float | None:
@@ -19,6 +21,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seed < 0:
         raise OptionError(refusal("--seed", "a whole number >= 0", str(args.seed)))
+    settings = load_report_settings()
     options = ReportOptions(
         language=args.language,
         title=args.title,
@@ -31,9 +34,14 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         layers=args.layers,
         thickness=args.thickness,
+        company=args.company or settings.company,
+        logo=args.logo or settings.logo,
+        template=args.template,
+        jobs=args.jobs,
     )
     begun = time.monotonic()
-    report = write_report(args.survey, args.output, options, progress=say)
+    with telling() as tell:
+        report = write_report(args.survey, args.output, options, progress=tell)
     for point in report.points:
         progress = point.progress
         if args.json:

@@ -1,0 +1,104 @@
+"""What the program says in English, in the language of a report."""
+
+import tomllib
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from pfwd_survey.message_groups import split_numbers
+from pfwd_survey.procedures import find_procedure, shipped_names
+from pfwd_survey.procedures.profile import CHECKS
+from pfwd_survey.reporting.blocks import Pairs, Paragraph, Table, Together
+from pfwd_survey.reporting.composing import compose
+from pfwd_survey.reporting.fonts import Letters
+from pfwd_survey.reporting.gathering import ReportOptions, gather
+from pfwd_survey.reporting.localising import localised
+from pfwd_survey.reporting.texts import load_texts
+
+DE, ZH, EN = load_texts("de"), load_texts("zh"), load_texts("en")
+
+
+@pytest.mark.parametrize("code", ["de", "zh"])
+def test_every_language_has_the_same_messages_with_as_many_numbers(code: str) -> None:
+    folder = resources.files("pfwd_survey.reporting").joinpath("catalogues", "messages")
+    tables = {
+        name: tomllib.loads(folder.joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+        for name in ("de", "zh")
+    }
+    assert tables[code].keys() == tables["de"].keys()
+    for pattern, text in tables[code].items():
+        assert text.count("{}") == pattern.count("{}"), pattern
+        assert split_numbers(pattern.replace("{}", "( )"))[0].count("{}") == 0, pattern
+
+
+def test_numbers_have_the_decimal_sign_of_the_language() -> None:
+    text = "depth not unique: the data allow bedrock from 0.48 m to 1.3 m; " + (
+        "the interval of the modulus covers them"
+    )
+    assert "Fels von 0,48 m bis 1,3 m" in DE.message(text)
+    assert "0.48 m" in ZH.message(text)
+    assert EN.message(text) == text
+
+
+def test_what_stands_before_a_message_stays() -> None:
+    said = "a-12.prjz, database.json: peak deflection of the stored traces is +0.0 to +9.5 % off "
+    said += "what the maker's software stored"
+    assert DE.message(said).startswith("a-12.prjz, database.json: die größte Setzung")
+    assert "+0,0 bis +9,5 %" in DE.message(said)
+    assert DE.message(
+        "drops 1, 2: peak deflection more than 2 mm (not verified, not enforced)"
+    ) == ("Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)")
+    assert DE.message("nobody said that: 4.5") == "nobody said that: 4.5"
+
+
+def test_procedures_are_whole_in_every_language() -> None:
+    for name in shipped_names():
+        procedure = find_procedure(name)
+        for texts in (DE, ZH):
+            assert texts.title(procedure.title) != procedure.title
+    for check in CHECKS.values():
+        assert DE.message(check.words) != check.words
+    assert DE.title(find_procedure("tp-bf-stb-b8.3").title).endswith("Teil B 8.3")
+
+
+def test_versions_dates_and_names_keep_their_points() -> None:
+    blocks = [
+        Paragraph("E 45.5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06 08:01:02.5"),
+        Pairs((("a", "0.5"), ("b", "0.5"))),
+        Table(("x",), (("-1.25",),)),
+    ]
+    one, two, three = localised(blocks, DE, {"b"})
+    assert isinstance(one, Paragraph)
+    assert one.text.startswith("E 45,5 MPa, pfwd 0.1.0, drop-1.h5, 2024-05-06")
+    assert two == Pairs((("a", "0,5"), ("b", "0.5")))
+    assert three == Table(("x",), (("-1,25",),))
+    assert localised(blocks, EN) == blocks
+
+
+def test_warnings_of_all_points_stand_once(survey: Path) -> None:
+    report = gather(survey, ReportOptions())
+    points = tuple(
+        replace(point, warnings=(f"no plate mass: {number}.5 kg is taken", *own))
+        for number, (point, own) in enumerate(
+            zip(report.points, ((), ("its own: 3",)), strict=True), start=1
+        )
+    )
+    blocks = compose(replace(report, points=points), EN, Letters())
+    listed = [item for block in blocks for item in getattr(block, "items", ())]
+    assert "no plate mass: 1.5 and 2.5 kg is taken (all 2 points)" in listed
+    assert "its own: 3 (Point B)" in listed
+    pages = [part for block in blocks if isinstance(block, Together) for part in block.blocks]
+    said = [part.text for part in pages if isinstance(part, Paragraph)]
+    assert sum("its own: 3" in text for text in said) == 1
+    assert not any("no plate mass" in text for text in said)
+
+
+def test_several_processes_find_the_same(survey: Path) -> None:
+    alone, shared = (gather(survey, ReportOptions(jobs=jobs)) for jobs in (1, 2))
+    assert [p.name for p in shared.points] == [p.name for p in alone.points]
+    assert [p.progress.as_dict() for p in shared.points] == [
+        p.progress.as_dict() for p in alone.points
+    ]
+    assert shared.instruments == alone.instruments

@@ -1,0 +1,51 @@
+"""What stands on the first page of every report: company and logo, said once in a file.
+
+``report.toml`` beside the settings of the screen; ``PFWD_SETTINGS`` names another place for both::
+
+    company = "Erdbau Muster GmbH"
+    logo = "C:/Logos/muster.png"
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.toml_reading import parse_toml
+from tui.screen.settings import settings_file
+
+NAME = "report.toml"
+"""In the folder of the settings."""
+
+KEYS = ("company", "logo")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSettings:
+    """Of the first page; None: nothing is said."""
+
+    company: str | None = None
+    logo: str | None = None
+
+
+def load_report_settings(path: Path | None = None) -> ReportSettings:
+    """What the file says; nothing where there is none.
+
+    Raises
+    ------
+    OptionError
+        If it is there and is no such file.
+    """
+    file = path or settings_file().with_name(NAME)
+    if not file.is_file():
+        return ReportSettings()
+    try:
+        said = parse_toml(file.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError) as err:
+        raise OptionError(refusal(str(file), "a TOML file", quote(str(err)))) from err
+    for key, value in said.items():
+        if key not in KEYS or not isinstance(value, str):
+            raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))
+    logo = said.get("logo")
+    if logo is not None:
+        logo = str(file.parent / logo)  # an absolute one stays
+    return ReportSettings(said.get("company"), logo)
