@@ -12,13 +12,14 @@ from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, Surv
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from
+from pfwd_survey.inverting.diagnosis.holding import last_diagnosis
 from pfwd_survey.inverting.drop_facts import stored_facts
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
 from pfwd_survey.judging.job import Job, job_of
 from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point
-from pfwd_survey.procedures import DiagnosedModulus, Kind, PointDrop, Procedure
+from pfwd_survey.procedures import Kind, PointDrop, Procedure
 
 DAMAGED = "damaged record"
 
@@ -76,14 +77,14 @@ def judged_points(survey: SurveyContent, job: Job | None = None) -> Iterator[Jud
         yield JudgedPoint(point.title, judge_point(job, measured), point.discarded)
 
 
-def measured_point(point: SurveyPoint, diagnosed: DiagnosedModulus | None = None) -> MeasuredPoint:
+def measured_point(point: SurveyPoint) -> MeasuredPoint:
     """A point of a survey, ready to be judged."""
     return MeasuredPoint(
         name=point.title,
         drops=tuple(kept.measured for kept in kept_drops(point)),
         target=target_of_point(point),
         discarded=point.discarded,
-        diagnosed=diagnosed,
+        diagnosis=last_diagnosis(point),
     )
 
 

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pfwd_survey.inverting.diagnosis.holding import holds
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging.drops import MeasuredDrop, compared
 from pfwd_survey.judging.job import Job
 from pfwd_survey.procedures import (
@@ -36,8 +38,8 @@ class MeasuredPoint:
     target: float | None = None
     """Said of the point itself, Pa or m; None: nobody did."""
     discarded: bool = False
-    diagnosed: DiagnosedModulus | None = None
-    """None: its residual was not diagnosed."""
+    diagnosis: DiagnosisResult | None = None
+    """The last one, whether or not it still holds; None: its residual was not diagnosed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,25 @@ def point_line(name: str, progress: PointProgress) -> dict[str, Any]:
         "used": list(progress.used),
         "compaction": said["compaction"],
     }
+
+
+def diagnosis_now(point: MeasuredPoint) -> DiagnosisResult | None:
+    """The diagnosis of a point, while its drops and what is declared are as they were."""
+    if point.diagnosis is None or not point.drops:
+        return None
+    left_out = (Kind.DISCARDED, Kind.REJECTED)
+    numbers = [drop.facts.number for drop in point.drops if drop.facts.kind not in left_out]
+    return point.diagnosis if holds(point.diagnosis, point.drops[-1].setup, numbers) else None
+
+
+def _diagnosed(point: MeasuredPoint) -> DiagnosedModulus | None:
+    found = diagnosis_now(point)
+    if found is None or found.after is None or found.after.modulus_pa is None:
+        return None
+    after = found.after
+    return DiagnosedModulus(
+        found.after.modulus_pa, after.modulus_interval_pa, found.corrected is True
+    )
 
 
 def judge_point(
@@ -99,7 +120,7 @@ def judge_point(
         target=target,
         moisture=None if setup is None else setup.moisture,
         material=None if setup is None or setup.material is None else str(setup.material),
-        diagnosed=point.diagnosed,
+        diagnosed=_diagnosed(point),
         found_before=faults,
     )
     if progress.target is not None and progress.target == target:

@@ -7,6 +7,7 @@ is told as `PointKnown`; in a replay a known drop counts from when it comes agai
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import (
@@ -43,6 +44,8 @@ class _Point:
     """Of a replay: with the result that the survey holds."""
     records: dict[int, int] = field(default_factory=dict)
     """Number within the point by number within the survey."""
+    diagnosis: DiagnosisResult | None = None
+    """The last one; None: nobody asked."""
     version: int = 0
     """Grows with everything that may change how it stands."""
 
@@ -88,7 +91,9 @@ class Standing:
         if kept is not None and kept[:2] == (self._jobs, point.version):
             return kept[2]
         drops = [point.drops[number] for number in sorted(point.drops)]
-        measured = MeasuredPoint(point.title or name, drops, point.target, point.discarded)
+        measured = MeasuredPoint(
+            point.title or name, drops, point.target, point.discarded, point.diagnosis
+        )
         found = judge_point(self.job, measured)
         self._judged[name] = self._jobs, point.version, found
         return found
@@ -115,6 +120,7 @@ class Standing:
         point = self._of(event.point)
         known = event.measured
         point.title, point.target, point.discarded = known.name, known.target, known.discarded
+        point.diagnosis = known.diagnosis
         drops = {drop.facts.number: drop for drop in known.drops}
         if event.comes_again:
             point.known = drops

@@ -16,16 +16,10 @@ from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.header import PointSetup, declared_values, setup_warnings
-from pfwd_survey.files.reading import points_of
+from pfwd_survey.files.header import PointSetup, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
-from pfwd_survey.inverting.diagnosis.entries import entry_of
-from pfwd_survey.inverting.diagnosis.kept import (
-    diagnosis_that_holds,
-    keep_diagnoses,
-    last_diagnosis,
-)
+from pfwd_survey.inverting.diagnosis.holding import basis_of, last_diagnosis
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.keeping import keep_results
 from pfwd_survey.inverting.kept import rests_on
@@ -47,6 +41,7 @@ from pfwd_survey.judging.contents import (
     target_of_point,
 )
 from pfwd_survey.judging.drops import compared
+from pfwd_survey.judging.verdicts import diagnosis_now
 from pfwd_survey.peaks.basin import Basin, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import (
@@ -64,13 +59,9 @@ from pfwd_survey.spawning import worker_pool
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Whose versions a report names: they made its numbers and pictures."""
 
-_NO_BASIS = frozenset(
-    {"operator", "procedure", "seating_drops", "site", "time_utc", "latitude", "longitude"}
-    | {"source", "photos", "material", "moisture_percent", "temperature_c", "device", "point"}
-)
-"""Keys of a header on which no result rests."""
-
 Progress = Callable[[str], None]
+Diagnoses = Mapping[tuple[str, int], DiagnosisResult]
+"""By point and number of a drop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,16 +166,13 @@ def gather(
         hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     job = _job(survey, options)
-    found = _Gatherer(survey, options, job, tell)
+    new = _diagnosed(survey, options, tell) if options.diagnose else {}
+    found = _Gatherer(survey, options, job, new, tell)
     points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
     if options.store:
         failed = keep_results(str(folder), _new_results(points), counting=not options.anew)
         if failed is not None:
             tell(failed)
-    if options.diagnose:
-        points = _diagnosed(str(folder), points, options, tell)
-    else:
-        points = _with_diagnoses(points, _kept_diagnoses(survey))
     return Report(
         title=options.title or _title(survey, points),
         survey=str(folder),
@@ -216,7 +204,7 @@ def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[ReportPoint]]:
         yield from map(found.points, points)
         return
     folder = str(found.survey.folder)
-    work = partial(_gather_elsewhere, folder, found.options, found.job)
+    work = partial(_gather_elsewhere, folder, found.options, found.job, found.new)
     with worker_pool(min(jobs, len(points))) as pool:
         for said, instruments, some in pool.map(work, range(len(points))):
             for text in said:
@@ -232,12 +220,12 @@ _here: dict[str, "_Gatherer"] = {}
 
 
 def _gather_elsewhere(
-    folder: str, options: ReportOptions, job: Job, number: int
+    folder: str, options: ReportOptions, job: Job, new: Diagnoses, number: int
 ) -> tuple[list[str], dict[str, Mapping[str, Any]], list[ReportPoint]]:
     """What was said, the instruments that were met, and one point."""
     said: list[str] = []
     if folder not in _here:
-        _here[folder] = _Gatherer(read_survey(folder), options, job, _silent)
+        _here[folder] = _Gatherer(read_survey(folder), options, job, new, _silent)
     gatherer = _here[folder]
     gatherer.tell = said.append
     point = gatherer.points(gatherer.survey.points[number])
@@ -312,10 +300,13 @@ def _command(folder: str, options: ReportOptions) -> str:
 class _Gatherer:
     """Works through the points of a survey."""
 
-    def __init__(self, survey: Survey, options: ReportOptions, job: Job, tell: Progress) -> None:
+    def __init__(
+        self, survey: Survey, options: ReportOptions, job: Job, new: Diagnoses, tell: Progress
+    ) -> None:
         self.survey = survey
         self.options = options
         self.job = job
+        self.new = new
         self._analysis = options.analysis
         self._library = SurrogateLibrary()
         self.tell = tell
@@ -332,7 +323,7 @@ class _Gatherer:
             record = drop.read()
             setup = setup_now(record.declared, later, f"{self.survey.folder}, point {point.title}")
             setup = replace(setup, point=point.title)
-            if not groups or _basis(groups[-1][0]) != _basis(setup):
+            if not groups or basis_of(groups[-1][0]) != basis_of(setup):
                 groups.append((setup, []))
             groups[-1][1].append((drop, record))
             self._note_instrument(record)
@@ -342,7 +333,13 @@ class _Gatherer:
             for setup, kept, drops in worked
             for (drop, record), found in zip(kept, drops, strict=True)
         ]
-        whole = MeasuredPoint(point.title, measured, target_of_point(point), point.discarded)
+        whole = MeasuredPoint(
+            point.title,
+            measured,
+            target_of_point(point),
+            point.discarded,
+            self._diagnosis(point),
+        )
         progress = judge_point(self.job, whole, fallback=self.options.fallback(self.job))
         facts = {fact.number: fact for fact in compared(measured)}
         return [
@@ -352,9 +349,15 @@ class _Gatherer:
                 kept,
                 tuple(replace(drop, facts=facts[drop.number]) for drop in drops),
                 progress,
+                None if point.discarded else diagnosis_now(whole),
             )
             for setup, kept, drops in worked
         ]
+
+    def _diagnosis(self, point: SurveyPoint) -> DiagnosisResult | None:
+        """The last one of a point: made for this report, or kept."""
+        made = (self.new.get((point.title, drop.drop)) for drop in reversed(point.drops))
+        return next((found for found in made if found is not None), None) or last_diagnosis(point)
 
     def _note_instrument(self, record: DropRecord) -> None:
         identity = record.metadata.get("identity")
@@ -383,6 +386,7 @@ class _Gatherer:
         drops: Sequence[tuple[SurveyDrop, DropRecord]],
         found: tuple[ReportDrop, ...],
         progress: PointProgress,
+        diagnosis: DiagnosisResult | None,
     ) -> ReportPoint:
         warnings = list(setup_warnings(setup))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
@@ -396,7 +400,7 @@ class _Gatherer:
             position=_position(point, drops, setup),
             notes=point.notes,
             discarded=point.discarded,
-            diagnosis=None,
+            diagnosis=diagnosis,
             warnings=tuple(warnings),
         )
 
@@ -464,12 +468,6 @@ def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[s
     return [what]
 
 
-def _basis(setup: PointSetup) -> dict[str, Any]:
-    """What a result rests on; the drops of a point may differ in everything else."""
-    said = declared_values(setup)
-    return {key: value for key, value in said.items() if key not in _NO_BASIS}
-
-
 def _checksum(file: Path | None) -> str:
     if file is None:
         return ""
@@ -519,13 +517,15 @@ def _is_place(said: Any) -> TypeGuard[Mapping[str, Any]]:
 
 
 def _diagnosed(
-    folder: str, points: list[ReportPoint], options: ReportOptions, tell: Progress
-) -> list[ReportPoint]:
-    """The points with new diagnoses, which are kept; discarded points have none."""
+    survey: Survey, options: ReportOptions, tell: Progress
+) -> dict[tuple[str, int], DiagnosisResult]:
+    """New diagnoses by point and drop; they are kept. Discarded points have none."""
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+    from pfwd_survey.inverting.diagnosis.kept import keep_diagnoses
 
+    folder = str(survey.folder)
     tell("residuals are diagnosed")
-    found = list(diagnose_files([folder], use_kept=not options.refit))
+    found = list(diagnose_files([folder], jobs=options.jobs, use_kept=not options.refit))
     for diagnosed in found:
         if diagnosed.error is not None:
             tell(f"diagnosis: {diagnosed.error}")
@@ -534,31 +534,5 @@ def _diagnosed(
         failed = keep_diagnoses(folder, new)
         if failed is not None:
             tell(failed)
-    return _with_diagnoses(points, [it.result for it in found if it.result is not None])
-
-
-def _kept_diagnoses(survey: Survey) -> list[DiagnosisResult]:
-    """What the survey keeps of its points, where it is of the drops as they are now."""
-    found = []
-    for point in survey.points:
-        if last_diagnosis(point) is None:
-            continue  # then nothing has to be read
-        for trace in points_of(str(survey.folder), point):
-            entry = entry_of(str(survey.folder), trace, AnalysisOptions())
-            kept = diagnosis_that_holds(trace.kept, entry)
-            if kept is not None:
-                found.append(replace(kept, point=entry.point))
-    return found
-
-
-def _with_diagnoses(
-    points: Sequence[ReportPoint], found: Sequence[DiagnosisResult]
-) -> list[ReportPoint]:
-    """Points with their diagnoses, told by names and drops."""
-    by_drop = {(result.point, drop): result for result in found for drop in result.drops or ()}
-    told = []
-    for point in points:
-        results = (by_drop.get((point.name, drop.number)) for drop in point.drops)
-        diagnosis = next((result for result in results if result is not None), None)
-        told.append(replace(point, diagnosis=None if point.discarded else diagnosis))
-    return told
+    results = [it.result for it in found if it.result is not None]
+    return {(str(it.point), drop): it for it in results for drop in it.drops or ()}

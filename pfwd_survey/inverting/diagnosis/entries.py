@@ -7,6 +7,7 @@ from pfwd_device.recording import SurveyDrop
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import record_of
+from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.keeping import question_of
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
@@ -31,6 +32,10 @@ class DiagnosisPoint:
     """Name of the test point."""
     question: str = ""
     """Tells samples and declarations apart; empty: no drop was measured."""
+    basis: str = ""
+    """Tells declarations apart, see `holding.basis_of`."""
+    left_out: tuple[int, ...] = ()
+    """Numbers of drops that take no part."""
     last: SurveyDrop | None = None
     """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
 
@@ -88,6 +93,12 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         rejected,
         warnings,
         point=called,
+        basis=basis_of(point.setup),
+        left_out=tuple(
+            drop.number
+            for drop, found in zip(point.drops, screenings, strict=True)
+            if found.status != "measured"
+        ),
         question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
         last=kept[-1] if kept else None,
     )

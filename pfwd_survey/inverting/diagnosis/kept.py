@@ -1,4 +1,4 @@
-"""Diagnoses that a survey keeps: when one answers the question again, and when it still holds."""
+"""Diagnoses that a survey keeps, and the questions that they answer."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from pfwd_device.errors import RecordingError
-from pfwd_device.recording import SurveyDrop, SurveyPoint
-from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.holding import read_diagnosis
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.keeping import Keepsake, keep, software_name
 
@@ -51,49 +49,20 @@ def kept_answers(
     """By place in the work: what surveys keep of the same question."""
     found = {}
     for place, (point, question) in enumerate(zip(work, asked, strict=True)):
-        kept = None if point.last is None else _read(point.last)
+        kept = None if point.last is None else read_diagnosis(point.last)
         if kept is not None and kept.question == question and not kept.unreadable:
             found[place] = replace(kept, file=point.file, point=point.point, stored=True)
     return found
 
 
-def diagnosis_that_holds(
-    drops: Sequence[SurveyDrop], point: DiagnosisPoint
-) -> DiagnosisResult | None:
-    """The last diagnosis of a point, where it is of the drops as they are now.
-
-    Whatever other points or settings went with it; None: there is none.
-
-    Parameters
-    ----------
-    drops : sequence of SurveyDrop, of the point
-    point : DiagnosisPoint, as it is read now
-    """
-    for drop in reversed(drops):
-        kept = _read(drop)
-        if kept is not None:
-            return kept if kept.point_question == point.question else None
-    return None
-
-
-def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
-    """The last diagnosis that is kept of a point, whatever was declared or discarded since."""
-    found = (_read(drop) for drop in reversed(point.drops))
-    return next((kept for kept in found if kept is not None), None)
-
-
-def _read(drop: SurveyDrop) -> DiagnosisResult | None:
-    try:
-        said = drop.read_diagnosis()
-        return None if said is None else DiagnosisResult.from_json(said)
-    except (RecordingError, SurveyError):
-        return None  # it can be asked anew
-
-
 def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:
     """A result with what was asked, and what answered."""
     return replace(
-        result, software=software_name(), question=question, point_question=point.question
+        result,
+        software=software_name(),
+        question=question,
+        basis=point.basis,
+        left_out=point.left_out,
     )
 
 

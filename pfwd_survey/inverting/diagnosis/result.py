@@ -112,7 +112,8 @@ class DiagnosisResult(StoredRecord):
             "elapsed_s",
             "software",
             "question",
-            "point_question",
+            "basis",
+            "left_out",
             "stored",
         }
     )
@@ -149,8 +150,10 @@ class DiagnosisResult(StoredRecord):
     """That made it, with its version."""
     question: str | None = None
     """Tells what was asked: the points of the device, what was declared, given, and left out."""
-    point_question: str | None = None
-    """The same of the point alone: samples and what was declared."""
+    basis: str | None = None
+    """Tells what was declared of the point apart."""
+    left_out: tuple[int, ...] | None = None
+    """Numbers of drops that were there and took no part."""
     stored: bool | None = None
     """Whether the survey kept it from before; None: no."""
 

@@ -6,12 +6,13 @@ import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.diagnosis.holding import basis_of
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from pfwd_survey.inverting.kept import PLATES
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, MeasuredDrop, MeasuredPoint, Station, judge_point
 from pfwd_survey.judging.drops import compared, measured_drop
 from pfwd_survey.procedures import (
-    DiagnosedModulus,
     Kind,
     Verdict,
     find_procedure,
@@ -99,12 +100,21 @@ def test_a_rejected_drop_seats_nothing_where_a_procedure_counts() -> None:
         assert [fact.kind.value for fact in compared(some)] == kinds
 
 
+def diagnosis(corrected: bool) -> DiagnosisResult:
+    """Of all drops, 38 MPa."""
+    return DiagnosisResult(
+        drops=tuple(drop.facts.number for drop in drops()),
+        basis=basis_of(SETUP),
+        corrected=corrected,
+        after=FittedState(modulus_pa=38e6, modulus_interval_pa=(37e6, 39e6)),
+    )
+
+
 @pytest.mark.parametrize(("corrected", "value"), [(True, 38e6), (False, 45.1e6)])
 def test_a_diagnosed_modulus_counts_where_the_diagnosis_stands_by_it(
     corrected: bool, value: float
 ) -> None:
-    diagnosed = DiagnosedModulus(38e6, (37e6, 39e6), corrected)
-    point = MeasuredPoint("1", drops(), target=40e6, diagnosed=diagnosed)
+    point = MeasuredPoint("1", drops(), target=40e6, diagnosis=diagnosis(corrected))
     progress = judge_point(Job(procedure=plain_procedure()), point)
     assert progress.value is not None
     assert progress.value.value == pytest.approx(value)
@@ -113,10 +123,30 @@ def test_a_diagnosed_modulus_counts_where_the_diagnosis_stands_by_it(
 
 
 def test_a_diagnosis_changes_no_deflection() -> None:
-    diagnosed = DiagnosedModulus(38e6, (37e6, 39e6), corrected=True)
     job = Job(procedure=find_procedure("mndot"))
     plain = judge_point(job, MeasuredPoint("1", drops()))
-    assert judge_point(job, MeasuredPoint("1", drops(), diagnosed=diagnosed)).value == plain.value
+    with_one = MeasuredPoint("1", drops(), diagnosis=diagnosis(corrected=True))
+    assert judge_point(job, with_one).value == plain.value
+
+
+def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
+    job = Job(procedure=plain_procedure())
+    plain = judge_point(job, MeasuredPoint("1", drops())).value
+    numbers = [drop.facts.number for drop in drops()]
+    for other in (
+        dataclasses.replace(diagnosis(corrected=True), drops=(*numbers, 99)),
+        dataclasses.replace(diagnosis(corrected=True), drops=tuple(numbers[:-1])),
+        dataclasses.replace(diagnosis(corrected=True), basis="0" * 16),
+        dataclasses.replace(diagnosis(corrected=True), after=None),
+        dataclasses.replace(diagnosis(corrected=True), drops=()),
+    ):
+        assert judge_point(job, MeasuredPoint("1", drops(), diagnosis=other)).value == plain
+    some = dataclasses.replace(
+        diagnosis(corrected=True), drops=tuple(numbers[1:]), left_out=(numbers[0],)
+    )
+    judged = judge_point(job, MeasuredPoint("1", drops(), diagnosis=some)).value
+    assert judged is not None
+    assert judged.value == pytest.approx(38e6)
 
 
 def test_the_plates_of_kept_results_are_those_of_the_inversion() -> None:

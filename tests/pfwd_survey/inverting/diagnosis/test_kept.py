@@ -12,14 +12,15 @@ from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import points_of, survey_content
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd_survey.inverting.diagnosis.entries import entry_of
+from pfwd_survey.inverting.diagnosis.holding import last_diagnosis
 from pfwd_survey.inverting.diagnosis.kept import (
-    diagnosis_that_holds,
     keep_diagnoses,
-    last_diagnosis,
     questions_of,
 )
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.judging import measured_point
+from pfwd_survey.judging.verdicts import diagnosis_now
 
 
 def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
@@ -44,11 +45,7 @@ def survey(made: Path, tmp_path: Path) -> Path:
 
 def holding(folder: Path) -> list[DiagnosisResult | None]:
     """By point: the diagnosis that is of its drops as they are now."""
-    return [
-        diagnosis_that_holds(trace.kept, entry_of(str(folder), trace, AnalysisOptions()))
-        for point in read_survey(folder).points
-        for trace in points_of(str(folder), point)
-    ]
+    return [diagnosis_now(measured_point(point)) for point in read_survey(folder).points]
 
 
 def test_the_same_question_is_answered_from_the_survey(
@@ -68,7 +65,8 @@ def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:
         kept = last_diagnosis(point)
         assert kept is not None
         assert str(kept.software).startswith("pfwd ")
-        assert len(kept.question or "") == len(kept.point_question or "") == 32
+        assert len(kept.question or "") == 32
+        assert len(kept.basis or "") == 16
 
 
 def test_points_of_one_device_are_one_question(survey: Path) -> None:
@@ -94,6 +92,8 @@ def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
     first, second = holding(survey)
     assert first is None
     assert second is not None
+    edit_survey(survey, [Edit("discard")], point=read_survey(survey).points[1].name, drop=1)
+    assert holding(survey) == [None, None]
 
 
 def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> None:
