@@ -269,6 +269,7 @@ def _effects(
                 evidence=search.without(best, effect).score - best.score,
                 alternatives=tuple(others[effect.name]),
                 probability=probabilities.get(effect.name, 1.0),
+                residual_without=residual_over_peak(point, search.without(best, effect)),
             )
         )
     return tuple(sorted(found, key=lambda effect: -effect.evidence))

@@ -49,6 +49,8 @@ class FoundEffect:
     evidence : float, drop of the information criterion
     probability : float, share of the sets that fit nearly as well which have it, by their weight
     alternatives : tuple of str, effects that would do in its place
+    residual_without : float, what is left over the peak when it alone is taken away; nan: not
+        asked, because the points of a device share it
     """
 
     name: str
@@ -58,6 +60,7 @@ class FoundEffect:
     evidence: float
     alternatives: tuple[str, ...]
     probability: float = 1.0
+    residual_without: float = math.nan
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,6 @@ from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any
 
-from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO
-from pfwd_survey.inverting.diagnosis.result import EffectResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.spread import relative_spread
 from pfwd_survey.message_groups import as_ranges, group_messages
@@ -22,6 +20,7 @@ from pfwd_survey.reporting.blocks import (
     Table,
 )
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.diagnosis_blocks import diagnosis_blocks
 from pfwd_survey.reporting.drawing import draw_point
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
 from pfwd_survey.reporting.peaks_blocks import peaks_blocks
@@ -85,7 +84,7 @@ def point_blocks(
         *_remarks(point, texts, common),
     ]
     if point.diagnosis is not None:
-        blocks += [Heading(texts["diagnosis"], 3), *_diagnosis(point, texts)]
+        blocks += diagnosis_blocks(point, texts)
     return blocks
 
 
@@ -273,39 +272,3 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
         table,
         *(Paragraph(line, "note") for line in lines),
     ]
-
-
-def _diagnosis(point: ReportPoint, texts: Texts) -> list[Block]:
-    found = point.diagnosis
-    if found is None:
-        return []
-    verdict = str(found.verdict)
-    known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
-    blocks: list[Block] = [Paragraph(texts[f"verdict_{verdict}"] if known else verdict)]
-    rows = []
-    for when, state in (("before", found.before), ("after", found.after)):
-        if state is not None:
-            modulus = shown.with_deviation(state.modulus_pa, state.modulus_sd_pa, 1e-6, "MPa")
-            residual = shown.percent(state.residual_rms_over_peak)
-            rows.append((texts[when], modulus, str(state.model), residual))
-    if rows:
-        columns = ("", f"{texts['modulus']} ± s", texts["model"], texts["residual"])
-        blocks.append(Table(columns, tuple(rows), (1, 3)))
-        ratio = point.setup.poisson_ratio
-        ratio = ASSUMED_POISSON_RATIO if ratio is None else ratio
-        basis = f"rigid-rough {point.setup.plate_radius:g} m, ν {ratio:g}"
-        blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
-    effects = [_effect(effect) for effect in found.effects or ()]
-    if effects:
-        blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
-    warnings = found.warnings or ()
-    return (
-        [*blocks, Listing(tuple(map(texts.message, warnings)), "warning")] if warnings else blocks
-    )
-
-
-def _effect(effect: EffectResult) -> str:
-    value = shown.with_deviation(effect.value, effect.sd, 1.0, effect.unit or "")
-    text = f"{str(effect.name).replace('_', ' ')}: {value}"
-    others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
-    return text + (f" (or: {others})" if others else "")

@@ -104,6 +104,7 @@ def _effect(effect: FoundEffect) -> EffectResult:
         ),
         evidence=effect.evidence,
         probability=effect.probability,
+        residual_without_over_peak=effect.residual_without,
         alternatives=tuple(effect.alternatives),
         advice=effect.advice,
     )

@@ -55,7 +55,9 @@ class EffectParameter(StoredRecord):
 class EffectResult(StoredRecord):
     """An effect that the residual asks for."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"scope", "probability", "advice"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+        {"scope", "probability", "advice", "residual_without_over_peak"}
+    )
 
     name: str | None = None
     scope: str | None = None
@@ -71,6 +73,8 @@ class EffectResult(StoredRecord):
     """Drop of the Bayesian information criterion; None: shared by the points of the device."""
     probability: float | None = None
     """Share of the sets of effects that fit nearly as well which have it, by their weight."""
+    residual_without_over_peak: float | None = None
+    """What is left when it alone is taken away; None: shared by the points of the device."""
     alternatives: tuple[str, ...] | None = None
     """Effects that would do in its place, at most two."""
     advice: str | None = None
