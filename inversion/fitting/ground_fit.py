@@ -42,6 +42,9 @@ _NOT_LINEAR = 8.0
 # Drop of the misfit (in effectively independent samples) below which two minima are the same to
 # the data: 95 % of chi-square with two degrees of freedom.
 _SAME_MINIMUM = 6.0
+# The same for what may stand beside the most natural ground: nature's tails are longer than those
+# of a normal distribution.
+_NATURAL_LIMIT = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +159,7 @@ def _natural(fit: GroundFit) -> GroundFit:
     candidates = [held, bare] if bare_cost <= allowed else [held]
     chosen = min(candidates, key=lambda candidate: candidate.least)
     # What does not fit as well as a natural ground does not count any more.
-    limit = chosen.least + _SAME_MINIMUM / held.misfit.independent * weight
+    limit = chosen.least + _NATURAL_LIMIT / held.misfit.independent * weight
     size = len(chosen.misfit.space.fitted)
     rest = []
     for candidate in candidates:
