@@ -16,7 +16,7 @@ MOST_CODE, MOST_MEMORY = 24 * 1024, 16 * 1024
 
 
 def run(arguments: list[str]) -> int:
-    """Compile for a Cortex-M3 and tell what takes how much; 1: too much, 2: no zig."""
+    """Compile for a Cortex-M3 and tell the sizes; 1 when one is too large, 2 without zig."""
     parser = argparse.ArgumentParser(prog="pfwd bench firmware")
     parser.add_argument("--json", action="store_true")
     parser.parse_args(arguments)

@@ -53,6 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_export,
         _add_recover,
         _add_check,
+        _add_conform,
         _add_bench,
     ):
         add(commands)
@@ -550,6 +551,30 @@ def _add_check(commands: "Commands") -> None:
     check.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
     _add_spare(check)
     check.add_argument("--json", action="store_true", help="one JSON object")
+
+
+def _add_conform(commands: "Commands") -> None:
+    conform = commands.add_parser(
+        "conform",
+        help="does an instrument keep the protocol?",
+        description="Tries every numbered requirement of docs/protocol.md, one line each: passed, "
+        "failed, or not offered, with what came. Takes two minutes; let one drop fall when it is "
+        "asked for. Exit status 1 when one failed.",
+        allow_abbrev=False,
+    )
+    conform.add_argument("url", metavar="URL", help="port of the instrument, as for log")
+    conform.add_argument(
+        "--baud-rate", type=count, metavar="N", default=115_200, help="default 115200"
+    )
+    conform.add_argument(
+        "--wait",
+        type=not_negative,
+        metavar="S",
+        default=15.0,
+        help="seconds to wait for a drop (default 15; 0: none will fall)",
+    )
+    conform.add_argument("--only", metavar="P-N,...", help="requirements to try (default: all)")
+    conform.add_argument("--json", action="store_true", help=_JSON)
 
 
 def _add_bench(commands: "Commands") -> None:

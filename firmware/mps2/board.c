@@ -1,7 +1,8 @@
 /* The core on a Cortex-M3 that QEMU emulates (machine mps2-an385), bare metal.
  *
- * UART0 is the link, timer 0 the clock; the converter is a table in the image (table.c, written by
- * simulators/emulated.py), played once at its rate. Nothing lasts over a reset.
+ * UART0 is the link, timer 0 the clock; the converter is a table in the image (written by
+ * simulators/emulated.py), played round and round at its rate. Nothing lasts over a
+ * reset.
  */
 #include "../core/pfwd.h"
 
@@ -80,7 +81,7 @@ static size_t samples(void *context, int32_t *values, size_t sets, uint32_t *los
     const uint64_t due = (time_us(b) - b->run_began) * b->rate / 1000000u;
     size_t count = 0;
     while (count < sets && b->taken < due) {
-        const uint64_t at = b->position < TABLE_SETS ? b->position : TABLE_SETS - 1u;
+        const uint64_t at = b->position % TABLE_SETS;
         for (uint32_t channel = 0; channel < TABLE_CHANNELS; channel++) {
             *values++ = table[at * TABLE_CHANNELS + channel];
         }

@@ -364,6 +364,13 @@ class BinaryInstrumentEnd:
         return list(_read(self._deframer.feed(data), _FROM_HOST, self.counters))
 
 
+def read_from_instrument(
+    packets: Iterable[Packet], counters: LinkCounters
+) -> Iterator[InstrumentMessage]:
+    """The messages of packets one by one, sample blocks as they were sent."""
+    return _read(packets, _FROM_INSTRUMENT, counters)
+
+
 def _read(
     packets: Iterable[Packet],
     readers: Mapping[int, Callable[[bytes], Any]],

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from pfwd_device.conformance import conform
+from pfwd_device.conformance.requirements import BY_HAND
 from pfwd_device.recording import read_survey
+from pfwd_device.transport.opening import open_transport
 from simulators.emulated import EmulatedBoard, build_emulated, emulator, section_sizes
 from simulators.firmware import Played, play_scenario, zig_command
 from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
@@ -52,3 +55,12 @@ def test_it_is_as_small_as_is_said(image: Path) -> None:
     assert 4000 < sizes[".text"] + sizes[".ARM.exidx"] < MOST_CODE
     memory = sizes[".bss"] + sizes[".stack"] + sizes.get(".data", 0)
     assert 2000 < memory < MOST_MEMORY
+
+
+@needs_qemu
+@pytest.mark.posix
+def test_it_keeps_the_protocol(image: Path) -> None:
+    with EmulatedBoard(image) as board:
+        found = list(conform(lambda: open_transport(board.url)))
+    others = [each for each in found if each.result != "passed"]
+    assert {each.requirement for each in others} == BY_HAND, others

@@ -1,0 +1,5 @@
+"""Whether an instrument keeps the protocol: every numbered requirement of docs/protocol.md."""
+
+from pfwd_device.conformance.requirements import Result, conform
+
+__all__ = ["Result", "conform"]
