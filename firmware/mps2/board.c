@@ -12,7 +12,11 @@
 #define UART_DATA REGISTER(0x40004000u)
 #define UART_STATE REGISTER(0x40004004u)
 #define UART_CTRL REGISTER(0x40004008u)
+#define UART_INTERRUPT REGISTER(0x4000400Cu)
 #define UART_BAUDDIV REGISTER(0x40004010u)
+#define NVIC_ENABLE REGISTER(0xE000E100u)
+#define SYSTICK_CTRL REGISTER(0xE000E010u)
+#define SYSTICK_RELOAD REGISTER(0xE000E014u)
 #define UART_TX_FULL 1u
 #define UART_RX_FULL 2u
 #define TIMER_CTRL REGISTER(0x40000000u)
@@ -56,12 +60,34 @@ static size_t write_bytes(void *context, const uint8_t *data, size_t size)
     return sent;
 }
 
+/* Bytes that came, put in by the interrupt and taken out by the main loop. */
+static volatile uint8_t received[512];
+static volatile uint32_t received_in, received_out;
+
+void uart_received(void);
+void tick(void);
+
+void uart_received(void)
+{
+    UART_INTERRUPT = 2;
+    while ((UART_STATE & UART_RX_FULL) != 0) {
+        received[received_in % sizeof received] = (uint8_t)(UART_DATA & 0xFFu);
+        received_in = received_in + 1u;
+    }
+}
+
+void tick(void)
+{
+    /* Wakes the main loop, and does nothing else. */
+}
+
 static size_t read_bytes(void *context, uint8_t *data, size_t size)
 {
     (void)context;
     size_t count = 0;
-    while (count < size && (UART_STATE & UART_RX_FULL) != 0) {
-        data[count++] = (uint8_t)(UART_DATA & 0xFFu);
+    while (count < size && received_out != received_in) {
+        data[count++] = received[received_out % sizeof received];
+        received_out = received_out + 1u;
     }
     return count;
 }
@@ -119,7 +145,10 @@ int main(void)
                                          .shunt = shunt,
                                          .random = random_bits};
     UART_BAUDDIV = 217; /* 115200 baud of 25 MHz */
-    UART_CTRL = 3;
+    UART_CTRL = 0xB; /* send, receive, interrupt for what comes */
+    NVIC_ENABLE = 1;
+    SYSTICK_RELOAD = 25000u - 1u; /* every millisecond */
+    SYSTICK_CTRL = 7;
     TIMER_RELOAD = 0xFFFFFFFFu;
     TIMER_VALUE = 0xFFFFFFFFu;
     TIMER_CTRL = 1;
@@ -130,5 +159,6 @@ int main(void)
     }
     for (;;) {
         pfwd_poll(&core);
+        __asm__ volatile("wfi");
     }
 }

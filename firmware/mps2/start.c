@@ -4,6 +4,8 @@
 
 extern uint32_t stack_top, bss_begin, bss_end;
 int main(void);
+void tick(void);
+void uart_received(void);
 
 void *memcpy(void *to, const void *from, size_t size);
 void *memset(void *to, int value, size_t size);
@@ -76,7 +78,7 @@ typedef void (*vector)(void);
 
 __attribute__((section(".vectors"), used)) static const struct {
     const void *stack;
-    vector others[15];
+    vector others[16];
 } vectors = {&stack_top,
              {start, halt, halt, halt, halt, halt, halt, halt, halt, halt, halt, halt, halt, halt,
-              halt}};
+              tick, uart_received}};
