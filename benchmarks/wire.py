@@ -29,7 +29,8 @@ SPEED = 8.0
 """Times real time: a drop of 0.12 s takes 15 ms, then its way over the link."""
 STREAMING_SPEED = 2.0
 """The same for streams: what a busy computer does not fetch within the ring's 2 s is lost."""
-STREAMED = {"drops": {"first": 1.0, "interval": 2.0, "quiet": 1.0, "bounces": [0, 1]}}
+STREAMED = {"drops": {"first": 1.0, "interval": 2.0, "quiet": 1.0, "bounces": [0, 0]}}
+"""Without bounces: a drop so soon after one would be taken for another."""
 SERIAL = 11_520.0
 """Bytes a second at 115200 baud, 10 bits a byte."""
 MOST_LATENCY = 1.5

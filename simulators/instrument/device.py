@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pfwd_device.identity import FASTEST_SAMPLING
-from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, OLDEST_VERSION
+from pfwd_device.identity import FASTEST_SAMPLING, Identity
+from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, OLDEST_VERSION, VERSION
+from pfwd_device.wire.identity_layout import BUFFERS_SINCE
 from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
     Configure,
     Event,
     EventKind,
+    Fetch,
     Hello,
     HostMessage,
     InstrumentMessage,
     Refusal,
     RefusalCode,
+    Released,
+    Resend,
     SampleBlock,
+    SamplesGone,
     Shunt,
     Start,
     Status,
     Stop,
+    Trigger,
 )
 from simulators.instrument.faults import BadCable
+from simulators.instrument.keeping import DISARMED, Keeper, Ring, cut
 from simulators.instrument.language import LANGUAGES
 from simulators.instrument.scenario import Fault, Scenario
 from simulators.instrument.schedule import Knock
@@ -102,6 +113,13 @@ class PortlessInstrument:
         self._bytes_per_sample = 3.0 * len(self.scenario.device.channels)
         self._stream: _Stream | None = None
         self._greeted = False
+        self._sending = False
+        self._version = OLDEST_VERSION
+        link = self.scenario.link
+        longest = max(link.ring, 2 * link.kept_seconds if link.kept_drops else 0.0)
+        self._keeps = longest > 0
+        self._ring = Ring(math.ceil(longest * self._rate))
+        self._keeper = Keeper(link.kept_drops, self._shunt_shift())
         self.output = bytearray()
         """What is to be sent; `sent` shortens it."""
         self.ended = False
@@ -114,11 +132,14 @@ class PortlessInstrument:
 
     def _switch_on(self) -> None:
         self._halt()
+        self._keeper.switched_off()
         self._on_since = self.time
         self._clock_offset = self.scenario.device.clock_start_us
         self._overruns = 0
         self._shunt, self._shunt_until = False, math.inf
         self._stalled_until = -math.inf
+        if self._keeper.trigger.on:  # what was armed outlasts a reset
+            self._run()
 
     @property
     def sampling(self) -> bool:
@@ -151,8 +172,11 @@ class PortlessInstrument:
             self._start()
 
     def disconnect(self) -> None:
-        """Nobody listens any more: sampling stops, what was not taken is gone."""
-        self._halt()
+        """Nobody listens any more: sampling stops unless it looks for drops itself, and what was
+        not taken is gone."""
+        self._sending = False
+        if not self._keeper.trigger.on:
+            self._halt()
         self._cable.release()
         self.output.clear()
         self.ended = self.ended or self._all_given()
@@ -165,37 +189,113 @@ class PortlessInstrument:
     def _answer(self, message: HostMessage | None) -> None:
         match message:
             case Hello():
-                if message.oldest_version <= OLDEST_VERSION <= message.newest_version:
-                    self._send(self.scenario.device.identity(self._rate))
-                else:
-                    speaks = f"this instrument speaks version {OLDEST_VERSION}"
-                    self._refuse(RefusalCode.VERSION, speaks)
+                self._greet(message)
             case Configure():
                 self._configure(message.sampling_rate)
             case Start():
-                if self.ended:
+                if not self.scenario.link.streams:
+                    self._refuse(RefusalCode.UNKNOWN, "keeps drops and sends no stream")
+                elif self.ended:
                     self._refuse(RefusalCode.BUSY, "there are no more drops")
                 else:
                     self._start()
             case Stop():
-                self._halt()
+                self._sending = False
+                if not self._keeper.trigger.on:
+                    self._halt()
                 self.status()
                 if self._all_given() and not self.ended:  # a host that has what it wanted
                     self._say_end()
             case Shunt():
                 self._switch_shunt(message.on)
-            case None:
+            case Arm() | Fetch() | Acknowledge() | Resend() if self._version >= BUFFERS_SINCE:
+                self._answer_kept(message)
+            case _:
                 self._refuse(RefusalCode.UNKNOWN, "unknown message")
 
+    def _greet(self, hello: Hello) -> None:
+        newest = min(hello.newest_version, VERSION)
+        if newest < max(hello.oldest_version, OLDEST_VERSION):
+            speaks = f"this instrument speaks versions {OLDEST_VERSION} to {VERSION}"
+            self._refuse(RefusalCode.VERSION, speaks)
+            return
+        self._version = newest
+        self._send(self._identity())
+        self._offer()
+
+    def _identity(self) -> Identity:
+        link, said = self.scenario.link, self.scenario.device.identity(self._rate)
+        said = replace(said, protocol_version=self._version)
+        if self._version < BUFFERS_SINCE:
+            return said
+        return replace(
+            said,
+            ring_samples=round(link.ring * self._rate),
+            drop_samples=round(link.kept_seconds * self._rate) if link.kept_drops else 0,
+            drop_slots=link.kept_drops,
+            lasting=link.kept_drops > 0,
+            streams=link.streams,
+        )
+
+    def _answer_kept(self, message: Arm | Fetch | Acknowledge | Resend) -> None:
+        match message:
+            case Arm():
+                self._arm(message.trigger)
+            case Fetch():
+                kept = self._keeper.find(message.stream, message.first_sample)
+                blocks = kept.blocks(message) if kept is not None else []
+                if not blocks:
+                    self._refuse(RefusalCode.ARGUMENT, "no such drop or block")
+                for block in blocks:
+                    self._send(block)
+            case Acknowledge():
+                self._keeper.release(message.stream, message.first_sample)
+                self._send(Released(message.stream, message.first_sample))
+                self._offer()
+            case Resend(count=0):
+                self._refuse(RefusalCode.ARGUMENT, "no samples asked for")
+            case Resend():
+                for found in self._ring.again(message):
+                    for part in (
+                        [found]
+                        if isinstance(found, SamplesGone)
+                        else cut(found, self._block_samples())
+                    ):
+                        self._send(part)
+
+    def _arm(self, wanted: Trigger) -> None:
+        longest = self._identity().drop_samples
+        sound = wanted.channel < len(self.scenario.device.channels) and (
+            wanted.threshold and wanted.confirm and wanted.after
+        )
+        if not sound or (wanted.on and longest == 0):
+            self._refuse(RefusalCode.ARGUMENT, "channel, threshold, confirm or after")
+            return
+        after = min(wanted.after, longest)
+        before = min(wanted.before, longest - after)
+        self._keeper.trigger = replace(wanted, before=before, after=after)
+        self._send(Armed(self._keeper.trigger))
+        if wanted.on and self._stream is None and not self.ended:
+            self._run()
+        elif not wanted.on and not self._sending:
+            self._halt()
+
+    def _offer(self) -> None:
+        """Say that the oldest drop waits."""
+        if self._version >= BUFFERS_SINCE and self._keeper.waiting:
+            self._send(self._keeper.waiting[0].offer)
+
     def _configure(self, wanted: float) -> None:
-        if self.sampling:
+        if self._sending:
             self._refuse(RefusalCode.BUSY, "stop sampling first")
         elif not 0 < wanted <= FASTEST_SAMPLING:  # NaN is neither
             self._refuse(RefusalCode.ARGUMENT, f"no sampling rate of {wanted:g} Hz")
         else:
             rates = self.scenario.device.sampling_rates
             self._rate = min(rates, key=lambda rate: (abs(rate - wanted), rate))
-            self._send(self.scenario.device.identity(self._rate))
+            self._keeper.trigger = DISARMED
+            self._halt()
+            self._send(self._identity())
 
     def _switch_shunt(self, on: bool) -> None:
         if all(channel.shunt is None for channel in self.scenario.device.channels):
@@ -213,9 +313,18 @@ class PortlessInstrument:
         if self._stream is not None:
             self._sampled += self._stream.index / self._rate
             self._stream = None
+        self._sending = False
 
     def _start(self) -> None:
+        if not self._keeper.trigger.on or self._stream is None:
+            self._run()
+        self._sending = True
+
+    def _run(self) -> None:
+        """A new run of the sampler."""
         self._halt()
+        self._ring.begin()
+        self._keeper.begin()
         self._starts += 1
         sources = [self._seed, _STREAM, self._starts, self._power_on]
         number = int(np.random.default_rng(sources).integers(1 << 32))
@@ -283,7 +392,7 @@ class PortlessInstrument:
     def _emit(self, stream: _Stream, stop: int) -> None:
         """The samples before `stop`, or their loss when there is no room."""
         room = self.scenario.link.buffer * self._rate * self._bytes_per_sample
-        if self._overruns_on and len(self.output) > room:
+        if self._overruns_on and self._sending and len(self.output) > room:
             self._overruns += stop - stream.index
             self._skip(stream, stop - stream.index)
             return
@@ -291,23 +400,31 @@ class PortlessInstrument:
         if self._shunt:
             counts = self._with_shunt(counts)
         clock = self._clock_us(stream.began + stream.index / self._rate)
-        frame = self._language.frame(
-            SampleBlock(stream.number, stream.index, clock, counts, self._shunt)
-        )
-        self._bytes_per_sample = len(frame) / len(counts)
-        self.output += self._cable.carry(frame)
+        block = SampleBlock(stream.number, stream.index, clock, counts, self._shunt)
+        if self._sending:
+            frame = self._language.frame(block)
+            self._bytes_per_sample = len(frame) / len(counts)
+            self.output += self._cable.carry(frame)
         self._skip(stream, stop - stream.index)
+        if self._keeps:
+            self._ring.add(block)
+            if self._keeper.take(block, self._ring, self._rate):
+                self._offer()
 
     def _skip(self, stream: _Stream, count: int) -> None:
         stream.index += count
         self._note_drops(stream)
 
     def _with_shunt(self, counts: Any) -> Any:
+        full = 1 << (self.scenario.device.adc_bits - 1)
+        return np.clip(counts + self._shunt_shift(), -full, full - 1)
+
+    def _shunt_shift(self) -> NDArray[np.int32]:
+        """Counts that the shunt adds."""
         device = self.scenario.device
         full = 1 << (device.adc_bits - 1)
         volts = [channel.sensitivity * (channel.shunt or 0.0) for channel in device.channels]
-        shift = np.rint(np.array(volts) * full / device.adc_range).astype(np.int32)
-        return np.clip(counts + shift, -full, full - 1)
+        return np.rint(np.array(volts) * full / device.adc_range).astype(np.int32)
 
     def _note_drops(self, stream: _Stream) -> None:
         """Keep the truth of the drops that have been touched."""
@@ -373,7 +490,12 @@ class PortlessInstrument:
         """Say how it is; to be called at least every half second of real time."""
         device = self.scenario.device
         clock = self._clock_us(self.time)
-        self._send(Status(clock, device.battery, device.temperature, self._overruns, self.sampling))
+        said = Status(clock, device.battery, device.temperature, self._overruns, self._sending)
+        if self._version >= BUFFERS_SINCE:
+            kept = self._keeper
+            said = replace(said, drops_waiting=len(kept.waiting), drops_lost=kept.lost)
+        self._send(said)
+        self._offer()
 
     def sent(self, count: int) -> None:
         """So many bytes of `output` are on their way."""

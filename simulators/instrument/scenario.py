@@ -231,6 +231,10 @@ class LinkSettings:
     repeated_rate: float = key(0.0, FRACTION, "frames that arrive twice, fraction")
     reordered_rate: float = key(0.0, FRACTION, "frames that arrive after their follower, fraction")
     garbage_at_start: int = key(0, AT_LEAST_0, "random bytes before the first frame")
+    ring: float = key(0.0, AT_LEAST_0, "so many of the last samples can be asked for again, s")
+    kept_drops: int = key(0, AT_LEAST_0, "drops that wait until they are acknowledged; 0: none")
+    kept_seconds: float = key(0.4, POSITIVE, "length of the longest drop that is kept, s")
+    streams: bool = key(True, ANY, "whether samples can be sent as they are taken")
 
 
 _EARLIER_DIALECTS = {"binary": "pfwd"}
@@ -398,6 +402,10 @@ def _check(scenario: Scenario) -> None:
         raise ScenarioError(f"{scenario.name}: device: {err}") from err
     fits = device.sampling_rate in device.sampling_rates
     require(fits, "device.sampling_rate", "one of device.sampling_rates")
+    link = scenario.link
+    require(link.streams or link.kept_drops > 0, "link.streams", "true, or kept_drops > 0")
+    fits = link.kept_drops == 0 or link.ring == 0 or link.ring > link.kept_seconds
+    require(fits, "link.ring", "0 or longer than kept_seconds")
     names = [channel.name for channel in device.channels]
     require(len(set(names)) == len(names), "device.channels", "names that differ")
     for pair in ("bounces", "bounce_interval", "bounce_ratio"):
