@@ -1,4 +1,4 @@
-"""Sizes of the instrument's core on a Cortex-M3, as the figures of docs/build-an-instrument.md."""
+"""Sizes of the instrument's core on a Cortex-M3, for docs/build-an-instrument.md; fuzzing of it."""
 
 import argparse
 import tempfile
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.firmware_fuzz import fuzz
 from benchmarks.output import Reporter
 from simulators.emulated import build_emulated, section_sizes
 from simulators.firmware import FirmwareError, Played, play_scenario
@@ -18,9 +19,12 @@ MOST_CODE, MOST_MEMORY = 24 * 1024, 16 * 1024
 def run(arguments: list[str]) -> int:
     """Compile for a Cortex-M3 and tell the sizes; 1 when one is too large, 2 without zig."""
     parser = argparse.ArgumentParser(prog="pfwd bench firmware")
+    parser.add_argument("--fuzz", type=int, metavar="S", help="fuzz for so many seconds instead")
     parser.add_argument("--json", action="store_true")
-    parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     reporter = Reporter(arguments)
+    if options.fuzz is not None:
+        return _fuzz(reporter, options.fuzz)
     reporter.title("core and emulated board on a Cortex-M3, bytes")
     try:
         sizes = _sizes()
@@ -45,6 +49,17 @@ def run(arguments: list[str]) -> int:
         ring=ring,
     )
     return 0 if code <= MOST_CODE and memory + sizes[".stack"] <= MOST_MEMORY else 1
+
+
+def _fuzz(reporter: Reporter, seconds: int) -> int:
+    reporter.title("the core under libFuzzer, address and undefined-behaviour sanitizers")
+    try:
+        clean, tried, found = fuzz(seconds)
+    except FirmwareError as err:
+        print(err)
+        return 2
+    reporter.record(seconds=seconds, inputs=tried, found=found or "nothing")
+    return 0 if clean else 1
 
 
 def _sizes() -> dict[str, int]:

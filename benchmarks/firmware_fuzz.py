@@ -1,0 +1,97 @@
+"""Fuzzing of the instrument's core: libFuzzer where clang has it, with both sanitizers."""
+
+import random
+import shutil
+import struct
+import subprocess
+import tempfile
+from pathlib import Path
+
+from simulators.firmware import STRICT, FirmwareError, core_sources, firmware_folder
+
+_FRAMED, _LETTERS = 1, "BTLPRWEDNT"
+"""A first byte below 128 is a message that gets its frame; others stand for these steps."""
+LONGEST_INPUT = 4000
+
+
+def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
+    """Fuzz for so many seconds.
+
+    Returns
+    -------
+    bool, int, str
+        Whether nothing was found, how many inputs were tried, and what was found.
+
+    Raises
+    ------
+    FirmwareError
+        Where there is no clang with libFuzzer.
+    """
+    clang = shutil.which("clang")
+    if clang is None:
+        raise FirmwareError("firmware: expected clang, which has libFuzzer, came none")
+    source = firmware_folder() / "host" / "steps.c"
+    with tempfile.TemporaryDirectory(prefix="pfwd-fuzz-", dir=folder) as work:
+        program, corpus = Path(work) / "fuzz", Path(work) / "corpus"
+        corpus.mkdir()
+        for number, seed in enumerate(seeds()):
+            (corpus / f"seed-{number}").write_bytes(seed)
+        flags = ["-g", "-O1", "-DPFWD_LIBFUZZER", "-fsanitize=fuzzer,address,undefined"]
+        command = [clang, *STRICT, *flags, "-fno-sanitize-recover=all", str(source)]
+        command += [*map(str, core_sources()), "-o", str(program)]
+        built = subprocess.run(command, capture_output=True, text=True, check=False)
+        if built.returncode:
+            raise FirmwareError(f"firmware: clang: {built.stderr.strip().splitlines()[-1]}")
+        ran = subprocess.run(
+            [str(program), f"-max_total_time={seconds}", f"-max_len={LONGEST_INPUT}"]
+            + ["-print_final_stats=1", str(corpus)],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=work,
+        )
+    tried = [line for line in ran.stderr.splitlines() if "number_of_executed_units" in line]
+    count = int(tried[0].split()[-1]) if tried else 0
+    found = [line for line in ran.stderr.splitlines() if "ERROR" in line or "runtime error" in line]
+    return ran.returncode == 0, count, "; ".join(found[:3])
+
+
+def seeds(count: int = 200) -> list[bytes]:
+    """Conversations of right messages in random order: a fuzzer does not guess a greeting."""
+    generator = random.Random(1)
+    hello = b"\x01PFWD\x01\x02"
+    armed = b"\x06" + struct.pack("<BBIHIII", 1, 0, 5000, 3, 100, 400, 100)
+    name = struct.pack("<IQ", 1, 900)
+    messages = [
+        hello,
+        b"\x01PFWD\x01\x01",
+        b"\x02" + struct.pack("<d", 10_000.0),
+        b"\x02" + struct.pack("<d", 1000.0),
+        b"\x03",
+        b"\x04",
+        b"\x05\x01",
+        b"\x05\x00",
+        armed,
+        b"\x07" + name + struct.pack("<HH", 0, 0),
+        b"\x08" + name,
+        b"\x09" + name + struct.pack("<I", 500),
+    ]
+    found = []
+    for _ in range(count):
+        parts = [hello, generator.choice([armed, b"\x03"])]
+        parts += generator.choices(messages, k=generator.randrange(12))
+        text = b""
+        for part in parts:
+            text += bytes([_FRAMED, len(part)]) + part
+            for _ in range(generator.randrange(4)):
+                text += _step("T", struct.pack("<I", generator.choice([1000, 50_000, 300_000])))
+            if generator.random() < 0.2:
+                text += _step(generator.choice("LPRW"), generator.randbytes(2))
+        found.append(text)
+    return found
+
+
+def _step(letter: str, data: bytes) -> bytes:
+    # The letter is taken from the byte modulo ten.
+    code = next(code for code in range(128, 256) if _LETTERS[code % len(_LETTERS)] == letter)
+    return bytes([code, len(data)]) + data

@@ -1,0 +1,65 @@
+"""The core driven step by step through pipes, with sanitizers where the compiler has them."""
+
+import struct
+import subprocess
+from types import TracebackType
+
+from simulators.firmware import FirmwareError, build_host
+
+SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+def build_steps() -> tuple[str, bool]:
+    """The program, and whether it has sanitizers."""
+    try:
+        return str(build_host(*SANITIZED, main="host/steps.c")), True
+    except FirmwareError:
+        return str(build_host(main="host/steps.c")), False
+
+
+class Steps:
+    """A core that does what it is told, and no more."""
+
+    def __init__(self, program: str) -> None:
+        self._process = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+
+    def step(self, letter: str, data: bytes = b"") -> bytes:
+        """What the core says then; an error with the sanitizer's word when it ends."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(letter.encode() + struct.pack("<H", len(data)) + data)
+            self._process.stdin.flush()
+        except OSError:
+            self._complain()
+        head = self._process.stdout.read(4)
+        if len(head) < 4:
+            self._complain()
+        return self._process.stdout.read(struct.unpack("<I", head)[0])
+
+    def passes(self, seconds: float) -> bytes:
+        """Time passes, a millisecond each step."""
+        return b"".join(
+            self.step("T", struct.pack("<I", 1000)) for _ in range(round(seconds * 1e3))
+        )
+
+    def _complain(self) -> None:
+        assert self._process.stderr is not None
+        self._process.kill()
+        raise AssertionError(self._process.stderr.read().decode(errors="replace")[:3000])
+
+    def __enter__(self) -> "Steps":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+        self._process.wait(10)

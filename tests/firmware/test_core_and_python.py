@@ -1,0 +1,236 @@
+"""The core and Python's side of the protocol say the same, on random messages, both ways."""
+
+import math
+import struct
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from pfwd_device.identity import Identity
+from pfwd_device.wire.binary import BinaryDialect, encode_message
+from pfwd_device.wire.framing import encode_frame
+from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
+    Configure,
+    DropBlock,
+    DropOffer,
+    Fetch,
+    Hello,
+    HostMessage,
+    Refusal,
+    RefusalCode,
+    Released,
+    Resend,
+    SampleBlock,
+    SamplesGone,
+    Shunt,
+    Start,
+    Status,
+    Stop,
+    Trigger,
+)
+from tests.firmware.compiled import needs_compiler
+from tests.firmware.stepping import Steps, build_steps
+
+pytestmark = needs_compiler
+U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
+SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+KEPT = 64
+"""Bytes of a packet that the core keeps: more than any message of the host has."""
+
+
+@pytest.fixture(scope="module")
+def program() -> tuple[str, bool]:
+    return build_steps()
+
+
+@pytest.fixture(scope="module")
+def steps(program: tuple[str, bool]) -> Iterator[Steps]:
+    with Steps(program[0]) as running:
+        yield running
+
+
+def test_it_runs_under_sanitizers(program: tuple[str, bool]) -> None:
+    if not program[1]:
+        pytest.skip("the compiler here has no address and undefined-behaviour sanitizers")
+
+
+@SHARED
+@given(
+    type_=st.integers(0, 255),
+    counter=U16,
+    payload=st.binary(max_size=1024) | st.integers(0, 1024).map(lambda n: b"\x07" * n),
+)
+@example(type_=1, counter=1, payload=b"\x07" * 247)
+@example(type_=0, counter=0, payload=b"")
+def test_both_encoders_make_the_same_frame(
+    steps: Steps, type_: int, counter: int, payload: bytes
+) -> None:
+    said = steps.step("E", struct.pack("<BH", type_, counter) + payload)
+    assert said == encode_frame(type_, counter, payload)
+
+
+@SHARED
+@given(
+    frames=st.lists(
+        st.tuples(st.integers(0, 255), U16, st.binary(max_size=400), st.binary(max_size=9)),
+        max_size=5,
+    )
+)
+def test_the_core_reads_what_python_writes_and_nothing_else(
+    steps: Steps, frames: list[tuple[int, int, bytes, bytes]]
+) -> None:
+    data, expected = b"", b""
+    for type_, counter, payload, noise in frames:
+        data += encode_frame(type_, counter, payload) + noise.replace(b"\0", b"\1") + b"\0"
+        packet = struct.pack("<BH", type_, counter) + payload
+        size = len(packet) + 4
+        expected_head = struct.pack("<I", size)
+        kept = steps_packet(packet)[:KEPT]
+        expected += expected_head + kept
+    assert steps.step("D", data) == expected
+
+
+def steps_packet(packet: bytes) -> bytes:
+    import zlib
+
+    return packet + struct.pack("<I", zlib.crc32(packet))
+
+
+@SHARED
+@given(value=st.floats(width=64))
+@example(value=10_000.0)
+@example(value=5e-324)
+@example(value=math.inf)
+def test_rates_are_read_without_floating_point(steps: Steps, value: float) -> None:
+    said = steps.step("N", struct.pack("<d", value))
+    ok, milli = struct.unpack("<BQ", said[:9])
+    if math.isfinite(value) and 1e-3 <= value < 2**32:
+        assert ok
+        assert abs(milli - value * 1000) <= max(1.0, value * 1e-8)
+    elif not value > 0 or not value < 2**32:
+        assert not ok
+
+
+@SHARED
+@given(value=st.integers(-(2**31), 2**31 - 1))
+@example(value=0)
+@example(value=-(2**31))
+def test_numbers_are_written_without_floating_point(steps: Steps, value: int) -> None:
+    said = steps.step("N", struct.pack("<Q", value & 0xFFFFFFFF))
+    assert struct.unpack("<d", said[9:17])[0] == float(value & 0xFFFFFFFF)
+    (single,) = struct.unpack("<f", said[17:21])
+    assert single == pytest.approx(value / 1000, rel=2**-23, abs=0)
+
+
+TRIGGERS = st.builds(
+    Trigger,
+    st.booleans(),
+    st.integers(0, 3),
+    st.sampled_from([0, 1, 400, 2000, 2**32 - 1]),
+    st.sampled_from([0, 1, 3, 65535]),
+    st.sampled_from([0, 20, 600, 2**32 - 1]),
+    st.sampled_from([0, 1, 300, 600, 2**32 - 1]),
+    st.sampled_from([0, 100, 2**32 - 1]),
+)
+MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
+    st.builds(Hello, st.integers(0, 3), st.integers(0, 3)),
+    st.builds(Configure, st.sampled_from([1e3, 1e4, 5e4, 0.0, math.nan, 1e9])),
+    st.builds(Start),
+    st.builds(Stop),
+    st.builds(Shunt, st.booleans()),
+    st.builds(Arm, TRIGGERS),
+    st.builds(Fetch, U32, U64, U16, U16),
+    st.builds(Acknowledge, U32, U64),
+    st.builds(Resend, U32, U64, U32),
+)
+
+
+@settings(SHARED, max_examples=60)
+@given(
+    script=st.lists(
+        MESSAGES
+        | st.sampled_from(["L", "P", "R"])
+        | st.integers(1, 3_000_000)
+        | st.binary(max_size=40),
+        max_size=25,
+    )
+)
+def test_whatever_is_said_the_core_answers_in_whole_frames(
+    program: tuple[str, bool], script: list[HostMessage | str | int | bytes]
+) -> None:
+    dialect = BinaryDialect()
+    with Steps(program[0]) as steps:
+        said = steps.step("B", encode_message(Hello(), 0))
+        for number, part in enumerate(script):
+            if isinstance(part, str):
+                dialect.reset()  # what was half said is lost with the link
+                dialect.feed(said)
+                said = steps.step(part)
+            elif isinstance(part, int):
+                said += steps.step("T", struct.pack("<I", part))
+            elif isinstance(part, bytes):
+                said += steps.step("B", b"\0" + part + b"\0")
+            else:
+                said += steps.step("B", encode_message(part, number))
+        said += steps.step("B", b"\0" + encode_message(Hello(), 0)) + steps.passes(0.005)
+    messages = dialect.feed(said)
+    assert any(isinstance(message, Identity) for message in messages)
+    assert dialect.counters.frames_damaged == 0
+    assert dialect.counters.frames_unknown == 0
+
+
+def test_a_drop_is_found_offered_sent_and_let_go_of(program: tuple[str, bool]) -> None:
+    trigger = Trigger(True, 0, 5000, 3, 100, 400, 100)
+    dialect = BinaryDialect()
+
+    def hear(said: bytes, kind: type) -> list[object]:
+        return [each for each in dialect.feed(said) if isinstance(each, kind)]
+
+    with Steps(program[0]) as steps:
+        assert hear(steps.step("B", encode_message(Hello(), 0)), Identity)
+        (armed,) = hear(steps.step("B", encode_message(Arm(trigger), 1)), Armed)
+        assert armed == Armed(trigger)
+        offer = hear(steps.passes(0.2), DropOffer)[0]
+        assert isinstance(offer, DropOffer)
+        assert (offer.first_sample, offer.trigger, offer.samples) == (900, 100, 500)
+        name = offer.stream, offer.first_sample
+        blocks = hear(steps.step("B", encode_message(Fetch(*name, 3, 2), 2)), DropBlock)
+        assert [block.number for block in blocks if isinstance(block, DropBlock)] == [3, 4]
+        steps.step("R")  # the store lasts
+        again = hear(steps.step("B", encode_message(Hello(), 3)), DropOffer)[0]
+        assert isinstance(again, DropOffer)
+        assert (again.earlier, again.clock_us, again.crc) == (True, None, offer.crc)
+        released = hear(steps.step("B", encode_message(Acknowledge(*name), 4)), Released)
+        assert released == [Released(*name)]
+        status = hear(steps.passes(0.5), Status)[-1]
+        assert isinstance(status, Status)
+        assert status.drops_waiting in (0, 1)  # armed still: the next pulse may have come
+        refused = hear(steps.step("B", encode_message(Fetch(*name), 5)), Refusal)
+        assert refused == [Refusal(RefusalCode.ARGUMENT, "no such drop")]
+
+
+def test_the_ring_gives_samples_again_and_says_what_is_gone(program: tuple[str, bool]) -> None:
+    dialect = BinaryDialect()
+    with Steps(program[0]) as steps:
+        said = steps.step("B", encode_message(Hello(), 0)) + steps.step(
+            "B", encode_message(Start(), 1)
+        )
+        said += steps.passes(0.5)
+        streamed = [each for each in dialect.feed(said) if isinstance(each, SampleBlock)]
+        newest = streamed[-1].first_sample + len(streamed[-1].counts)
+        wanted = Resend(streamed[0].stream, 0, newest)
+        again = dialect.feed(steps.step("B", encode_message(wanted, 2)) + steps.passes(0.01))
+    (gone,) = [each for each in again if isinstance(each, SamplesGone)]
+    resent = [
+        each for each in again if isinstance(each, SampleBlock) and each.first_sample < newest
+    ]
+    assert gone.first_sample == 0
+    assert gone.count == resent[0].first_sample
+    for block in resent:
+        index = range(block.first_sample, block.first_sample + len(block.counts))
+        assert block.counts[:, 1].tolist() == [at & 0x1FFFF for at in index]
