@@ -76,32 +76,39 @@ class GroundResponse:
             _keep(self._known, key, found)
         return found
 
-    def look_ahead(self, grounds: Sequence[Ground], s: ComplexArray) -> None:
-        """Solve together for grounds that are going to be asked for, with their derivatives.
+    def look_ahead(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
+        """Solve together for grounds that are going to be asked for.
 
         Those of the drops of a point, which differ in little. Layered grounds are not among them.
+
+        Parameters
+        ----------
+        nearby : bool, whether grounds a small step from them are going to be asked for, too
         """
-        new = [
-            ground
-            for ground in dict.fromkeys(grounds)
-            if not ground.above and _key(s, ground) not in self._known
-        ]
+        new = [ground for ground in dict.fromkeys(grounds) if not ground.above]
         for mass, rock in dict.fromkeys((g.plate_mass, g.inverse_depth > 0.0) for g in new):
             alike = [g for g in new if (g.plate_mass, g.inverse_depth > 0.0) == (mass, rock)]
-            columns = tuple(range(_moving(alike[0])))
-            found, slopes = self._solved(alike, s, columns)
-            for ground, value, slope in zip(alike, found, slopes, strict=True):
-                _keep(self._known, _key(s, ground), value)
-                _keep(self._known_slopes, (_key(s, ground), columns), slope)
+            if nearby:
+                columns = tuple(range(_moving(alike[0])))
+                keys = [(_key(s, ground), columns) for ground in alike]
+                if any(key not in self._known_slopes for key in keys):
+                    slopes = self._solved_slopes(alike, s, columns)
+                    for key, slope in zip(keys, slopes, strict=True):
+                        _keep(self._known_slopes, key, slope)
+            elif any(_key(s, ground) not in self._known for ground in alike):
+                instrument = self._with_mass(mass)
+                found = transfer_function(self.surrogate, instrument, s, _homogeneous(alike))
+                for ground, value in zip(alike, found[:, -self._sensors :], strict=True):
+                    _keep(self._known, _key(s, ground), value)
 
-    def _solved(
+    def _solved_slopes(
         self, grounds: Sequence[Ground], s: ComplexArray, columns: Sequence[int]
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Of homogeneous grounds under plates of one mass, with derivatives by some fields."""
+    ) -> ComplexArray:
+        """Derivatives of homogeneous grounds under plates of one mass, (m, fields, ...)."""
         instrument = self._with_mass(grounds[0].plate_mass)
         names = [_HOMOGENEOUS[column] for column in columns]
-        found, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(grounds), names)
-        return found[:, -self._sensors :], slopes[:, :, -self._sensors :]
+        _, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(grounds), names)
+        return slopes[:, :, -self._sensors :]
 
     def _with_mass(self, mass: float) -> Instrument:
         """The instrument with a plate of this mass."""
@@ -160,7 +167,7 @@ class GroundResponse:
         if known is not None:
             return known
         if not ground.above:
-            found: ComplexArray = self._solved([ground], s, key[1])[1][0]
+            found: ComplexArray = self._solved_slopes([ground], s, key[1])[0]
         else:
             width = len(_OF_MEDIUM)
             varied = [

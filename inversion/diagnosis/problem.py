@@ -166,12 +166,15 @@ class Point:
             plate_mass=record.instrument.plate_mass,
         )
 
-    def look_ahead(self, drops: Sequence[tuple[int, Ground, Active]]) -> None:
+    def look_ahead(
+        self, drops: Sequence[tuple[int, Ground, Active]], *, nearby: bool = False
+    ) -> None:
         """Solve for the grounds of some drops together, where their records are alike.
 
         Parameters
         ----------
         drops : number, ground and effects of each
+        nearby : bool, whether grounds a small step from them are going to be asked for, too
         """
         by_variables: dict[tuple[int, complex], list[tuple[DropModel, Ground]]] = {}
         for number, ground, active in drops:
@@ -180,7 +183,7 @@ class Point:
             by_variables.setdefault((model.s.size, complex(model.s[0])), []).append((model, found))
         for alike in by_variables.values():
             model = alike[0][0]
-            model.response.look_ahead([ground for _, ground in alike], model.s)
+            model.response.look_ahead([ground for _, ground in alike], model.s, nearby)
 
 
 def _first_look(records: PointRecords) -> FirstLook:
@@ -313,20 +316,26 @@ class Problem:
     ) -> list[FloatArray]:
         """Of each drop that counts, (n,)."""
         point = self.points[index]
-        ground = point.ground(self.own[index], own)
-        drops = [
-            (number, ground, self.values(index, device, own, number))
-            for number in range(len(point.drops))
-            if (index, number) not in self.left_out
-        ]
+        drops = self._drops(index, device, own)
         point.look_ahead(drops)
         self.solves += len(drops)
         found = []
-        for number, _, active in drops:
+        for number, ground, active in drops:
             model = point.drops[number]
             predicted = model.predict(ground, active)
             found.append(model.weighted_residual(predicted, self.scope, self.silent))
         return found
+
+    def _drops(
+        self, index: int, device: FloatArray, own: FloatArray
+    ) -> list[tuple[int, Ground, Active]]:
+        """Number, ground and effects of each drop of a point that counts."""
+        ground = self.points[index].ground(self.own[index], own)
+        return [
+            (number, ground, self.values(index, device, own, number))
+            for number in range(len(self.points[index].drops))
+            if (index, number) not in self.left_out
+        ]
 
     def data_cost(self, device: FloatArray, owns: Sequence[FloatArray]) -> float:
         """Sum of squares of what the data leave, without the priors."""
@@ -413,9 +422,10 @@ class Problem:
         here = np.concatenate([device, own])
         # Away from the nearer bound.
         steps = np.where(here > 0.5, -_STEP, _STEP)
-        for number, model in enumerate(point.drops):
-            if (index, number) in self.left_out:
-                continue
+        drops = self._drops(index, device, own)
+        point.look_ahead(drops, nearby=True)
+        for number, ground, active in drops:
+            model = point.drops[number]
             columns = [
                 i
                 for i, unknown in enumerate(unknowns)
@@ -423,8 +433,6 @@ class Problem:
             ]
             if not columns:
                 continue
-            ground = point.ground(self.own[index], own)
-            active = self.values(index, device, own, number)
             moved = []
             for column in columns:
                 changed = here[column] + steps[column]

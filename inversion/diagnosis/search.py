@@ -49,14 +49,14 @@ _QUICK = 5
 _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, and how heavily priors
 # weigh then, over what is left (first of the base model, then of the best start).
-_HALVING = ((24, 3), (12, 4), (8, 8))
+_HALVING = ((24, 3), (12, 4), (8, 8), (4, 12))
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
 _RESEEDED, _RESEEDS = 12, 4
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
-_ENDS, _NEAR_END, _SAME_END = 4, 1.4, 0.03
+_ENDS, _NEAR_END, _SAME_END = 2, 1.4, 0.03
 # Of other ends so many are followed beside the best.
 _FOLLOWED = 1
 # A rig is tried with all that may be beside it when alone it leaves no more than this of the base's
@@ -65,6 +65,9 @@ _RIG_LEADS = 0.7
 # So many of the effects that are worth the least are tried to be taken away, with so many
 # iterations.
 _WEAKEST, _SHRINK_ITERATIONS = 2, 12
+# Without one of them a set is given up after the first few iterations when it is so much worse
+# then: no set comes back from there.
+_FIRST_ITERATIONS, _LOST = 5, 200.0
 # Effects beside a set that are fitted, of those that could take most of what it leaves.
 _GROWN = 2
 # So many starts are followed to the end.
@@ -562,7 +565,10 @@ class Search:
         known = self._known.get(frozenset(e.name for e in rest))
         if known is None or not known.refined or len(rest) > 1:
             start = _start(self._problem(rest), _values_of(candidate.fit), 0)
-            known = self._fit(rest, _SHRINK_ITERATIONS, [start], candidate.fit.excess)
+            weight = candidate.fit.excess
+            known = self._fit(rest, _FIRST_ITERATIONS, [start], weight)
+            if self._misfit(known.fit) < self._misfit(candidate.fit) + _LOST:
+                known = self._fit(rest, _SHRINK_ITERATIONS, [_values_start(known)], weight)
         # The candidate is kept as well: another one may not get its identity.
         self._taken_away[id(candidate), effect.name] = candidate, known
         return known

@@ -33,6 +33,8 @@ _LENGTH_TOLERANCE, _LENGTH_TRIALS = 0.01, 10
 # A region is made smaller where less than the first part of what was promised came true, larger
 # where more than the second did and the step was at its edge.
 _POOR, _GOOD, _AT_EDGE = 0.25, 0.75, 0.95
+# A step of which so much came true left the derivatives nearly as they were.
+_STRAIGHT = 0.7
 _EPS = float(np.finfo(float).eps)
 
 
@@ -79,6 +81,7 @@ def least_squares(
     start: FloatArray,
     evaluations: int,
     tolerances: Tolerances | None = None,
+    secants: int = 0,
 ) -> Minimum:
     """The least sum of squares near a start.
 
@@ -89,23 +92,31 @@ def least_squares(
     start : (n,) ndarray of float, inside the box: 0 < start < 1
     evaluations : int, of the residual, at most; the first is that of the start
     tolerances : Tolerances
+    secants : int, steps after which a Jacobian may be brought up to date by what the residual did
+        along them, one after another, in place of a new one
     """
     t = tolerances or Tolerances()
     x, left = start.copy(), residual(start)
     cost, done, multiplier = 0.5 * float(left @ left), 1, 0.0
     radius = 0.0
+    slopes: FloatArray | None = None
+    age = 0
     while done < evaluations:
-        slopes = jacobian(x, left)
+        if slopes is None:
+            slopes, age = jacobian(x, left), 0
         gradient = slopes.T @ left
         scales, bends = _scaling(x, gradient)
         size = float(np.abs(gradient * scales**2).max(initial=0.0))
         if size < t.gradient:
-            break
+            if age == 0:
+                break
+            slopes = None
+            continue
         if radius == 0.0:
             radius = float(np.linalg.norm(x / scales)) or 1.0
         scaled = _Quadratic.of(slopes, gradient, scales, bends)
         share = max(_LEAST_SHARE, 1.0 - size)
-        gained = -1.0
+        gained, ratio = -1.0, 0.0
         arrived = False
         while gained <= 0.0 and done < evaluations:
             newton, multiplier = scaled.newton_step(radius, multiplier)
@@ -118,6 +129,8 @@ def least_squares(
                 radius = 0.25 * length
                 continue
             gained = cost - 0.5 * float(new @ new)
+            if gained <= 0.0 and age > 0:
+                break
             other, ratio = _next_radius(radius, gained, promised, length)
             moved = float(np.linalg.norm(scales * step))
             arrived = (gained < t.cost * cost and ratio > _POOR) or moved < t.step * (
@@ -127,12 +140,35 @@ def least_squares(
                 break
             multiplier *= radius / other
             radius = other
+        # Only derivatives tell whether it has arrived, or that a step leads nowhere.
+        if arrived and age == 0:
+            if gained > 0.0:
+                x, left = there, new
+            break
         if gained > 0.0:
+            straight = age < secants and ratio > _STRAIGHT and not arrived
+            slopes = _secant(slopes, there - x, new - left) if straight else None
+            age += 1
             x, left = there, new
             cost = 0.5 * float(left @ left)
-        if arrived:
-            break
+        elif age > 0:
+            slopes = None
     return Minimum(x, left, done)
+
+
+def _secant(slopes: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """A Jacobian (m, n) by which the residual changes along a step (n,) as it did, (m,).
+
+    The nearest such one with the same zeros (Schubert 1970, Math. Comp. 24(109), 27-30): what
+    belongs to one drop goes on to move nothing else.
+    """
+    steps = np.where(slopes != 0.0, step, 0.0)
+    lengths = np.einsum("ij,ij->i", steps, steps)
+    missed = np.divide(
+        change - slopes @ step, lengths, out=np.zeros_like(change), where=lengths > 0
+    )
+    result: FloatArray = slopes + missed[:, None] * steps
+    return result
 
 
 @dataclass(frozen=True, eq=False)

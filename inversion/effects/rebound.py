@@ -94,18 +94,25 @@ def _flown(
     # What the ground does once the plate has left it: neither load nor weight press on it.
     pressing = drop.load + (masses * GRAVITY)[:, None]
     # Parts of samples count, so that the times have a smooth influence.
-    flown = np.clip(flight / step + 0.5, 0.0, 1.0)
+    flown = np.minimum(np.maximum(flight / step + 0.5, 0.0), 1.0)
     result = motions + step * convolve_rows(impulses, (-flown * pressing)[:, None])
     way = _way(flown * drop.load / masses[:, None], step)
+    fall = 0.5 * GRAVITY * flight**2
     rows, index = np.arange(moments.size), np.arange(size)
+    left = ((moments - time[0]) / step).astype(int)
+    between = (moments - time[left]) / step
     jumps = np.ones(moments.size, dtype=bool)
     last = np.full(moments.size, size)
     speed, part = np.zeros(moments.size), np.zeros(moments.size)
     for sensor in np.flatnonzero(drop.offsets < drop.plate_radius):
         row = motions[:, sensor]
-        before, start, after = (_between(row, moments + d, drop) for d in (-step, 0.0, step))
+        around = row[rows[:, None], left[:, None] + np.arange(-1, 3)]
+        # One sample before the moment, at it, and one after.
+        before, start, after = (
+            (1.0 - between) * around[:, k] + between * around[:, k + 1] for k in range(3)
+        )
         speed_up = ((after - before) / (2 * step))[:, None]
-        free = start[:, None] + speed_up * flight + 0.5 * GRAVITY * flight**2 + way
+        free = start[:, None] + speed_up * flight + fall + way
         gap = free - result[:, sensor]
         flying = (flight > 0) & (gap < 0)
         jumps &= flying.any(axis=1)
@@ -115,15 +122,15 @@ def _flown(
         last = np.where(lands, np.argmax(down, axis=1), size)
         here = np.minimum(last, size - 1)
         now, then = gap[rows, here], gap[rows, here - 1]
-        fall = np.where(lands, now - then, 1.0)
-        speed = np.where(lands, np.maximum(fall / step, 0.0), speed)
-        part = np.where(lands, -then / fall, part)
+        closing = np.where(lands, now - then, 1.0)
+        speed = np.where(lands, np.maximum(closing / step, 0.0), speed)
+        part = np.where(lands, -then / closing, part)
         aloft = (index >= first[:, None]) & (index < last[:, None])
         result[:, sensor] = np.where(aloft, free, result[:, sensor])
     back = last < size
     if back.any():
         # The plate is back with its momentum, load and weight press again.
-        given = np.clip(index - last[:, None] + 1.5 - part[:, None], 0.0, 1.0) * pressing
+        given = np.minimum(np.maximum(index - (last - 1.5 + part)[:, None], 0.0), 1.0) * pressing
         there, push = np.flatnonzero(back), masses * speed / step
         given[there, last[there] - 1] += (push * (1 - part))[there]
         given[there, last[there]] += (push * part)[there]
@@ -132,15 +139,6 @@ def _flown(
     # A plate that never leaves the ground changes nothing.
     result[~jumps] = motions[~jumps]
     return result
-
-
-def _between(rows: FloatArray, moments: FloatArray, drop: DropContext) -> FloatArray:
-    """Rows (m, n), each at a moment within the record, (m,)."""
-    place = (moments - drop.time[0]) / drop.step
-    left = np.clip(place.astype(int), 0, drop.time.size - 2)
-    share, row = place - left, np.arange(left.size)
-    found: FloatArray = (1.0 - share) * rows[row, left] + share * rows[row, left + 1]
-    return found
 
 
 def _way(acceleration: FloatArray, step: float) -> FloatArray:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import optimize
 
-from inversion.diagnosis.trust_region import Tolerances, least_squares
+from inversion.diagnosis.trust_region import Tolerances, _secant, least_squares
 
 Array = NDArray[np.float64]
 Pair = tuple[Callable[[Array], Array], Callable[[Array], Array]]
@@ -89,6 +89,39 @@ def test_the_way_is_that_of_scipy(name: str, evaluations: int) -> None:
     assert abs(ours.evaluations - theirs.nfev) <= (1 if evaluations == EVALUATIONS else 0)
     assert np.all((ours.place > 0.0) & (ours.place < 1.0))
     assert ours.residual == pytest.approx(residual(ours.place))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_secants_lead_to_the_same_end_with_fewer_derivatives(name: str) -> None:
+    (residual, jacobian), start = PROBLEMS[name]
+    asked = []
+
+    def counted(x: Array, there: Array) -> Array:
+        asked.append(x)
+        return jacobian(x)
+
+    plain = least_squares(residual, counted, start, EVALUATIONS)
+    many = len(asked)
+    asked.clear()
+    found = least_squares(residual, counted, start, EVALUATIONS, secants=3)
+    assert found.cost == pytest.approx(plain.cost, rel=1e-5, abs=1e-12)
+    assert len(asked) < many
+
+
+def test_a_secant_explains_the_step_and_keeps_what_does_not_count_away() -> None:
+    rng = np.random.default_rng(8)
+    slopes = rng.standard_normal((6, 4))
+    slopes[:3, 1] = 0.0
+    slopes[5] = 0.0
+    step, change = rng.standard_normal(4), rng.standard_normal(6)
+    found = _secant(slopes, step, change)
+    assert found[:5] @ step == pytest.approx(change[:5])
+    assert not found[:3, 1].any()
+    assert not found[5].any()
+    # No farther from the old one than it has to be: along the step alone.
+    way = step[[0, 2, 3]]
+    assert np.linalg.norm(np.cross(found[0, [0, 2, 3]] - slopes[0, [0, 2, 3]], way)) < 1e-12
+    assert slopes[0, 0] != found[0, 0]
 
 
 def test_an_unknown_that_nothing_feels_stays_and_holds_up_nothing() -> None:

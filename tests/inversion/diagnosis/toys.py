@@ -131,7 +131,7 @@ class ToyPoint(Point):
     def __init__(self, drops: Sequence[Any]) -> None:
         self.drops = tuple(drops)
 
-    def look_ahead(self, drops: Sequence[Any]) -> None:
+    def look_ahead(self, drops: Sequence[Any], *, nearby: bool = False) -> None:
         """Nothing is solved for."""
 
     def soil(self, below: bool = False) -> list[Unknown]:
