@@ -48,6 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_calibrate,
         _add_edit,
         _add_job,
+        _add_open,
         _add_report,
         _add_procedures,
         _add_export,
@@ -465,6 +466,26 @@ def _add_job(commands: "Commands") -> None:
     )
     _add_job_options(job)
     job.add_argument("--json", action="store_true", help="one JSON object, SI units")
+
+
+def _add_open(commands: "Commands") -> None:
+    opened = commands.add_parser(
+        "open",
+        help="stored results on the screen, nothing recomputed",
+        description="Points (sorted, filtered), profile, map, drops over each other, two points "
+        "compared, the job; a report or an export by a key. Nothing of the survey is changed.",
+        allow_abbrev=False,
+    )
+    opened.add_argument("survey", metavar="SURVEY", help="folder")
+    opened.add_argument(
+        "--serve",
+        nargs="?",
+        const="",
+        metavar="HOST:PORT",
+        help="as a page for a browser, read only (default: 127.0.0.1:8765; on another host a code "
+        "lets one browser in)",
+    )
+    opened.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 
 def _add_report(commands: "Commands") -> None:

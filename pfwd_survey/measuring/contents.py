@@ -89,7 +89,7 @@ def _point(point: SurveyPoint, *, judged: bool) -> PointContents:
         point.title,
         point.discarded,
         point.notes,
-        _position(point),
+        position_of(point),
         target_of_point(point),
         point.declared,
         tuple(_drop(drop) for drop in point.drops),
@@ -97,7 +97,8 @@ def _point(point: SurveyPoint, *, judged: bool) -> PointContents:
     )
 
 
-def _position(point: SurveyPoint) -> tuple[float, float] | None:
+def position_of(point: SurveyPoint) -> tuple[float, float] | None:
+    """Where a point is, degrees; None: nobody said, or nowhere on the earth."""
     said = point.position if isinstance(point.position, Mapping) else point.declared
     try:
         place = float(said["latitude"]), float(said["longitude"])
@@ -207,6 +208,8 @@ __all__ = [
     "RecordingError",
     "add_result",
     "peaks_of",
+    "position_of",
+    "read_survey",
     "recorded_drop",
     "stored_results",
     "survey_contents",

@@ -1,0 +1,300 @@
+"""A survey that is looked at: rows, the screen, the page for a browser."""
+
+import asyncio
+import json
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.widgets import DataTable, Input
+
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.errors import OptionError, SurveyError
+from pfwd_survey.files.header import declared_values
+from pfwd_survey.judging import JobRequest, judged_points
+from pfwd_survey.procedures import plain_procedure
+from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
+from tests.tui.screen.scripted import until
+from tui.cli import main
+from tui.screen.drawing.glyphs import BRAILLE
+from tui.screen.drawing.lines import text_of
+from tui.screen.opened.app import PAGE, OpenApp
+from tui.screen.opened.plots import map_lines, profile_figure
+from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages
+from tui.screen.opened.serving import MOST_WRONG, SurveyServer, is_here, parse_place
+
+MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PFWD_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    folder = tmp_path / "road"
+    with SurveyWriter.open(folder, publish=False) as writer:
+        asked = JobRequest(procedure=plain_procedure(1, 1), target=50e6)
+        for event in asked.events():
+            writer.note_event(*event)
+        for place, (name, modulus) in enumerate(MODULI.items()):
+            for number in (1, 2):
+                drop = half_sine_drop(number, 8000.0)
+                record = DropRecord(name, drop, None, declared_values(SETUP), {})
+                writer.save_result(writer.save_drop(record), result_of(number, modulus))
+            where = {"latitude": 48.0 + 1e-4 * place, "longitude": 11.0}
+            writer.edit("position", where, point=name)
+        writer.edit("note", "wet patch", point="9")
+    return folder
+
+
+def opened(folder: Path) -> OpenedSurvey:
+    found = OpenedSurvey(folder)
+    found.read()
+    found.judge(lambda _: None)
+    return found
+
+
+def titles(rows: list[PointRow]) -> list[str]:
+    return [row.title for row in rows]
+
+
+def test_rows_stand_as_the_survey_is_judged(survey: Path) -> None:
+    rows = opened(survey).rows
+    expected = list(judged_points(read_survey(survey)))
+    assert [row.verdict for row in rows] == [point.progress.verdict for point in expected]
+    assert [row.state for row in rows] == ["PASS", "FAIL", "UNDECIDED", "PASS", "FAIL"]
+    assert rows[2].chainage_m == 100.0
+    assert rows[0].value == 60e6
+
+
+def test_what_was_judged_is_kept_until_somebody_writes(survey: Path) -> None:
+    rows = opened(survey).rows
+    again = OpenedSurvey(survey)
+    assert again.from_cache() == rows
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.edit("target", 70e6, point="10")
+    assert OpenedSurvey(survey).from_cache() is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"key": 1, "rows": []}'])
+def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) -> None:
+    opened(survey)
+    (file,) = (tmp_path / "cache" / "opened").iterdir()
+    file.write_text(text, encoding="utf-8")
+    assert OpenedSurvey(survey).from_cache() is None
+
+
+@pytest.mark.parametrize(
+    ("wanted", "expected"),
+    [
+        ("", list(MODULI)),
+        ("fail", ["0+020", "9"]),
+        ("wet", ["9"]),
+        ("0+ pass", ["0+000"]),
+        (">50.1 <56", ["0+100", "10"]),
+        ("<.", []),
+        ("nothing", []),
+    ],
+)
+def test_a_filter(survey: Path, wanted: str, expected: list[str]) -> None:
+    assert titles(matching(opened(survey).rows, wanted)) == expected
+
+
+def test_an_order(survey: Path) -> None:
+    rows = opened(survey).rows
+    assert titles(in_order(rows, "value")) == ["0+020", "9", "0+100", "10", "0+000"]
+    assert titles(in_order(rows, "title")) == ["0+000", "0+020", "0+100", "9", "10"]
+    assert titles(in_order(rows, "chainage_m", falling=True))[:3] == ["0+100", "0+020", "0+000"]
+    assert titles(in_order(rows, "measured")) == list(MODULI)
+    assert [pages(count, 100) for count in (0, 1, 100, 101)] == [1, 1, 1, 2]
+
+
+def test_the_map_tells_in_marks_too(survey: Path) -> None:
+    rows = opened(survey).rows
+    text = "\n".join(text_of(row) for row in map_lines(rows, "10", 60, 20))
+    for mark in ("o", "x", "?", "@", "north up"):
+        assert mark in text
+    assert "no point has a position" in text_of(map_lines([], "", 60, 20)[0])
+
+
+def test_the_profile_shows_its_window(survey: Path) -> None:
+    figure = profile_figure(opened(survey).rows, 1, 3, 2, "MPa")
+    assert figure.note == "points 2 to 4 of 5"
+    assert (figure.start, figure.end, figure.cursor) == (1.5, 4.5, 3.0)
+
+
+Script = Callable[[OpenApp, Any], Awaitable[None]]
+
+
+def look(folder: Path, script: Script, size: tuple[int, int] = (120, 40)) -> None:
+    async def body() -> None:
+        app = OpenApp(OpenedSurvey(folder), glyphs=BRAILLE)
+        async with app.run_test(size=size) as pilot:
+            await until(pilot, lambda: app.ready)
+            await script(app, pilot)
+
+    asyncio.run(body())
+
+
+def shown(app: OpenApp) -> str:
+    strips = app.screen._compositor.render_strips()
+    return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        assert "2 PASS, 2 FAIL, 1 UNDECIDED" in shown(app)
+        await pilot.press("slash", *"fail")
+        await until(pilot, lambda: "2 by the filter" in shown(app))
+        assert app.query_one("#points-table", DataTable).row_count == 2
+        await pilot.press("escape")
+        await until(pilot, lambda: app.query_one("#points-table", DataTable).row_count == 5)
+        app.query_one("#points-table", DataTable).move_cursor(row=0)
+        await pilot.press("down", "p")
+        await until(pilot, lambda: "0+020: 40 MPa  FAIL" in shown(app).replace("40.0", "40"))
+        await pilot.press("plus", "right", "m")
+        await until(pilot, lambda: "@ chosen" in shown(app))
+        assert app.chosen == "0+100"
+        await pilot.press("escape", "enter")
+        await until(pilot, lambda: app.tab == "drops")
+        await until(pilot, lambda: "seating drop 1 of 1" in shown(app))
+        await pilot.press("j")
+        await until(pilot, lambda: "procedure  plain" in shown(app))
+
+    look(survey, script, size)
+
+
+def test_two_points_are_compared(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        await pilot.press("c", "down", "c")
+        await until(pilot, lambda: app.tab == "compare")
+        await until(pilot, lambda: "second / first" in shown(app))
+        assert "0.667" in shown(app)
+
+    look(survey, script)
+
+
+def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        table = app.query_one("#points-table", DataTable)
+        for expected in ("0+020", "0+000"):
+            app._sort("value")
+            await pilot.pause()
+            assert table.get_row_at(0)[0] == expected
+        await pilot.press("s")
+        assert app.order == "verdict"
+
+    look(survey, script)
+
+
+def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        await pilot.press("x")
+        await until(pilot, lambda: bool(app.screen.query("#text")))
+        app.screen.query_one("#text", Input).value = str(tmp_path / "t.csv")
+        await pilot.press("enter")
+        await until(pilot, lambda: (tmp_path / "t.csv").exists())
+
+    look(survey, script)
+
+
+def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
+    assert 60 < PAGE <= 200
+
+
+# For a browser.
+
+
+@pytest.fixture
+def server(survey: Path) -> Iterator[SurveyServer]:
+    with SurveyServer(OpenedSurvey(survey), "127.0.0.1", 0) as found:
+        thread = threading.Thread(target=found.serve_forever, args=(0.05,), daemon=True)
+        thread.start()
+        yield found
+        found.shutdown()
+        thread.join()
+
+
+def fetch(server: SurveyServer, path: str = "", **headers: str) -> tuple[int, str, Any]:
+    class Stay(urllib.request.HTTPRedirectHandler):
+        def redirect_request(self, *_: Any) -> None:
+            return None
+
+    request = urllib.request.Request(server.url + path, headers=headers)
+    try:
+        with urllib.request.build_opener(Stay).open(request, timeout=20) as answer:
+            return answer.status, answer.read().decode(), answer.headers
+    except urllib.error.HTTPError as err:
+        return err.code, err.read().decode(), err.headers
+
+
+def test_on_this_computer_no_code_is_needed(server: SurveyServer) -> None:
+    status, text, headers = fetch(server)
+    assert status == 200
+    assert "2 PASS, 2 FAIL, 1 UNDECIDED" in text
+    assert "script" not in text
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    status, text, _ = fetch(server, "points.json")
+    assert [row["verdict"] for row in json.loads(text)][:2] == ["pass", "fail"]
+    assert fetch(server, "../../etc/passwd")[0] == 404
+
+
+def test_from_elsewhere_a_code_lets_one_browser_in(server: SurveyServer) -> None:
+    server.code, server.needs_code = "12345678", True
+    assert fetch(server)[0] == fetch(server, "?code=87654321")[0] == 403
+    status, _, headers = fetch(server, "?code=12345678")
+    assert status == 303
+    cookie = headers["Set-Cookie"].split(";")[0]
+    assert "HttpOnly" in headers["Set-Cookie"]
+    assert fetch(server, "", Cookie=cookie)[0] == 200
+    assert fetch(server, "?code=12345678")[0] == 403, "the code is void"
+    assert fetch(server, "", Cookie="pfwd=x")[0] == 403
+
+
+def test_who_guesses_is_never_let_in(server: SurveyServer) -> None:
+    server.code, server.needs_code = "12345678", True
+    for _ in range(MOST_WRONG):
+        assert server.let_in("00000000") is None
+    assert server.let_in("12345678") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("", ("127.0.0.1", 8765)),
+        ("9000", ("127.0.0.1", 9000)),
+        ("0.0.0.0", ("0.0.0.0", 8765)),
+        ("0.0.0.0:80", ("0.0.0.0", 80)),
+        ("[::1]:80", ("::1", 80)),
+    ],
+)
+def test_where_it_is_served(text: str, place: tuple[str, int]) -> None:
+    assert parse_place(text) == place
+
+
+def test_a_place_that_is_none() -> None:
+    with pytest.raises(OptionError, match="--serve: expected HOST:PORT"):
+        parse_place("host:port")
+    assert [is_here(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "10.0.0.1")] == [
+        *[True] * 3,
+        False,
+        False,
+    ]
+
+
+def test_the_command(survey: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["open", str(survey), "--json"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["verdict"] for line in lines] == ["pass", "fail", "undecided", "pass", "fail"]
+    assert main(["open", str(survey)]) == 2
+    assert "expected a terminal to fill" in capsys.readouterr().err
+    assert main(["open", str(tmp_path / "none")]) == 1
+    with pytest.raises(SurveyError, match="the folder of a survey"):
+        OpenedSurvey(tmp_path)

@@ -1,0 +1,51 @@
+"""``pfwd open``: stored results on the screen, or as a page for a browser, as they are."""
+
+import argparse
+import contextlib
+
+from pfwd_survey.files.folders import refuse_no_survey
+from tui.output import on_terminal, say
+
+USAGE = 2
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show the survey until the reader leaves."""
+    refuse_no_survey(args.survey)
+    if args.serve is not None:
+        return _serve(args)
+    if args.json:
+        return _lines(args)
+    if not on_terminal():
+        say("open: expected a terminal to fill, came a pipe or a file; --json prints the points")
+        return USAGE
+    from tui.screen.opened.app import show_survey
+    from tui.screen.settings import load_settings
+
+    return show_survey(args.survey, load_settings())
+
+
+def _lines(args: argparse.Namespace) -> int:
+    from pfwd_survey.exporting.json_text import json_text
+    from pfwd_survey.judging import judged_points
+    from tui.screen.opened.rows import OpenedSurvey
+
+    opened = OpenedSurvey(args.survey)
+    opened.read()
+    for point in judged_points(opened.survey, opened.job):
+        print(json_text(point.as_json()), flush=True)
+    return 0
+
+
+def _serve(args: argparse.Namespace) -> int:
+    from tui.screen.opened.rows import OpenedSurvey
+    from tui.screen.opened.serving import SurveyServer, parse_place
+
+    host, port = parse_place(args.serve)
+    with SurveyServer(OpenedSurvey(args.survey), host, port) as server:
+        say(f"{args.survey} at {server.url}, read only; ctrl+c ends it")
+        if server.needs_code:
+            say(f"code, for one browser: {server.code}")
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever(poll_interval=0.2)
+    return 0

@@ -1,0 +1,561 @@
+"""``pfwd open`` on the screen: points, profile, map, drops, comparison and job of a survey."""
+
+import contextlib
+import shlex
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from textual import events, on
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.widgets import DataTable, Footer, Input, Label, TabbedContent, TabPane
+
+from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.processes import start_text_child
+from tui.output import clean
+from tui.screen.drawing.axes import stacked_plots
+from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
+from tui.screen.drawing.lines import Line, cell, line
+from tui.screen.looks import LOOKS
+from tui.screen.opened.plots import map_lines, overlay_figures, profile_lines
+from tui.screen.opened.rows import (
+    ORDERS,
+    OpenedSurvey,
+    PointRow,
+    in_order,
+    matching,
+    pages,
+    shares,
+    shown_value,
+)
+from tui.screen.pages.dialogs import TextDialog
+from tui.screen.settings import ScreenSettings
+from tui.screen.units import figures
+from tui.screen.widgets.lines_view import LinesView
+
+PAGE = 100
+"""Rows of the table at a time: more than a terminal shows, and filled within 50 ms."""
+
+MOST_WINDOW, LEAST_WINDOW = 100_000, 8
+"""Points of the profile at once."""
+
+_COLUMNS = (
+    ("point", "title"),
+    ("drops", ""),
+    ("judged", "value"),
+    ("95 %", ""),
+    ("target", ""),
+    ("verdict", "verdict"),
+    ("E MPa", "modulus"),
+    ("chainage", "chainage_m"),
+    ("notes", ""),
+)
+"""Titles, and by what a click on one sorts; empty: by nothing."""
+
+
+class Plot(LinesView):
+    """A plot that is drawn for the room that it has."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(id=name)
+
+    def on_resize(self, _event: events.Resize) -> None:
+        """Another size."""
+        app = self.app
+        if isinstance(app, OpenApp):
+            app.draw_plots()
+
+
+class OpenApp(App[int]):
+    """A survey that is looked at.
+
+    Parameters
+    ----------
+    survey : OpenedSurvey
+    settings : ScreenSettings, optional
+    glyphs : Glyphs, optional
+        None: what the terminal is likely to have.
+    """
+
+    TITLE = "PFWD"
+    CSS = """
+    Screen { background: $background; color: $foreground; }
+    #head, #said { height: 1; width: 100%; padding: 0 1; }
+    #filter { display: none; border: none; height: 1; background: $surface; }
+    #filter.shown { display: block; }
+    TabbedContent { height: 1fr; }
+    TabPane { padding: 0; }
+    #drops-table { height: 40%; }
+    #compare-table { height: 12; }
+    TextDialog { align: center middle; background: $background 60%; }
+    .dialog { width: 64; max-width: 96%; height: auto; padding: 1 2; border: heavy $foreground;
+              background: $surface; }
+    .dialog Label { width: 100%; height: auto; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("slash", "filter", "Filter"),
+        Binding("s", "sort", "Sort"),
+        Binding("enter", "open", "Drops", show=True, priority=False),
+        Binding("p", "tab('profile')", "Profile"),
+        Binding("m", "tab('map')", "Map"),
+        Binding("c", "compare", "Compare"),
+        Binding("j", "tab('job')", "Job"),
+        Binding("n", "page(1)", "Next page", show=False),
+        Binding("b", "page(-1)", "Page before", show=False),
+        Binding("plus,equals_sign", "zoom(0.5)", "Zoom in", show=False),
+        Binding("minus", "zoom(2.0)", "Zoom out", show=False),
+        Binding("left", "step(-1)", "Point before", show=False),
+        Binding("right", "step(1)", "Point after", show=False),
+        Binding("r", "report", "Report"),
+        Binding("x", "export", "Export"),
+        Binding("escape", "to_points", "Back", show=False),
+        Binding("q,ctrl+q,ctrl+c", "leave", "Leave"),
+    ]
+
+    def __init__(
+        self,
+        survey: OpenedSurvey,
+        settings: ScreenSettings | None = None,
+        glyphs: Glyphs | None = None,
+    ) -> None:
+        super().__init__()
+        self.opened = survey
+        self.settings = settings or ScreenSettings()
+        self.glyphs = glyphs or glyphs_of_terminal()
+        self.order, self.falling = ORDERS[0], False
+        self.wanted = ""
+        self.page = 0
+        self.chosen = ""
+        """Name of the point that is looked at."""
+        self.marked: list[str] = []
+        """Names of points to be compared, at most two."""
+        self.window = MOST_WINDOW
+        """Points of the profile."""
+        self.shown: list[PointRow] = []
+        """What the filter lets through, in order."""
+        self.ready = False
+        """Whether everything is read and judged."""
+        self._places: dict[str, int] = {}
+        for look in LOOKS.values():
+            self.register_theme(look.theme)
+
+    def compose(self) -> ComposeResult:
+        """A line, the tabs, the keys."""
+        yield Label("", id="head", markup=False)
+        yield Input(placeholder="name, note, pass, fail, undecided, <40, >60", id="filter")
+        with TabbedContent(id="tabs"):
+            with TabPane("Points", id="points"):
+                yield DataTable(id="points-table", cursor_type="row", zebra_stripes=True)
+            with TabPane("Profile", id="profile"):
+                yield Plot("profile-plot")
+            with TabPane("Map", id="map"):
+                yield Plot("map-plot")
+            with TabPane("Drops", id="drops"):
+                yield DataTable(id="drops-table", cursor_type="row")
+                yield Plot("drops-plot")
+            with TabPane("Compare", id="compare"):
+                yield DataTable(id="compare-table", cursor_type="none")
+                yield Plot("compare-plot")
+            with TabPane("Job", id="job"):
+                yield LinesView(id="job-lines")
+        yield Label("", id="said", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Show the frame first, then read."""
+        self.theme = LOOKS[self.settings.theme].theme.name
+        table = self.query_one("#points-table", DataTable)
+        for title, key in _COLUMNS:
+            table.add_column(title, key=key or title)
+        drops = self.query_one("#drops-table", DataTable)
+        for title in ("drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"):
+            drops.add_column(title)
+        compare = self.query_one("#compare-table", DataTable)
+        for title in ("", "first", "second"):
+            compare.add_column(title)
+        table.focus()
+        self._head("reading ...")
+        self.call_after_refresh(self._begin)
+
+    def _begin(self) -> None:
+        self.run_worker(self._read, thread=True, group="read", exit_on_error=False)
+
+    def _read(self) -> None:
+        try:
+            if self.opened.from_cache() is not None:
+                self._tell(self._show_rows)
+                kept = list(self.opened.rows)
+                self.opened.read()
+                self.opened.rows = kept
+            else:
+                self.opened.read()
+                self._tell(self._show_rows)
+                self.opened.judge(lambda rows: self._tell(self._update, rows))
+        except (SurveyError, DeviceError, OSError) as err:
+            self._tell(self.say, str(err))
+            return
+        self._tell(self._done)
+
+    def _tell(self, take: Any, *values: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # the application has ended
+            self.call_from_thread(take, *values)
+
+    def _done(self) -> None:
+        self.ready = True
+        self._show_rows()
+        self._draw_job()
+
+    # The table of points.
+
+    def _show_rows(self) -> None:
+        """Filter, sort and fill the page."""
+        self.shown = in_order(
+            matching(self.opened.rows, self.wanted), self.order, falling=self.falling
+        )
+        self.page = min(self.page, pages(len(self.shown), PAGE) - 1)
+        table = self.query_one("#points-table", DataTable)
+        table.clear()
+        self._places = {}
+        part = self.shown[self.page * PAGE : (self.page + 1) * PAGE]
+        for place, row in enumerate(part):
+            table.add_row(*_cells(row), key=row.name)
+            self._places[row.name] = place
+        if self.chosen in self._places:
+            table.move_cursor(row=self._places[self.chosen], animate=False)
+        elif part:
+            self.chosen = part[0].name
+        self._head()
+        self.draw_plots()
+
+    def _update(self, rows: Sequence[PointRow]) -> None:
+        """Some rows are judged now."""
+        if self.wanted or self.order != ORDERS[0]:
+            self._show_rows()
+            return
+        table = self.query_one("#points-table", DataTable)
+        known = {row.name: row for row in rows}
+        self.shown = [known.get(row.name, row) for row in self.shown]
+        for row in rows:
+            if row.name in self._places:
+                for (title, key), text in zip(_COLUMNS, _cells(row), strict=True):
+                    table.update_cell(row.name, key or title, text, update_width=True)
+        self._head()
+        self.draw_plots()
+
+    def _head(self, said: str = "") -> None:
+        rows = self.opened.rows
+        counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
+        sheet = pages(len(self.shown), PAGE)
+        parts = [self.opened.folder.name or ".", f"{len(rows)} points", counts]
+        if len(self.shown) != len(rows):
+            parts.append(f"{len(self.shown)} by the filter")
+        if sheet > 1:
+            parts.append(f"page {self.page + 1} of {sheet} (n, b)")
+        if self.order != ORDERS[0]:
+            parts.append(f"by {self.order.removesuffix('_m')}{' falling' if self.falling else ''}")
+        text = said or " · ".join(part for part in parts if part)
+        self.query_one("#head", Label).update(Content(clean(text)))
+
+    def say(self, text: str) -> None:
+        """One line for the reader."""
+        self.query_one("#said", Label).update(Content(clean(text)))
+
+    @on(DataTable.RowHighlighted, "#points-table")
+    def _on_row(self, event: DataTable.RowHighlighted) -> None:
+        if event.row_key is not None and event.row_key.value is not None:
+            self.chosen = event.row_key.value
+            self.draw_plots()
+
+    @on(DataTable.RowSelected, "#points-table")
+    def _on_selected(self, event: DataTable.RowSelected) -> None:
+        self.action_open()
+
+    @on(DataTable.HeaderSelected, "#points-table")
+    def _on_header(self, event: DataTable.HeaderSelected) -> None:
+        key = str(event.column_key.value)
+        if key in ORDERS:
+            self._sort(key)
+
+    def _sort(self, by: str) -> None:
+        self.falling = by == self.order and not self.falling
+        self.order = by
+        self._show_rows()
+
+    def action_sort(self) -> None:
+        """By the next column; the same one twice is the other way round with a click."""
+        place = ORDERS.index(self.order)
+        self.order, self.falling = ORDERS[(place + 1) % len(ORDERS)], False
+        self._show_rows()
+
+    def action_filter(self) -> None:
+        """Type what is to be seen."""
+        field = self.query_one("#filter", Input)
+        field.add_class("shown")
+        field.focus()
+
+    @on(Input.Changed, "#filter")
+    def _on_filter(self, event: Input.Changed) -> None:
+        self.wanted = event.value
+        self.page = 0
+        self._show_rows()
+
+    @on(Input.Submitted, "#filter")
+    def _on_filter_taken(self) -> None:
+        self.query_one("#points-table", DataTable).focus()
+
+    def action_page(self, step: int) -> None:
+        """Another page of a long list."""
+        last = pages(len(self.shown), PAGE) - 1
+        self.page = min(max(0, self.page + step), last)
+        self.chosen = ""
+        self._show_rows()
+
+    def action_to_points(self) -> None:
+        """From the filter, or to the points."""
+        field = self.query_one("#filter", Input)
+        if field.has_class("shown"):
+            field.remove_class("shown")
+            field.value = ""
+        self.action_tab("points")
+
+    # Tabs.
+
+    def action_tab(self, name: str) -> None:
+        """Go to a tab."""
+        self.query_one("#tabs", TabbedContent).active = name
+        if name == "points":
+            self.query_one("#points-table", DataTable).focus()
+        self.call_after_refresh(self.draw_plots)
+
+    @property
+    def tab(self) -> str:
+        """The one that is shown."""
+        return str(self.query_one("#tabs", TabbedContent).active)
+
+    @on(TabbedContent.TabActivated)
+    def _on_tab(self) -> None:
+        if self.tab == "drops":
+            self._fill_drops()
+        self.call_after_refresh(self.draw_plots)
+
+    def draw_plots(self) -> None:
+        """Draw what is seen now."""
+        match self.tab:
+            case "profile":
+                view = self.query_one("#profile-plot", Plot)
+                first, count, place = self._profile_window()
+                size = (view.size.width, view.size.height)
+                self._show(
+                    view, profile_lines(self.shown, (first, count), place, size, self.glyphs)
+                )
+            case "map":
+                view = self.query_one("#map-plot", Plot)
+                lines = map_lines(self.shown, self.chosen, view.size.width, view.size.height)
+                self._show(view, lines)
+
+    def _show(self, view: LinesView, lines: Sequence[Line]) -> None:
+        view.show(lines, LOOKS[self.settings.theme], self.glyphs)
+
+    def _profile_window(self) -> tuple[int, int, int]:
+        names = [row.name for row in self.shown]
+        place = names.index(self.chosen) if self.chosen in names else 0
+        count = min(self.window, max(1, len(names)))
+        first = min(max(0, place - count // 2), max(0, len(names) - count))
+        return first, count, place
+
+    def action_zoom(self, factor: float) -> None:
+        """Fewer or more points of the profile."""
+        now = min(self.window, max(LEAST_WINDOW, len(self.shown)))
+        self.window = max(LEAST_WINDOW, min(MOST_WINDOW, round(now * factor)))
+        self.draw_plots()
+
+    def action_step(self, step: int) -> None:
+        """The neighbour of the chosen point, on profile and map."""
+        names = [row.name for row in self.shown]
+        if names:
+            place = names.index(self.chosen) if self.chosen in names else 0
+            self.chosen = names[min(max(0, place + step), len(names) - 1)]
+            self.draw_plots()
+
+    def action_open(self) -> None:
+        """The drops of the chosen point."""
+        if self.opened.survey is None:
+            self.say("the survey is still being read")
+            return
+        if self.tab == "drops":
+            self._fill_drops()
+        else:
+            self.action_tab("drops")
+
+    def _fill_drops(self) -> None:
+        point = self.opened.point(self.chosen)
+        table = self.query_one("#drops-table", DataTable)
+        table.clear()
+        if point is None:
+            self.say("choose a point first" if self.opened.survey else "still being read")
+            return
+        from pfwd_survey.judging import judge_point, measured_point
+        from pfwd_survey.judging.contents import kept_drops
+
+        progress = judge_point(self.opened.job, measured_point(point))
+        kinds = dict(progress.kinds)
+        why = {excluded.number: excluded.reason for excluded in progress.excluded}
+        for kept in kept_drops(point):
+            facts, number = kept.measured.facts, kept.measured.facts.number
+            residual = None if kept.result is None else kept.result.residual_rms_over_peak
+            table.add_row(
+                str(number),
+                kinds[number].value if number in kinds else "",
+                figures(facts.peak_load and facts.peak_load / 1e3),
+                figures(facts.peak_deflection and facts.peak_deflection * 1e3),
+                figures(facts.modulus and facts.modulus / 1e6),
+                "-" if residual is None else f"{100 * residual:.2g} %",
+                clean(why.get(number, "averaged")),
+            )
+        self.say(f"point {point.title}: {progress.verdict.value}, {progress.verdict_reason}")
+        drops = [(str(drop.drop), drop) for drop in point.drops]
+        self._overlay("#drops-plot", drops)
+
+    def _overlay(self, where: str, drops: Sequence[tuple[str, Any]]) -> None:
+        def draw() -> None:
+            found, faults = overlay_figures(drops)
+            self._tell(self._show_overlay, where, found, faults)
+
+        self.run_worker(draw, thread=True, group=where, exclusive=True, exit_on_error=False)
+
+    def _show_overlay(self, where: str, found: Sequence[Any], faults: Sequence[str]) -> None:
+        view = self.query_one(where, Plot)
+        width, height = view.size.width, view.size.height
+        lines: list[Line] = [line(cell(f" {text}", "warn")) for text in faults[:2]]
+        if found and height > 8 and width > 30:
+            room = height - len(lines)
+            lines += stacked_plots(found, width, room, self.glyphs, shares=(2, 3))
+        self._show(view, lines)
+
+    def action_compare(self) -> None:
+        """Mark a point; the second one is set beside the first."""
+        if not self.chosen or self.opened.survey is None:
+            return
+        if self.chosen in self.marked:
+            self.marked.remove(self.chosen)
+        else:
+            self.marked = [*self.marked, self.chosen][-2:]
+        if len(self.marked) < 2:
+            self.say(f"marked: {', '.join(self.marked) or 'none'}; c on another one compares")
+            return
+        self._fill_comparison()
+        self.action_tab("compare")
+
+    def _fill_comparison(self) -> None:
+        table = self.query_one("#compare-table", DataTable)
+        table.clear()
+        by_name = {row.name: row for row in self.opened.rows}
+        pair = [by_name[name] for name in self.marked if name in by_name]
+        if len(pair) < 2:
+            return
+        for title, place in (
+            ("point", 0),
+            ("judged", 2),
+            ("95 %", 3),
+            ("verdict", 5),
+            ("E MPa", 6),
+        ):
+            table.add_row(title, *(_cells(row)[place] for row in pair))
+        values = [shown_value(row) for row in pair]
+        if values[0] > 0 and values[1] > 0:
+            table.add_row("second / first", "", f"{values[1] / values[0]:.3f}")
+        from pfwd_survey.judging import judge_point, measured_point
+
+        drops = []
+        for row in pair:
+            point = self.opened.point(row.name)
+            used = judge_point(self.opened.job, measured_point(point)).used if point else ()
+            drops += [
+                (f"{row.title}/{drop.drop}", drop) for drop in point.drops if drop.drop in used[-1:]
+            ]
+        self._overlay("#compare-plot", drops)
+
+    def _draw_job(self) -> None:
+        from tui.job_lines import job_lines
+
+        lines = [line(cell(f" {clean(text)}")) for text in job_lines(self.opened.job)]
+        self._show(self.query_one("#job-lines", LinesView), lines)
+
+    # Files.
+
+    def action_report(self) -> None:
+        """A report, as HTML or PDF."""
+        self._ask_file("Report into (.html or .pdf)", f"{self.opened.folder.name}.html", "report")
+
+    def action_export(self) -> None:
+        """A table of all drops."""
+        self._ask_file("Export into (.csv)", f"{self.opened.folder.name}.csv", "export")
+
+    def _ask_file(self, title: str, proposal: str, what: str) -> None:
+        def take(path: str | None) -> None:
+            if path:
+                self.run_worker(
+                    lambda: self._make(what, path), thread=True, group="file", exit_on_error=False
+                )
+
+        def check(text: str) -> str:
+            return "" if text.strip() else "a file"
+
+        self.push_screen(TextDialog(title, proposal, check=check), take)
+
+    def _make(self, what: str, path: str) -> None:
+        more = ["--format", "table"] if what == "export" else []
+        words = [what, str(self.opened.folder), "-o", path, *more]
+        self._tell(self.say, f"pfwd {shlex.join(words)} ...")
+        code = "from tui.cli import main; raise SystemExit(main())"
+        try:
+            child = start_text_child("-c", code, *words, stdin=subprocess.DEVNULL)
+            out, err = child.communicate()
+        except OSError as err_:
+            self._tell(self.say, f"{path}: {err_}")
+            return
+        last = (err or out).strip().splitlines()[-1:] or [""]
+        said = f"{path} is there" if child.returncode == 0 else last[0].removeprefix("pfwd: ")
+        self._tell(self.say, said)
+
+    def action_leave(self) -> None:
+        """Leave; nothing can be lost."""
+        self.exit(0)
+
+
+def _target(target: float | None) -> str:
+    if target is None:
+        return "-"
+    from pfwd_survey.judging.job import target_text
+
+    return target_text(target)
+
+
+def _cells(row: PointRow) -> tuple[str, ...]:
+    value = shown_value(row)
+    unit = "mm" if row.unit == "m" else "MPa"
+    scale = 1e-3 if row.unit == "m" else 1e6
+    ends = ""
+    if row.low is not None and row.high is not None:
+        ends = f"{figures(row.low / scale)} to {figures(row.high / scale)}"
+    return (
+        clean(row.title),
+        str(row.drops),
+        f"{figures(value)} {unit}" if row.value is not None else "-",
+        ends,
+        _target(row.target),
+        row.state,
+        figures(row.modulus and row.modulus / 1e6),
+        "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
+        clean(row.notes),
+    )
+
+
+def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
+    """Show a survey until the reader leaves; the exit status."""
+    app = OpenApp(OpenedSurvey(folder), settings)
+    app.run()
+    return app.return_code or 0

@@ -1,0 +1,294 @@
+"""The points of a survey as rows: how each stands, sorted and filtered; nothing is inverted."""
+
+import dataclasses
+import json
+import math
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.files.folders import refuse_no_survey
+
+if TYPE_CHECKING:
+    # Loaded when the survey is read: the frame is painted before.
+    from pfwd_survey.judging import Job
+
+CACHE_VERSION = 1
+"""To be raised when rows have other fields, or are judged otherwise."""
+
+LARGEST_CACHE = 50_000_000
+"""Bytes; 5,000 points take 1.5 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointRow:
+    """A point as a row."""
+
+    name: str
+    """As its drops name it."""
+    title: str
+    drops: int
+    chainage_m: float | None = None
+    latitude: float | None = None
+    longitude: float | None = None
+    notes: str = ""
+    discarded: bool = False
+    judged: bool = False
+    """Whether what follows is known yet."""
+    quantity: str = ""
+    unit: str = ""
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    target: float | None = None
+    verdict: str = ""
+    """pass, fail, undecided or none."""
+    reason: str = ""
+    modulus: float | None = None
+    """Mean of the fits over the averaged drops, Pa."""
+    measured: int = 0
+    """Drops that are averaged."""
+
+    @property
+    def state(self) -> str:
+        """How it stands, in a word."""
+        if self.discarded:
+            return "DISCARDED"
+        if not self.judged:
+            return "..."
+        return "-" if self.verdict in ("", "none") else self.verdict.upper()
+
+
+class OpenedSurvey:
+    """A survey with its points as rows.
+
+    Parameters
+    ----------
+    folder : path of a survey
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is none.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        refuse_no_survey(folder)
+        self.folder = Path(folder)
+        self.survey: Any = None
+        """Once it is read."""
+        self.job: Any = None
+        """Once it is read."""
+        self.rows: list[PointRow] = []
+
+    def read(self) -> list[PointRow]:
+        """Its points as rows: judged where the cache knows them, else to be judged.
+
+        Raises
+        ------
+        SurveyError, RecordingError
+        """
+        from pfwd_survey.judging import job_of
+        from pfwd_survey.measuring.contents import read_survey
+
+        self.survey = read_survey(self.folder)
+        self.job = job_of(self.survey)
+        self.rows = [_bare(point, self.job) for point in self.survey.points]
+        return self.rows
+
+    def from_cache(self) -> list[PointRow] | None:
+        """The rows as they were judged last, if nothing was written since; None: they are not."""
+        try:
+            path = self._cache()
+            if path.stat().st_size > LARGEST_CACHE:
+                return None
+            said = json.loads(path.read_text(encoding="utf-8"))
+            if said["key"] != self._key():
+                return None
+            self.rows = [PointRow(**row) for row in said["rows"]]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None  # read anew
+        return self.rows
+
+    def judge(self, tell: Callable[[Sequence[PointRow]], None], *, at_once: int = 50) -> None:
+        """Judge what is not judged yet, and tell the rows in parts; then keep them.
+
+        Parameters
+        ----------
+        tell : callable
+            Given rows that are known now.
+        at_once : int
+        """
+        places = {row.name: place for place, row in enumerate(self.rows)}
+        part: list[PointRow] = []
+        for point in self.survey.points:
+            place = places.get(point.name)
+            if place is None or self.rows[place].judged:
+                continue
+            row = judged_row(self.rows[place], point, self.job)
+            self.rows[place] = row
+            part.append(row)
+            if len(part) >= at_once:
+                tell(part)
+                part = []
+        tell(part)
+        self._keep()
+
+    def point(self, name: str) -> Any:
+        """A point of the survey by the name its drops have; None before it is read."""
+        if self.survey is None:
+            return None
+        return next((point for point in self.survey.points if point.name == name), None)
+
+    def _key(self) -> list[Any]:
+        """What changes when anybody writes to the survey."""
+        ledger = self.folder / "acknowledged.txt"
+        said = ledger.stat()
+        return [CACHE_VERSION, os.fspath(self.folder.resolve()), said.st_size, said.st_mtime_ns]
+
+    def _cache(self) -> Path:
+        from platformdirs import user_cache_path
+
+        given = os.environ.get("PFWD_CACHE")
+        base = Path(given) if given else user_cache_path("pfwd", appauthor=False)
+        name = re.sub(r"\W+", "-", os.fspath(self.folder.resolve()))[-80:]
+        return base / "opened" / f"{name}.json"
+
+    def _keep(self) -> None:
+        try:
+            path = self._cache()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            rows = [dataclasses.asdict(row) for row in self.rows]
+            draft = path.with_suffix(f".{os.getpid()}")
+            draft.write_text(json.dumps({"key": self._key(), "rows": rows}), encoding="utf-8")
+            draft.replace(path)
+        except OSError:
+            return  # a read-only or full place for caches: it is judged again the next time
+
+
+def _bare(point: Any, job: "Job") -> PointRow:
+    from pfwd_survey.judging.stations import chainage_of
+    from pfwd_survey.measuring.contents import position_of
+
+    place = position_of(point)
+    station = job.station(point.title)
+    chainage = station.chainage_m if station is not None else None
+    noted = point.declared.get("imported")
+    if chainage is None and isinstance(noted, dict):
+        said = noted.get("chainage_m")
+        chainage = float(said) if isinstance(said, int | float) else None
+    return PointRow(
+        name=point.name,
+        title=point.title,
+        drops=len(point.drops),
+        chainage_m=chainage_of(point.title) if chainage is None else chainage,
+        latitude=None if place is None else place[0],
+        longitude=None if place is None else place[1],
+        notes="; ".join(point.notes),
+        discarded=point.discarded,
+    )
+
+
+def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
+    """The row with how its point stands; one that cannot be read says so."""
+    from pfwd_survey.judging import JudgedPoint, judge_point, measured_point
+
+    try:
+        measured = measured_point(point)
+        judged = JudgedPoint(point.title, judge_point(job, measured), point.discarded)
+    except (SurveyError, DeviceError) as err:
+        return dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
+    progress = judged.progress
+    value, used = progress.value, set(progress.used)
+    moduli = [
+        drop.facts.modulus
+        for drop in measured.drops
+        if drop.facts.number in used and drop.facts.modulus is not None
+    ]
+    low, high = (None, None) if value is None or value.interval is None else value.interval
+    return dataclasses.replace(
+        row,
+        judged=True,
+        quantity=job.quantity.value,
+        unit="" if value is None else value.unit,
+        value=None if value is None else value.value,
+        low=low,
+        high=high,
+        target=progress.target,
+        verdict=progress.verdict.value,
+        reason=progress.verdict_reason,
+        modulus=sum(moduli) / len(moduli) if moduli else None,
+        measured=len(progress.used),
+    )
+
+
+ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")
+"""By what rows can be sorted; the first is the order of measuring."""
+
+_LIMIT = re.compile(r"([<>])\s*([\d.]+)$")
+
+
+def matching(rows: Iterable[PointRow], wanted: str) -> list[PointRow]:
+    """The rows that a filter lets through.
+
+    Parameters
+    ----------
+    rows : iterable of PointRow
+    wanted : str
+        Words that all have to be there: part of a name or a note, ``pass``, ``fail``,
+        ``undecided``, ``discarded``, or a limit of the value in its shown unit, as ``<40``.
+    """
+    words = wanted.lower().split()
+    return [row for row in rows if all(_matches(row, word) for word in words)]
+
+
+def _matches(row: PointRow, word: str) -> bool:
+    limit = _LIMIT.match(word)
+    if limit is not None:
+        if row.value is None:
+            return False
+        shown = shown_value(row)
+        edge = float(limit[2]) if limit[2].strip(".") else math.nan
+        return shown < edge if limit[1] == "<" else shown > edge
+    return word in row.title.lower() or word in row.notes.lower() or word == row.state.lower()
+
+
+def shown_value(row: PointRow) -> float:
+    """The value in MPa or mm."""
+    return math.nan if row.value is None else row.value / (1e-3 if row.unit == "m" else 1e6)
+
+
+def in_order(rows: Sequence[PointRow], by: str, *, falling: bool = False) -> list[PointRow]:
+    """Rows sorted; those that do not know what they are sorted by stand last."""
+    if by == ORDERS[0]:
+        return list(reversed(rows)) if falling else list(rows)
+    if by == "title":
+        return sorted(rows, key=lambda row: _natural(row.title), reverse=falling)
+    known = [row for row in rows if getattr(row, by) not in (None, "")]
+    unknown = [row for row in rows if getattr(row, by) in (None, "")]
+    return sorted(known, key=lambda row: getattr(row, by), reverse=falling) + unknown
+
+
+def _natural(name: str) -> list[tuple[int, float, str]]:
+    """Point 2 before point 10."""
+    parts = re.split(r"(\d+)", name.lower())
+    return [(0, float(part), "") if part.isdigit() else (1, 0.0, part) for part in parts if part]
+
+
+def pages(count: int, size: int) -> int:
+    """How many pages so many rows take, at least one."""
+    return max(1, -(-count // size))
+
+
+def shares(rows: Iterable[PointRow]) -> Iterator[tuple[str, int]]:
+    """How many points stand how, in a fixed order; what does not occur is left out."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        counts[row.state] = counts.get(row.state, 0) + 1
+    for state in ("PASS", "FAIL", "UNDECIDED", "-", "DISCARDED", "..."):
+        if counts.get(state):
+            yield state, counts[state]
