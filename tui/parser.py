@@ -43,6 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_log,
         _add_replay,
         _add_import,
+        _add_map,
         _add_invert,
         _add_diagnose,
         _add_calibrate,
@@ -329,6 +330,25 @@ def _add_import(commands: "Commands") -> None:
         "any)",
     )
     importing.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def _add_map(commands: "Commands") -> None:
+    drafting = commands.add_parser(
+        "map",
+        help="a first column map for a delimited text",
+        description="Looks at a text (CSV, tabs, blanks), says what its columns seem to hold, asks "
+        "on a terminal, and writes a column map for pfwd import --map. Exit status 1 when "
+        "something is still to be said in it.",
+        allow_abbrev=False,
+    )
+    drafting.add_argument("file", metavar="FILE", help="delimited text of any program")
+    drafting.add_argument(
+        "-o", "--output", metavar="MAP.toml", help="default: FILE with .map.toml at its end"
+    )
+    drafting.add_argument("--force", action="store_true", help="write over what is there")
+    drafting.add_argument(
+        "--no-questions", action="store_true", help="write what was found, ask nothing"
+    )
 
 
 def _add_export(commands: "Commands") -> None:

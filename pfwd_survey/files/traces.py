@@ -232,7 +232,7 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
             if not native and not foreign:
                 hint = (
                     "for a file of another program give its keys with --header FILE.toml, or what "
-                    "its columns hold with pfwd import --map FILE.toml"
+                    "its columns hold with pfwd import --map FILE.toml, which pfwd map writes"
                 )
                 expected = f"# {FORMAT_KEY} = {FORMAT_VERSION}"
                 raise TraceError(refusal(where, expected, quote(text.rstrip()), hint))

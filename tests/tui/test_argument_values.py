@@ -48,7 +48,11 @@ def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
         (values.layers, "2.0", "a whole number from 1 to 4, or auto"),
         (values.thickness, "0.2;0.3", "numbers in m with commas between, or unknown"),
         (values.thickness, "", "numbers in m with commas between, or unknown"),
-        (values.report_file, "report.doc", "a name ending in .html or .pdf"),
+        (
+            values.report_file,
+            "report.doc",
+            "a name ending in .html or .pdf, or in .xlsx with --template",
+        ),
         (values.plot_file, "plot", "a name ending in .pdf, .png, .svg"),
     ],
 )

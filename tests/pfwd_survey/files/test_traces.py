@@ -180,6 +180,7 @@ VALUES = {
     "seating_drops": st.integers(0, 10),
     "model_floor": st.floats(0, 1e-3),
     "moisture": st.floats(0, 100),
+    "plate_load_modulus": st.floats(1.0, 1e9),
     "temperature": st.floats(-90, 100),
     "test": st.sampled_from(["ground", "stiffness"]),
     "rig_stiffness": st.floats(1e3, 1e9),

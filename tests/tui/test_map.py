@@ -1,0 +1,138 @@
+"""``pfwd map``: a draft from what a text looks like, and the text read by it."""
+
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+from pfwd_survey.errors import TraceError
+from pfwd_survey.files.foreign.column_map import read_map
+from pfwd_survey.files.foreign.map_draft import draft_map, map_text
+from pfwd_survey.files.reading import read_points
+from tests.tui.console import pfwd
+
+
+def text_file(
+    path: Path,
+    head: str,
+    delimiter: str = ";",
+    decimal: str = ",",
+    columns: int = 3,
+    encoding: str = "utf-8",
+) -> Path:
+    rows = [head] if head else []
+    for i in range(200):
+        t = i * 0.1
+        pulse = math.sin(math.pi * (t - 2) / 18) if 2 < t < 20 else 0.0
+        values = [t, 7.0 * pulse, *(0.5 * pulse / (n + 1) for n in range(columns - 2))]
+        rows.append(delimiter.join(f"{value:.4f}".replace(".", decimal) for value in values))
+    path.write_text("\n".join(rows) + "\n", encoding=encoding)
+    return path
+
+
+def test_a_german_spreadsheet_is_recognised_and_read(tmp_path: Path) -> None:
+    file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]", encoding="cp1252")
+    done = pfwd("map", file)
+    assert done.returncode == 0, done.stderr
+    assert "plate radius" in done.stderr
+    made = tmp_path / "excel.map.toml"
+    made.write_text("plate_radius_m = 0.15\n" + made.read_text(encoding="utf-8"), encoding="utf-8")
+    (point,) = read_points(file, column_map=made)
+    (drop,) = point.drops
+    assert drop.load.max() == pytest.approx(7000.0, rel=1e-3)
+    assert drop.channels[0].values.max() == pytest.approx(0.5e-3, rel=1e-3)
+    assert drop.channels[0].quantity == "displacement"
+    again = pfwd("map", file)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("head", "delimiter", "decimal", "expected"),
+    [
+        ("time (s),force (N),v0 (mm/s)", ",", ".", ("time", "load", "sensor")),
+        ("t [ms]\tF [kN]\ts0 [µm]", "\t", ",", ("time", "load", "sensor")),
+        ("site km 12\nt/ms;load/lbf;geophone/in/s", ";", ".", ("time", "load", "sensor")),
+        ("A;B;C\n[ms];[kN];[mm]", ";", ",", ("time", "load", "sensor")),
+    ],
+)
+def test_separators_and_roles(
+    head: str, delimiter: str, decimal: str, expected: tuple[str, ...], tmp_path: Path
+) -> None:
+    draft = draft_map(text_file(tmp_path / "a.txt", head, delimiter, decimal))
+    assert (draft.delimiter, draft.decimal) == (delimiter, decimal)
+    assert tuple(column.role for column in draft.columns) == expected
+    assert all(column.unit is not None for column in draft.columns)
+    assert draft.missing == []
+    (tmp_path / "m.toml").write_text(map_text(draft), encoding="utf-8")
+    assert read_map(tmp_path / "m.toml").decimal == decimal
+
+
+def test_the_distance_of_a_sensor_is_taken_from_its_name_or_asked_for(tmp_path: Path) -> None:
+    head = "time [s];load [kN];center [mm];defl 300 mm [mm];defl B [mm]"
+    draft = draft_map(text_file(tmp_path / "a.csv", head, columns=5))
+    assert [column.offset for column in draft.columns[2:]] == [0.0, 0.3, None]
+    assert draft.missing == ["the distance of defl B [mm] from the centre"]
+    done = pfwd("map", tmp_path / "a.csv", "-o", tmp_path / "m.toml")
+    assert done.returncode == 1
+    assert "# offset_m = ?" in (tmp_path / "m.toml").read_text(encoding="utf-8")
+
+
+def test_numbers_without_names(tmp_path: Path) -> None:
+    draft = draft_map(text_file(tmp_path / "a.txt", "", "   ", "."))
+    assert (draft.delimiter, draft.names, len(draft.columns)) == (None, False, 3)
+    assert "which column is the time" in draft.missing
+
+
+@pytest.mark.parametrize("content", [b"", b"hello\nworld\n", b"PK\x03\x04\x00\x00", b"\x00\x01"])
+def test_what_holds_no_numbers_is_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(TraceError, match="expected"):
+        draft_map(tmp_path / "x")
+
+
+def test_a_text_that_no_reader_knows_names_both_commands(tmp_path: Path) -> None:
+    file = text_file(tmp_path / "excel.csv", "Zeit [ms];Kraft [kN];Setzung [mm]")
+    done = pfwd("import", file, "-o", tmp_path / "s")
+    assert done.returncode == 1
+    assert "pfwd import --map" in done.stderr
+    assert "pfwd map" in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
+    import os
+    import pty
+    import subprocess
+    import threading
+
+    from tests.tui.console import PFWD, TOP
+
+    file = text_file(tmp_path / "a.csv", "A;B;C")
+    keeper, terminal = pty.openpty()
+    with subprocess.Popen(
+        [*PFWD, "map", str(file)], cwd=TOP, stdin=terminal, stdout=terminal, stderr=terminal
+    ) as asking:
+        os.close(terminal)
+        answers = ["0.15", "time", "ms", "load", "kN", "wrong", "sensor", "velocity", "0", "mm/s"]
+        os.write(keeper, ("\n".join(answers) + "\n").encode())
+        shown = b""
+
+        def read() -> None:
+            nonlocal shown
+            try:
+                while part := os.read(keeper, 4096):
+                    shown += part
+            except OSError:
+                return
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        assert asking.wait(60) == 0, shown.decode()
+        reader.join(10)
+    os.close(keeper)
+    assert b"expected one of time, load" in shown
+    made = read_map(tmp_path / "a.map.toml")
+    assert made.sensors[0].quantity == "velocity"
+    assert made.declarations["plate_radius_m"].value == 0.15
