@@ -1,6 +1,7 @@
 """matplotlib without the settings that lie in the current folder."""
 
 import contextlib
+import logging
 import os
 import sys
 from importlib.util import find_spec
@@ -17,6 +18,9 @@ def start_matplotlib() -> None:
     settings that the user keeps for himself, and those that he names by MATPLOTLIBRC, count as
     ever.
     """
+    # Which fonts there are is looked up by who draws, and what cannot be drawn is said by him: that
+    # a family has no bold letters helps nobody who waits for a report.
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     if "matplotlib" in sys.modules or not os.path.exists(SETTINGS):
         return
     spec = find_spec("matplotlib")

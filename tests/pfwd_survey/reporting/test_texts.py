@@ -143,3 +143,16 @@ def test_control_characters_have_no_business_on_paper() -> None:
     letters = Letters()
     assert letters.drawable("a\x1b[31m\u202eb\nc") == "a [31m b\nc"
     assert letters.missing == 0
+
+
+def test_a_family_without_bold_letters_prints_no_lines(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from matplotlib.font_manager import FontProperties, findfont
+
+    from pfwd_survey.matplotlib_start import start_matplotlib
+
+    start_matplotlib()
+    findfont(FontProperties(family=["no such family at all", "DejaVu Sans"], weight="bold"))
+    findfont(FontProperties(family="another family that is not there"))
+    assert "findfont" not in caplog.text
