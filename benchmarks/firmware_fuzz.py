@@ -43,8 +43,13 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
         if built.returncode:
             raise FirmwareError(f"firmware: clang: {built.stderr.strip().splitlines()[-1]}")
         ran = subprocess.run(
-            [str(program), f"-max_total_time={seconds}", f"-max_len={LONGEST_INPUT}"]
-            + ["-print_final_stats=1", str(corpus)],
+            [
+                str(program),
+                f"-max_total_time={seconds}",
+                f"-max_len={LONGEST_INPUT}",
+                "-print_final_stats=1",
+                str(corpus),
+            ],
             capture_output=True,
             text=True,
             check=False,

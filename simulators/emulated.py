@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Sequence
@@ -205,7 +205,7 @@ class EmulatedBoard:
 
     def __init__(self, image: Path) -> None:
         program = emulator()
-        if program is None or sys.platform == "win32":
+        if program is None or os.name == "nt":
             raise FirmwareError(
                 f"firmware: expected {EMULATOR}, came none; install QEMU (Debian: "
                 "qemu-system-arm); on Windows the emulated board is not run"
