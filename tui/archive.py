@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
+from tui.commands.diagnose import show_diagnosis
 from tui.format import printed_results
 from tui.output import clean, say
 from tui.progress import counting
@@ -22,7 +23,7 @@ FAILURES_SAID = 20
 
 
 def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Invert everything that is named or lies below a folder; 1 when some of it was refused.
+    """Invert or diagnose everything that is named or lies below a folder; 1 when some was refused.
 
     Raises
     ------
@@ -66,8 +67,11 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
         for failure in outcome.failures:
             refused += 1
             say(failure.reason)
-        for line in printed_results(outcome.results, as_json=args.json, by=args.by):
-            print(line, flush=True)
+        for diagnosis in outcome.diagnoses:
+            show_diagnosis(diagnosis, as_json=args.json)
+        if not options.diagnose:
+            for line in printed_results(outcome.results, as_json=args.json, by=args.by):
+                print(line, flush=True)
     return 1 if refused or _found_none(args, sources) else 0
 
 
@@ -87,21 +91,23 @@ def _keep_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Work
                     say(failure.reason)
                 elif said == FAILURES_SAID + 1:
                     say(f"further failures are kept in {args.archive}")
-            show(summary.sources, f"{summary.drops} drops, {summary.failed} failures")
+            done = f"{summary.points} points" if options.diagnose else f"{summary.drops} drops"
+            show(summary.sources, f"{done}, {summary.failed} failures")
 
         summary = invert_archive(args.files, args.archive, options, workers, tell)
     if args.json:
         print(json_text(summary.as_dict()), flush=True)
     else:
-        for line in _summary_lines(summary):
+        for line in _summary_lines(summary, diagnosed=options.diagnose):
             print(clean(line), flush=True)
     return 1 if summary.failed_in_all or _found_none(args, summary.sources) else 0
 
 
-def _summary_lines(summary: "Summary") -> Iterator[str]:
+def _summary_lines(summary: "Summary", *, diagnosed: bool) -> Iterator[str]:
+    done = f"{summary.points} points diagnosed" if diagnosed else f"{summary.drops} drops inverted"
     yield (
         f"{summary.archive}: {summary.sources} sources, {summary.done_before} done before, "
-        f"{summary.duplicates} copies, {summary.drops} drops inverted in {summary.elapsed_s:.1f} s"
+        f"{summary.duplicates} copies, {done} in {summary.elapsed_s:.1f} s"
     )
     if summary.failed_in_all:
         yield (

@@ -156,12 +156,7 @@ def _add_invert(commands: "Commands") -> None:
     )
     _add_seed(search)
     _add_jobs(search)
-    search.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="work on a dask cluster in place of processes, as tls://host:8786 with dask's "
-        "certificates, or tcp://host:8786",
-    )
+    _add_scheduler(search)
     _add_known(invert)
     output = invert.add_argument_group("output")
     output.add_argument(
@@ -178,6 +173,15 @@ def _add_invert(commands: "Commands") -> None:
         help="what has a line of its own in the text (default: drop)",
     )
     output.add_argument("--json", action="store_true", help="one JSON object a line, SI units")
+
+
+def _add_scheduler(parser: "argparse.ArgumentParser | argparse._ArgumentGroup") -> None:
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="work on a dask cluster in place of processes, as tls://host:8786 with dask's "
+        "certificates, or tcp://host:8786",
+    )
 
 
 def _add_store(parser: "argparse.ArgumentParser | argparse._ArgumentGroup") -> None:
@@ -399,6 +403,12 @@ def _add_diagnose(commands: "Commands") -> None:
         allow_abbrev=False,
     )
     diagnose.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    diagnose.add_argument(
+        "--archive",
+        metavar="OUT",
+        help="keep the diagnoses in this folder, as Parquet; what it has already is not done again",
+    )
+    _add_scheduler(diagnose)
     diagnose.add_argument("--device", metavar="D.toml", help="device effects that are known")
     diagnose.add_argument("--write-device", metavar="D.toml", help="keep the device effects found")
     diagnose.add_argument(

@@ -5,6 +5,7 @@
     OUT/archive.json                          what this folder is
     OUT/runs/KEY.json                         options and software of a run
     OUT/results/run=KEY/part-000001.parquet   a row a drop
+    OUT/diagnoses/run=KEY/part-000001.parquet  a row a point, of runs of `pfwd diagnose`
     OUT/failures/run=KEY/part-000001.parquet  a row for whatever gave none, with the reason
     OUT/sources/run=KEY/part-000001.parquet   a row a source: the other two are valid with it
     OUT/ledger.sqlite                         an index of the sources; made anew when it is lost
@@ -27,9 +28,10 @@ from pfwd_survey.files.disk import disk_errors, sync
 from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER, layer_cells
 
 if TYPE_CHECKING:
+    from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
     from pfwd_survey.inverting.results import DropResult
 
-TABLES = ("results", "failures", "sources")
+TABLES = ("results", "diagnoses", "failures", "sources")
 _MARK = {"format": "pfwd-archive", "version": 1}
 _PART = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
 
@@ -125,7 +127,43 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
 FIRST_COLUMNS = 48
 """Of a result in parts that were written before there were layers; the others are null in them."""
 
-_COLUMNS = dict(zip(TABLES, (RESULT_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True))
+DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
+    ("file", "string"),
+    ("source_sha256", "string"),
+    ("point", "string"),
+    ("device", "string"),
+    ("drops", "int64"),
+    ("verdict", "string"),
+    ("corrected", "bool"),
+    ("plate", "string"),
+    ("plate_radius_m", "float64"),
+    ("poisson_ratio", "float64"),
+    ("model", "string"),
+    ("modulus_pa", "float64"),
+    ("modulus_sd_pa", "float64"),
+    ("modulus_interval_low_pa", "float64"),
+    ("modulus_interval_high_pa", "float64"),
+    ("stress_pa", "float64"),
+    ("modulus_100kpa_pa", "float64"),
+    ("residual_rms_over_peak", "float64"),
+    ("contact_residual_rms_over_peak", "float64"),
+    ("residual_over_noise", "float64"),
+    ("before_model", "string"),
+    ("before_modulus_pa", "float64"),
+    ("before_residual_rms_over_peak", "float64"),
+    ("before_contact_residual_rms_over_peak", "float64"),
+    ("held_out_mode", "string"),
+    ("held_out_before", "float64"),
+    ("held_out_after", "float64"),
+    ("effects", "strings"),
+    ("rejected", "strings"),
+    ("warnings", "strings"),
+)
+"""Of a point after its effects were added; `before_`: with the base model."""
+
+_COLUMNS = dict(
+    zip(TABLES, (RESULT_COLUMNS, DIAGNOSIS_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True)
+)
 _PAIRS = {
     "modulus_interval_pa": ("modulus_interval_low_pa", "modulus_interval_high_pa"),
     "bedrock_depth_interval_m": (
@@ -146,6 +184,18 @@ def result_row(result: DropResult, digest: str) -> dict[str, Any]:
     flat |= {f"half_sine_{key}": value for key, value in fit.items()}
     flat |= layer_cells(result)
     return {name: _fitting(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
+
+
+def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
+    """One diagnosis as a row."""
+    flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops or ())}
+    flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
+    flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
+    flat |= flat.get("after") or {}
+    ends = flat.get("modulus_interval_pa") or (None, None)
+    flat |= dict(zip(_PAIRS["modulus_interval_pa"], ends, strict=True))
+    flat["effects"] = [str(effect.name) for effect in result.effects or ()]
+    return {name: _fitting(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 
 
 def _fitting(value: Any, kind: str) -> Any:
@@ -223,6 +273,7 @@ class Dataset:
         self,
         number: int,
         results: Sequence[Row],
+        diagnoses: Sequence[Row],
         failures: Sequence[Row],
         sources: Sequence[Row],
     ) -> None:
@@ -234,7 +285,7 @@ class Dataset:
             If the disk does not take it.
         """
         with disk_errors(self.folder):
-            for name, rows in zip(TABLES, (results, failures, sources), strict=True):
+            for name, rows in zip(TABLES, (results, diagnoses, failures, sources), strict=True):
                 if rows or name == "sources":
                     self._write_table(name, number, _table(name, rows))
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from pfwd_survey.archive.dataset import Dataset, Row, result_row
+from pfwd_survey.archive.dataset import Dataset, Row, diagnosis_row, result_row
 from pfwd_survey.archive.identity import run_identity, run_key
 from pfwd_survey.archive.ledger import Ledger
 from pfwd_survey.archive.sources import (
@@ -60,6 +60,8 @@ class Summary:
     """Of these, inverted now; a survey counts once for each of its pieces."""
     drops: int = 0
     """Drops inverted now, rejected ones among them."""
+    points: int = 0
+    """Points diagnosed now."""
     failed: int = 0
     """Failures met now."""
     failed_in_all: int = 0
@@ -167,6 +169,7 @@ class _Done:
 
     source: Row
     results: list[dict[str, Any]] = field(default_factory=list)
+    diagnoses: list[dict[str, Any]] = field(default_factory=list)
     failures: list[dict[str, Any]] = field(default_factory=list)
 
 
@@ -269,6 +272,7 @@ class _Run:
             met += outcome.failures
             summary.inverted += 1
             summary.drops += len(outcome.results)
+            summary.points += len(outcome.diagnoses)
             if not outcome.final:
                 self._fail(source, outcome.failures)
                 continue
@@ -277,10 +281,11 @@ class _Run:
             done = _Done(
                 _source_row(source, len(outcome.results), failures, None),
                 [result_row(result, source.digest) for result in outcome.results],
+                [diagnosis_row(result, source.digest) for result in outcome.diagnoses],
                 [_failure_row(source, failure) for failure in outcome.failures],
             )
             self._buffer.sources.append(done)
-            self._buffer.drops += len(done.results)
+            self._buffer.drops += len(done.results) + len(done.diagnoses)
             self._settled[source.key] = (source.path, failures)
             for duplicate in duplicates:
                 self._add_duplicate(duplicate, source.path, failures)
@@ -314,6 +319,7 @@ class _Run:
             self._dataset.write(
                 buffer.number,
                 [row for done in buffer.sources for row in done.results],
+                [row for done in buffer.sources for row in done.diagnoses],
                 [row for done in buffer.sources for row in done.failures],
                 sources,
             )

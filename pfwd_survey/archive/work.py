@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from inversion import SurrogateLibrary
     from pfwd_device.recording.survey_content import SurveyContent
     from pfwd_survey.files.traces import TracePoint
+    from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
     from pfwd_survey.inverting.options import AnalysisOptions
     from pfwd_survey.inverting.results import DropResult
 
@@ -57,6 +58,8 @@ class SourceOutcome:
     source: Source
     results: list[DropResult] = field(default_factory=list)
     """One a drop; what is declared of its point is among the keys that a result does not know."""
+    diagnoses: list[DiagnosisResult] = field(default_factory=list)
+    """One a point, where points are diagnosed in place of drops being inverted."""
     failures: list[Failure] = field(default_factory=list)
     processor_seconds: float = 0.0
     """Time of the processor that it took."""
@@ -87,27 +90,62 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
 
     begun = time.process_time()
     results: list[DropResult] = []
+    diagnoses: list[DiagnosisResult] = []
     failures: list[Failure] = []
+    points: list[TracePoint] = []
     try:
         if not unchanged(source) and source.size >= 0:
             raise _Changed
         for found in _points(source, options):
             if isinstance(found, Failure):
                 failures.append(found)
+            elif options.diagnose:
+                points.append(found)
             else:
                 results += _results(source, found, options)
+        for diagnosed in _diagnosed(source, points, options):
+            if isinstance(diagnosed, Failure):
+                failures.append(diagnosed)
+            else:
+                diagnoses.append(diagnosed)
         if not unchanged(source) and source.size >= 0:
             raise _Changed
     except _Changed:
         reason = refusal(source.path, "a file at rest", "one that was written to meanwhile")
-        results, failures = [], [Failure("changed", reason)]
+        results, diagnoses, failures = [], [], [Failure("changed", reason)]
     except (SurveyError, InversionError) as error:
-        results, failures = [], [*failures, Failure("refused", str(error))]
+        results, diagnoses = [], []
+        failures = [*failures, Failure("refused", str(error))]
     except Exception as error:
         # One source in a million must not end the others; its reason is kept with the rest.
         reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
-        results, failures = [], [*failures, Failure("unforeseen", reason)]
-    return SourceOutcome(source, results, failures, time.process_time() - begun)
+        results, diagnoses = [], []
+        failures = [*failures, Failure("unforeseen", reason)]
+    spent = time.process_time() - begun
+    return SourceOutcome(source, results, diagnoses, failures, spent)
+
+
+def _diagnosed(
+    source: Source, points: Sequence[TracePoint], options: AnalysisOptions
+) -> Iterator[DiagnosisResult | Failure]:
+    """What is behind the residuals of points that are one survey, where they name one device."""
+    if not points:
+        return
+    from inversion import InversionError
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
+    from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entry_of
+
+    entries: list[DiagnosisPoint] = []
+    for point in points:
+        try:
+            entries.append(entry_of(source.path, point, options))
+        except InversionError as error:
+            yield Failure("refused", f"{source.path}: {error}", str(point.setup.point or ""))
+    for found in diagnose_entries(entries):
+        if found.result is not None:
+            yield found.result
+        elif found.error is not None:
+            yield Failure("refused", found.error)
 
 
 class _Changed(Exception):

@@ -90,6 +90,8 @@ class AnalysisOptions:
     """How the parameters are searched."""
     published: bool = False
     """The published method as a whole."""
+    diagnose: bool = False
+    """Over an archive: points are diagnosed, in place of drops being inverted."""
     priors: bool = True
     """What nature gives decides between grounds that fit alike."""
     seed: int = 0

@@ -3,6 +3,7 @@
 import argparse
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
@@ -11,6 +12,7 @@ from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings
+from tui.files import any_folder
 from tui.output import say
 from tui.progress import points_counted
 
@@ -34,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
         elastic=args.elastic,
         load=args.load,
     )
+    if args.archive is not None or args.scheduler is not None or any_folder(args.files):
+        return _over_archive(args, options)
     from pfwd_survey.inverting.diagnosis.device_file import (
         device_of,
         read_device_file,
@@ -75,6 +79,18 @@ def run(args: argparse.Namespace) -> int:
         )
         say(f"plot {args.plot}")
     return 1 if any(diagnosed.error for diagnosed in found) else 0
+
+
+def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
+    """Diagnose everything that is named or lies below a folder, each survey by itself."""
+    from tui.archive import run_over_archive
+
+    for name in ("device", "write_device", "leave_out"):
+        if getattr(args, name) is not None:
+            option = "--" + name.replace("_", "-")
+            why = f"{option} with a folder, --archive or --scheduler"
+            raise OptionError(refusal(why, "one of them", "both", "name the files"))
+    return run_over_archive(args, replace(options, diagnose=True))
 
 
 def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:

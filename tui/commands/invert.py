@@ -9,6 +9,7 @@ from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome, with_diagnoses
+from tui.files import any_folder
 from tui.format import By, printed_results
 from tui.output import say
 
@@ -21,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     options = options_from(args)
     if args.plot:
         require_writable(args.plot, "--plot")
-    if args.archive is not None or args.scheduler is not None or _any_folder(args.files):
+    if args.archive is not None or args.scheduler is not None or any_folder(args.files):
         from tui.archive import run_over_archive
 
         return run_over_archive(args, options)
@@ -94,15 +95,6 @@ def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
     if not as_json:
         tell_warnings(diagnosed)
     keep_found(diagnosed, store=store)
-
-
-def _any_folder(files: list[str]) -> bool:
-    """Whether one stands for what is below it: a folder that is no survey."""
-    if not any(map(os.path.isdir, files)):
-        return False
-    from pfwd_survey.files.folders import is_survey
-
-    return any(os.path.isdir(file) and not is_survey(file) for file in files)
 
 
 def options_from(args: argparse.Namespace) -> AnalysisOptions:
