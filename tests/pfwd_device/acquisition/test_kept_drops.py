@@ -1,0 +1,160 @@
+"""Drops that the instrument keeps, and samples that it sends again: the host's part."""
+
+import datetime
+import zlib
+
+import numpy as np
+
+from pfwd_device.acquisition.assembler import RESEND_EVERY, RESEND_PATIENCE, Assembler
+from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples
+from pfwd_device.acquisition.kept_drops import FETCH_AGAIN, KeptDrops
+from pfwd_device.wire.fields import pack_int24
+from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
+    DropBlock,
+    DropOffer,
+    Fetch,
+    Released,
+    Resend,
+    SamplesGone,
+    Trigger,
+)
+from tests.pfwd_device.acquisition import scripted
+
+NOW = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+COUNTS = scripted.counts(1000, 95)
+DATA = pack_int24(COUNTS)
+EACH = 10
+NAME = 7, 1000
+OFFER = DropOffer(*NAME, 2_000_000, 20, 95, COUNTS.shape[1], EACH, zlib.crc32(DATA), 2000.0)
+TRIGGER = Trigger(True, 0, 400, 3, 20, 75, 1000)
+
+
+def block(number: int) -> DropBlock:
+    size = 3 * COUNTS.shape[1] * EACH
+    return DropBlock(*NAME, number, DATA[number * size :][:size])
+
+
+def said(kept: KeptDrops) -> list[object]:
+    found, kept.outbox = kept.outbox, []
+    return list(found)
+
+
+def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10)]
+    clock = 5_000_000, NOW
+    drops = [kept.take(block(number), 0.1, clock) for number in range(10)]
+    assert drops[:-1] == [None] * 9
+    (drop,) = drops[-1:]
+    assert isinstance(drop, KeptDrop)
+    np.testing.assert_array_equal(drop.counts, COUNTS)
+    assert drop.time_utc == NOW - datetime.timedelta(seconds=3)
+    kept.take(OFFER, 0.2, None)
+    assert said(kept) == []  # not safe yet: neither fetched again nor given back
+    kept.acknowledge(*NAME, 0.3)
+    assert said(kept) == [Acknowledge(*NAME)]
+    kept.take(OFFER, 0.4, None)
+    assert said(kept) == [Acknowledge(*NAME)]  # the first one was lost
+    assert kept.unreleased == 1
+    kept.take(Released(*NAME), 0.5, None)
+    assert (kept.unreleased, kept.due) == (0, None)
+
+
+def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut() -> None:
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    for number in (0, 1, 4, 5, 9):
+        kept.take(block(number), 0.1, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10), Fetch(*NAME, 2, 2)]
+    kept.tick(0.1 + FETCH_AGAIN)
+    assert said(kept) == [Fetch(*NAME, 2, 2)]
+    kept.cut()
+    kept.tick(5.0)
+    assert said(kept) == []
+    kept.take(OFFER, 6.0, None)
+    assert said(kept) == [Fetch(*NAME, 2, 2)]
+    for number in (2, 3, 6, 7):
+        kept.take(block(number), 6.1, None)
+    assert isinstance(kept.take(block(8), 6.2, None), KeptDrop)
+
+
+def test_a_whole_with_another_crc_is_not_believed() -> None:
+    kept = KeptDrops(Counters())
+    wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
+    kept.take(wrong, 0.0, None)
+    said(kept)
+    assert [kept.take(block(number), 0.1, None) for number in range(10)] == [None] * 10
+    assert said(kept) == [Fetch(*NAME, 0, 10)]
+
+
+def test_a_block_of_another_length_is_refused() -> None:
+    counters = Counters()
+    kept = KeptDrops(counters)
+    kept.take(OFFER, 0.0, None)
+    for wrong in (DropBlock(*NAME, 0, DATA[:6]), DropBlock(*NAME, 99, DATA[:6])):
+        assert kept.take(wrong, 0.1, None) is None
+    assert counters.blocks_refused == 2
+
+
+def test_arm_is_said_until_it_is_answered() -> None:
+    kept = KeptDrops(Counters())
+    kept.arm(TRIGGER, 0.0)
+    kept.tick(1.0)
+    assert said(kept) == [Arm(TRIGGER)] * 2
+    kept.take(Armed(TRIGGER), 1.1, None)
+    kept.tick(9.0)
+    assert said(kept) == []
+
+
+def assembler(ring: int = 4000) -> tuple[Assembler, Counters]:
+    import dataclasses
+
+    counters = Counters()
+    identity = dataclasses.replace(
+        scripted.identity(rate=2000.0), protocol_version=2, ring_samples=ring
+    )
+    return Assembler(identity, counters), counters
+
+
+def feed(made: Assembler, first: int, at: float, length: int = 20) -> list[Item]:
+    return made.add(scripted.block(first, length), at, NOW)
+
+
+def test_missing_samples_are_asked_for_and_put_in_their_place() -> None:
+    made, counters = assembler()
+    items = feed(made, 0, 0.0) + feed(made, 40, 0.1) + feed(made, 60, 0.11)
+    assert made.requests(0.11) == [Resend(7, 20, 20)]
+    assert made.requests(0.12) == []
+    assert made.requests(0.12 + RESEND_EVERY) == [Resend(7, 20, 20)]
+    items += feed(made, 20, 0.3)
+    scripted.assert_each_sample_once(items)
+    assert [item.first for item in items if isinstance(item, Samples)] == [0, 20, 40, 60]
+    assert (counters.samples_recovered, counters.samples_lost) == (20, 0)
+    assert made.due is None
+
+
+def test_what_is_gone_is_a_gap_at_once_and_what_never_comes_after_a_while() -> None:
+    made, counters = assembler()
+    items = feed(made, 0, 0.0) + feed(made, 1000, 0.1) + feed(made, 1020, 0.11)
+    assert made.requests(0.11) == [Resend(7, 20, 980)]
+    items += made.gone(SamplesGone(7, 20, 480))
+    assert items[-1] == Gap(7, 20, 480)
+    assert made.flush(0.11 + RESEND_PATIENCE / 2 - RESEND_PATIENCE) == []
+    items += made.flush(0.2)
+    assert counters.samples_lost == 980
+    scripted.assert_each_sample_once(items)
+
+
+def test_a_single_index_far_ahead_is_not_asked_for() -> None:
+    made, counters = assembler()
+    feed(made, 0, 0.0)
+    feed(made, 1_000_000, 0.1)
+    assert made.requests(0.1) == []
+    for number in range(1, 60):
+        feed(made, 20 * number, 0.1 + number / 100)
+    assert counters.samples == 1200

@@ -1,0 +1,107 @@
+"""The simulated instrument keeps drops and samples, under its own faults."""
+
+import numpy as np
+
+from pfwd_device.conformance import conform
+from pfwd_device.transport.opening import open_transport
+from pfwd_device.wire.binary import BinaryDialect, encode_message
+from pfwd_device.wire.messages import (
+    Acknowledge,
+    Arm,
+    Armed,
+    DropBlock,
+    DropOffer,
+    Fetch,
+    Hello,
+    HostMessage,
+    InstrumentMessage,
+    Released,
+    Resend,
+    SampleBlock,
+    SamplesGone,
+    Start,
+    Status,
+    Trigger,
+)
+from simulators.instrument import serve
+from simulators.instrument.device import PortlessInstrument
+from simulators.instrument.scenario import load_scenario
+
+QUICK = {"first": 0.5, "interval": 2.0, "bounces": [0, 0]}
+TRIGGER = Trigger(True, 0, 4194, 3, 200, 1000, 15_000)
+
+
+class Host:
+    """Says and hears without a port."""
+
+    def __init__(self, instrument: PortlessInstrument) -> None:
+        self.instrument, self.dialect = instrument, BinaryDialect()
+        instrument.connect()
+
+    def say(self, *messages: HostMessage) -> list[InstrumentMessage]:
+        for message in messages:
+            self.instrument.receive(encode_message(message, 0))
+        return self.hear(0.0)
+
+    def hear(self, seconds: float) -> list[InstrumentMessage]:
+        self.instrument.advance(seconds)
+        data = bytes(self.instrument.output)
+        self.instrument.sent(len(data))
+        return self.dialect.feed(data)
+
+
+def of(messages: list[InstrumentMessage], kind: type) -> list[InstrumentMessage]:
+    return [message for message in messages if isinstance(message, kind)]
+
+
+def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged() -> None:
+    scenario = {
+        "base": "buffered",
+        "drops": QUICK,
+        "faults": [{"kind": "reset", "at_s": 1.2}],
+    }
+    instrument = PortlessInstrument(load_scenario(scenario), seed=1, drops=1)
+    host = Host(instrument)
+    assert of(host.say(Hello(), Arm(TRIGGER)), Armed) == [Armed(TRIGGER)]
+    instrument.disconnect()  # the drop falls while nobody is there
+    instrument.advance(1.0)
+    host = Host(instrument)
+    offer = of(host.say(Hello()), DropOffer)[-1]
+    assert isinstance(offer, DropOffer)
+    assert (offer.trigger, offer.samples, offer.earlier) == (200, 1200, False)
+    host.hear(1.0)
+    again = of(host.say(Hello()), DropOffer)[-1]
+    assert isinstance(again, DropOffer)
+    assert (again.crc, again.earlier, again.clock_us) == (offer.crc, True, None)
+    name = offer.stream, offer.first_sample
+    blocks = of(host.say(Fetch(*name)), DropBlock)
+    assert len(blocks) == offer.blocks
+    assert of(host.say(Acknowledge(*name)), Released) == [Released(*name)]
+    instrument.status()
+    heard = host.hear(0.0)
+    (status,) = of(heard, Status)
+    assert isinstance(status, Status)
+    assert (status.drops_waiting, of(heard, DropOffer)) == (0, [])
+
+
+def test_missing_samples_come_again_as_long_as_the_ring_has_them() -> None:
+    scenario = {"link": {"ring": 0.2}}
+    host = Host(PortlessInstrument(load_scenario(scenario)))
+    host.say(Hello(), Start())
+    (streamed,) = of(host.hear(0.5), SampleBlock)
+    assert isinstance(streamed, SampleBlock)
+    again = host.say(Resend(streamed.stream, 0, len(streamed.counts)))
+    (gone,) = of(again, SamplesGone)
+    (resent,) = of(again, SampleBlock)
+    assert isinstance(gone, SamplesGone)
+    assert isinstance(resent, SampleBlock)
+    assert (gone.first_sample, gone.count) == (0, resent.first_sample)
+    assert 2000 <= len(resent.counts) <= 2050
+    np.testing.assert_array_equal(resent.counts, streamed.counts[resent.first_sample :])
+
+
+def test_it_keeps_the_protocol_as_far_as_a_second_shows() -> None:
+    numbers = ("P-4", "P-7", "P-17", "P-24", "P-25")
+    with serve("buffered") as instrument:
+        found = list(conform(lambda: open_transport(instrument.url), only=numbers))
+    assert {each.result for each in found} == {"passed"}, found
