@@ -9,8 +9,14 @@ from pfwd_device.conformance import conform
 from pfwd_device.conformance.requirements import BY_HAND
 from pfwd_device.recording import read_survey
 from pfwd_device.transport.opening import open_transport
-from simulators.emulated import EmulatedBoard, build_emulated, emulator, section_sizes
-from simulators.firmware import Played, play_scenario, zig_command
+from simulators.emulated import (
+    EmulatedBoard,
+    build_emulated,
+    cross_compile,
+    emulator,
+    section_sizes,
+)
+from simulators.firmware import Played, core_sources, firmware_folder, play_scenario, zig_command
 from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
 from tests.tui.console import pfwd
 
@@ -64,3 +70,13 @@ def test_it_keeps_the_protocol(image: Path) -> None:
         found = list(conform(lambda: open_transport(board.url)))
     others = [each for each in found if each.result != "passed"]
     assert {each.requirement for each in others} == BY_HAND, others
+
+
+def test_the_board_that_has_never_run_compiles_and_says_so(tmp_path: Path) -> None:
+    source = firmware_folder() / "teensy41" / "board.c"
+    first = source.read_text(encoding="utf-8").splitlines()[0]
+    assert "NEVER RUN ON HARDWARE" in first
+    target = ("-target", "thumb-freestanding-eabi", "-mcpu=cortex_m7")
+    image = tmp_path / "board.o"
+    cross_compile([source, *core_sources()], image, None, target=target)
+    assert image.stat().st_size > 10_000
