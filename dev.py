@@ -5,6 +5,8 @@
                                  go to pytest (-m "" for the slow tests as well)
     python3 dev.py check         set up if needed, then the static checks alone
     python3 dev.py docs          set up if needed, then the site, strictly, into the folder site
+    python3 dev.py app           set up if needed, then the program in one folder and a folder of
+                                 wheels, for computers without Python or network; both are tried
     python3 dev.py mutate MODULE [ARGS]  set up if needed, then change MODULE and see whether its
                                  tests notice; ARGS as in .ci/mutate.py
 
@@ -120,7 +122,7 @@ def main(arguments: list[str]) -> int:
             sys.exit(f"dev.py: --python: expected a version like 3.13, came {version or 'none'}")
         return with_python(version, [*arguments[:place], *arguments[place + 2 :]])
     task = arguments[0] if arguments else ""
-    if task not in ("demo", "test", "check", "docs", "mutate"):
+    if task not in ("demo", "test", "check", "docs", "app", "mutate"):
         print(__doc__)
         return 2
     set_up()
@@ -131,6 +133,9 @@ def main(arguments: list[str]) -> int:
     if task == "docs":
         install("docs")
         return run(["python", "-m", "mkdocs", "build", "--strict"])
+    if task == "app":
+        install("app")
+        return run(["python", ".ci/app.py"])
     if task == "mutate":
         install("mutate")
         return run(["python", ".ci/mutate.py", *arguments[1:]])

@@ -27,6 +27,10 @@ def python_command(*arguments: str) -> list[str]:
     >>> python_command("-m", "package")[1:]
     ['-P', '-m', 'package']
     """
+    if getattr(sys, "frozen", False):
+        # The program in one folder (PyInstaller), which is its own Python: its beginning takes
+        # -m, and no code comes from the current folder or from PYTHONPATH.
+        return [sys.executable, *arguments]
     return [sys.executable, "-P", *arguments]
 
 

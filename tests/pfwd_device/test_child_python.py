@@ -44,3 +44,10 @@ def test_a_process_that_works_for_another_ignores_interrupts() -> None:
     child.send_signal(signal.SIGINT)
     out, _ = child.communicate("\n", timeout=30)
     assert (out.strip(), child.returncode) == ("done", 0)
+
+
+def test_the_program_in_one_folder_is_its_own_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its beginning takes -m alone: -P is an option of Python."""
+    assert python_command("-m", "a.b")[1:] == ["-P", "-m", "a.b"]
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    assert python_command("-m", "a.b") == [sys.executable, "-m", "a.b"]
