@@ -3,10 +3,11 @@
 import os
 import signal
 import subprocess
+import sys
 
 import pytest
 
-from pfwd_device.child_python import start_child, start_text_child
+from pfwd_device.child_python import python_command, start_child, start_text_child
 
 SAYS_IT = "import os, sys; print(os.getpgid(0) != int(sys.argv[1]), sys.flags.safe_path)"
 
