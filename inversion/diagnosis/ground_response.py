@@ -89,7 +89,7 @@ class GroundResponse:
         for mass, rock in dict.fromkeys((g.plate_mass, g.inverse_depth > 0.0) for g in new):
             alike = [g for g in new if (g.plate_mass, g.inverse_depth > 0.0) == (mass, rock)]
             if nearby:
-                columns = tuple(range(_moving(alike[0])))
+                columns = tuple(range(self._moving(alike[0])))
                 keys = [(_key(s, ground), columns) for ground in alike]
                 if any(key not in self._known_slopes for key in keys):
                     slopes = self._solved_slopes(alike, s, columns)
@@ -109,6 +109,11 @@ class GroundResponse:
         names = [_HOMOGENEOUS[column] for column in columns]
         _, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(grounds), names)
         return slopes[:, :, -self._sensors :]
+
+    def _moving(self, ground: Ground) -> int:
+        """Number of the fields that a small step may move: the depth of rock if it is not given."""
+        given = ground.inverse_depth == 0.0 or self.surrogate.inverse_depths.size == 1
+        return len(_HOMOGENEOUS) - 1 if given else len(_HOMOGENEOUS)
 
     def _with_mass(self, mass: float) -> Instrument:
         """The instrument with a plate of this mass."""
@@ -144,7 +149,7 @@ class GroundResponse:
             columns = np.flatnonzero(steps.any(axis=0))
             if not ground.above:
                 # As `look_ahead` has them.
-                columns = np.arange(_moving(ground))
+                columns = np.arange(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
             result[alike] += changes.reshape(len(alike), *here.shape)
@@ -191,11 +196,6 @@ class GroundResponse:
             1.0 / ground.inverse_depth - above if rock else math.inf,
         )
         return LayeredGround((*ground.above, below), rock)
-
-
-def _moving(ground: Ground) -> int:
-    """Number of the fields that a small step may move: the depth of rock where there is some."""
-    return len(_HOMOGENEOUS) if ground.inverse_depth > 0.0 else len(_HOMOGENEOUS) - 1
 
 
 def _key(s: ComplexArray, ground: Ground) -> _Key:

@@ -31,6 +31,8 @@ _CONVERGED = 1e-6
 # After such a step the next one would be shorter than that: it is about the square, as long as no
 # power below 1 is infinitely steep at rest.
 _NEXT_CONVERGED = 1e-4
+# A step to ground nearby is no longer than this part of the largest displacement.
+_FAR = 0.5
 # The ground unloads from its largest displacement while the load is above this fraction.
 _LOADED = 0.2
 # Below this ratio a power is a straight line: its slope at rest stays finite.
@@ -144,6 +146,10 @@ def forces_nearby(
     # What the solution itself leaves is no step.
     moved = remainders[1:] - remainders[0]
     steps = _newton_step(toeplitz, slope - there[1], turn, in_peak, moved.T).T
+    # Where ground is nearly unstable a small step has no small answer: no derivative is told, but
+    # none that a power cannot be taken of.
+    far = _FAR * float(np.abs(w).max())
+    steps = np.minimum(np.maximum(np.nan_to_num(steps), -far), far)
     there_too = w - steps
     found: FloatArray = load - _resistances(there_too, turn, laws) + stiffness * there_too
     return found

@@ -63,6 +63,37 @@ def test_a_small_step_by_derivatives_is_the_step(response: GroundResponse, groun
         assert np.abs(found - change).max() < 0.012 * np.abs(change).max()
 
 
+def test_a_depth_that_is_given_is_not_moved(library: SurrogateLibrary) -> None:
+    problem = PlateProblem("rigid-rough", 0.35, tuple(r / RADIUS for r in OFFSETS))
+    every = library.get(problem, None)
+    node = every.inverse_depths[5:6]
+    one = replace(every, inverse_depths=node, echo_coefficients=every.echo_coefficients[5:6])
+    given = GroundResponse(one, Instrument(RADIUS), OFFSETS)
+    ground = replace(BELOW, inverse_depth=float(node[0]) / RADIUS)
+    near = [replace(ground, modulus=ground.modulus * (1 + 1e-3))]
+    given.look_ahead([ground, *near], S, nearby=True)
+    here, there = given.nearby(ground, near, S)
+    change = given.compliance(near[0], S) - given.compliance(ground, S)
+    assert np.abs(there - here - change).max() < 0.012 * np.abs(change).max()
+
+
+def test_grounds_that_are_looked_ahead_for_are_those_asked_for(response: GroundResponse) -> None:
+    grounds = [replace(BELOW, modulus=m * 1e7) for m in (3.0, 4.0)]
+    grounds += [replace(g, inverse_depth=1.0) for g in grounds] + [replace(BELOW, plate_mass=9.0)]
+    alone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    response.look_ahead([*grounds, LAYERED], S, nearby=False)
+    response.look_ahead([*grounds, LAYERED], S, nearby=True)
+    assert len(response._known) == len(grounds)
+    for ground in grounds:
+        near = [replace(ground, modulus=ground.modulus * 1.001)]
+        expected, moved_too = alone.nearby(ground, near, S)
+        found, other = response.nearby(ground, near, S)
+        size = np.abs(expected).max()
+        assert np.abs(found - expected).max() < 1e-12 * size
+        assert np.abs(other - moved_too).max() < 1e-12 * size
+    assert len(response._known) == len(grounds)
+
+
 def test_one_call_serves_all_steps(
     response: GroundResponse, monkeypatch: pytest.MonkeyPatch
 ) -> None:
