@@ -18,7 +18,7 @@ from pfwd_survey.errors import DeviceError, OptionError, SurveyError
 from pfwd_survey.processes import children_shielded
 from tui.interrupts import stopped_by_signals, take_no_more_signals
 from tui.output import SPELLING, say
-from tui.parser import build_parser
+from tui.parser import FIRST_STEPS, build_parser
 
 DONE, REFUSED, USAGE = 0, 1, 2
 
@@ -36,6 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
+    if args.command is None:
+        print(FIRST_STEPS)
+        return DONE
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)  # said in the end, as a message
     try:
         with stopped_by_signals(), children_shielded():

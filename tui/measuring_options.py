@@ -2,9 +2,11 @@
 
 import argparse
 import os
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
-from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.judging import Job, JobRequest, target_si
@@ -73,6 +75,29 @@ def job_request(
     stations = None if args.stations is None else read_stations(args.stations, judged)
     target = None if args.target is None else target_si(args.target, judged)
     return replace(asked, target=target, stations=stations)
+
+
+def try_output(survey: str | os.PathLike[str]) -> None:
+    """Try whether a survey can be written there, before anything else is begun.
+
+    Raises
+    ------
+    SurveyError
+        With what stands in the way.
+    """
+    path = Path(survey)
+    if is_survey(path):
+        return  # its own lock and journal tell
+    expected = "a folder that can be written"
+    if path.exists() and not path.is_dir():
+        raise SurveyError(refusal(os.fspath(path), expected, "a file"))
+    there = next(part for part in (path, *path.absolute().parents) if part.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as err:
+        reason = err.strerror or str(err)
+        raise SurveyError(refusal(os.fspath(path), expected, f"{there}: {reason}")) from err
 
 
 def agreed_on_terminal(

@@ -1,8 +1,9 @@
 """The arguments of ``pfwd``. Nothing heavy is imported here: ``pfwd --help`` answers at once."""
 
 import argparse
+import difflib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.exporting.registry import OWN as EXPORT_FORMATS
 from tui.argument_values import (
@@ -25,16 +26,79 @@ if TYPE_CHECKING:
 _JSON = "one JSON object a line, SI units"
 
 
+FIRST_STEPS = """\
+pfwd measures the modulus of the ground with a portable falling weight deflectometer.
+
+  pfwd demo                                nothing attached: a simulated instrument
+  pfwd ports                               which port is the instrument at?
+  pfwd live PORT -o "Ring road"            measure, on the screen
+  pfwd open "Ring road"                    look at what was measured
+  pfwd report "Ring road" -o report.html   for others
+
+pfwd --help names every command, pfwd COMMAND --help its options."""
+"""What bare ``pfwd`` says."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Proposes what may have been meant."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As ever; options that are not known are said with the nearest ones."""
+        found, rest = self.parse_known_args(args, namespace)
+        if rest:
+            owner = self._owner_of(found)
+            hints = [_did_you_mean(word.split("=")[0], owner.options) for word in rest]
+            owner.error(f"unrecognized arguments: {' '.join(rest)}{next(filter(None, hints), '')}")
+        return found
+
+    def _owner_of(self, found: argparse.Namespace) -> "_Parser":
+        commands = self.commands
+        return commands.get(getattr(found, "command", None) or "", self)
+
+    @property
+    def commands(self) -> "dict[str, _Parser]":
+        """By name."""
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                return dict(action.choices)
+        return {}
+
+    @property
+    def options(self) -> list[str]:
+        """All long ones."""
+        known = [name for action in self._actions for name in action.option_strings]
+        return [name for name in known if name.startswith("--")]
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as err:
+            choices = [str(choice) for choice in action.choices or ()]
+            hint = _did_you_mean(str(value), choices)
+            if not hint:
+                raise
+            if isinstance(action, argparse._SubParsersAction):
+                raise argparse.ArgumentError(
+                    None, f"{value!r} is no command{hint}; pfwd --help names them all"
+                ) from err
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}") from err
+
+
+def _did_you_mean(word: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(word, known, 1, 0.6)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="pfwd",
         description="Subgrade modulus from portable falling weight deflectometer drops.",
         epilog="Exit status: 0 done, 1 data refused, 2 wrong usage, 3 device lost.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version)
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands: Any = parser.add_subparsers(dest="command", metavar="COMMAND")
     for add in (
         _add_demo,
         _add_ports,

@@ -80,7 +80,6 @@ def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        [],
         ["unheard-of"],
         ["invert"],
         ["invert", "a.csv", "--model", "sand"],

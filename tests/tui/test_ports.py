@@ -29,6 +29,7 @@ PROBES = {
 @pytest.fixture(autouse=True)
 def _world(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ports, "list_ports", lambda: PORTS)
+    monkeypatch.setattr(ports, "port_advice", lambda _: [])
     monkeypatch.setattr(
         ports,
         "probe_ports",

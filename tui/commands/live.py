@@ -12,6 +12,7 @@ from tui.measuring_options import (
     job_request,
     measuring_options,
     measuring_setup,
+    try_output,
 )
 from tui.screen.session.sources import LiveSource
 from tui.screen.show import show
@@ -19,6 +20,7 @@ from tui.screen.show import show
 
 def run(args: argparse.Namespace) -> int:
     """Measure on the screen until the operator leaves."""
+    try_output(args.output)
     setup = measuring_setup(args)
     options = measuring_options(args)
     said = setup.declared.get("seating_drops")

@@ -9,7 +9,7 @@ from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.position import PositionReceiver
 from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
 from tui.log_file import close_log, open_log
-from tui.measuring_options import job_request, measuring_options, measuring_setup
+from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
 from tui.output import say
 from tui.session_lines import SessionLines
 
@@ -31,6 +31,7 @@ def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listene
 
 def run(args: argparse.Namespace) -> int:
     """Measure until enough drops are in, or a signal comes, or the instrument has no more."""
+    try_output(args.output)
     setup = measuring_setup(args)
     options = measuring_options(args)
     receiver = PositionReceiver(args.gps) if args.gps is not None else None

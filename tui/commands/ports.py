@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.port_advice import port_advice
 from pfwd_survey.ports import Port, Probe, list_ports, probe_ports
 from tui.output import clean, say
 
@@ -33,6 +34,8 @@ def run(args: argparse.Namespace) -> int:
         print_table([row(port, probe) for port, probe in zip(ports, probes, strict=True)])
     if not ports:
         say("no serial ports; is the adapter plugged in, and does it have a driver?")
+    for text in port_advice([port.url for port in ports]):
+        say(text)
     return 0
 
 
