@@ -71,6 +71,8 @@ class DropPipeline:
         self._last: tuple[str, int] | None = None
         self._last_record: int | None = None
         self._rebounds_until = 0.0
+        self._records: dict[tuple[str, int], int] = {}
+        """Number within the survey of the drop that was saved last, by point and number."""
 
     @property
     def held(self) -> int:
@@ -135,6 +137,13 @@ class DropPipeline:
             self.recorder.keep_rebound(*self._last, self._last_record, rebound)
         self._tell(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
+    def take_late_rebound(self, point: str, number: int, rebound: Rebound) -> None:
+        """Keep a rebound of a drop whose rebounds seemed to be over."""
+        if self.recorder is not None:
+            record = self._records.get((point, number))
+            self.recorder.keep_rebound(point, number, record, rebound)
+        self._tell(Rebounded(point, number, rebound.delay, rebound.peak_load))
+
     def end_of_rebounds(self) -> None:
         """No more will come: the drop's file can be made."""
         if self.recorder is not None and self._last_record is not None:
@@ -150,6 +159,7 @@ class DropPipeline:
         setup = setup_of(record.declared, f"drop {record.point}")
         file = coming.source.file if coming.source is not None else ""
         if self.recorder is not None and number is not None:
+            self._records = {key: number}
             file = str(Layout(self.recorder.writer.folder).drop_file(number))
             if key == self._last:
                 self._last_record = number

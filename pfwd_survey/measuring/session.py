@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import (
@@ -85,6 +87,12 @@ TRIGGER_PAUSE = 1.0
 """s of samples between two triggers of the instrument: nobody presses a button more often, and each
 makes a drop."""
 
+BOUNCES_END = 2.5
+"""s after a drop within which the weight still bounces, and no hand has lifted it again."""
+
+BOUNCE_OVER_DROP = 0.6
+"""Most of a drop's peak load that its first bounce reaches: with rubber springs half of it."""
+
 Listener = Callable[[SessionEvent], None]
 
 
@@ -142,6 +150,10 @@ class Session:
         """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
         self._found_again = True
+        self._fell: tuple[datetime.datetime, float, tuple[str, int]] | None = None
+        """When the last drop fell, its peak load (N), its point and number."""
+        self._interrupted = False
+        """Whether the samples broke off since then."""
         self._requests: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
 
     @property
@@ -552,6 +564,7 @@ class Session:
         if self._detector is not None and self._stream is not None:
             self._found(self._detector.finish(reason))
         self._stream = None
+        self._interrupted = True
 
     def _found(self, found: list[Found]) -> None:
         for detected in found:
@@ -589,6 +602,8 @@ class Session:
             metadata = dict(source.record.metadata)
         rebounds = source.record.rebounds if source is not None else ()
         record = self._record_of(raw, identity, metadata, number, rebounds, new=source is None)
+        if source is None and self._is_bounce(raw, record.drop, identity):
+            return
         live = self._feed.live and self._last_samples is not None
         received = self._last_samples.received if live and self._last_samples else None
         self._pipeline.take(record, received, source)
@@ -613,6 +628,29 @@ class Session:
         if new:
             metadata |= self._facts(drop)
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
+
+    def _is_bounce(self, raw: RawDrop, drop: Drop, identity: Identity) -> bool:
+        """Keep a bounce of the last drop with it, where the link was lost between the two.
+
+        The detection has forgotten that drop, and takes the bounce for a drop of its own, which
+        would count as one that seats the plate.
+        """
+        now, before, interrupted = self._time_of(raw), self._fell, self._interrupted
+        peak = float(np.nanmax(drop.load) - np.nanmedian(drop.load))
+        self._interrupted = False
+        if before is not None and interrupted and not raw.by_operator:
+            delay = (now - before[0]).total_seconds()
+            point, number = before[2]
+            soon = delay < BOUNCES_END and point == self._point
+            if soon and peak < BOUNCE_OVER_DROP * before[1]:
+                self._interrupted = True  # the next one may bounce too
+                bounce = Rebound(max(delay, 0.0), peak, raw.first, raw.counts)
+                self._pipeline.take_late_rebound(point, number, bounce)
+                text = f"a bounce of drop {point}/{number} after the link was back: kept with it"
+                self._tell(Notice(text))
+                return True
+        self._fell = now, peak, (self._point, drop.number)
+        return False
 
     def _facts(self, drop: Drop) -> dict[str, Any]:
         """What procedures have to know of a drop, kept so that no reader has to find it anew."""

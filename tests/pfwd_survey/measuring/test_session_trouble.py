@@ -331,3 +331,28 @@ def test_missing_samples_are_marked_and_judged(
     assert missing.sum() == gap[1]
     start = gap[0] - record.metadata["detection"]["first_sample"]
     assert missing[start]
+
+
+@pytest.mark.parametrize("seconds", [2.0, 1.55])
+@pytest.mark.parametrize(("peak", "drops"), [(3900.0, 1), (8000.0, 2)])
+def test_a_bounce_after_the_link_was_back_is_no_drop(
+    tmp_path: Path, peak: float, drops: int, seconds: float
+) -> None:
+    # With the shorter stream the link is lost while the drop is recorded.
+    log = Log()
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        feed = ScriptedFeed(
+            connected(),
+            began(1),
+            pieces(stream(seconds, [(1.5, 9900.0)]), 1),
+            lost(),
+            connected(again=True),
+            began(2),
+            pieces(stream(3.0, [(1.0, peak)], seed=2), 2),
+        )
+        run(feed, log, writer)
+    survey = read_survey(tmp_path / "s")
+    assert len(survey.drops) == drops
+    bounces = survey.drops[0].read().rebounds
+    assert [round(bounce.peak_load, -2) for bounce in bounces] == [3900.0] * (2 - drops)
+    assert ("a bounce of drop 1/1" in log.texts) is (drops == 1)
