@@ -536,7 +536,12 @@ def _add_edit(commands: "Commands") -> None:
     edit.add_argument("--discard", nargs="?", const="", metavar="REASON", help="leave it out")
     edit.add_argument("--restore", action="store_true", help="undo --discard")
     edit.add_argument("--position", metavar="LAT,LON", help="degrees")
-    edit.add_argument("--target", type=number, metavar="MPA", help="target modulus, MPa")
+    edit.add_argument(
+        "--target",
+        type=number,
+        metavar="V",
+        help="in the unit of the survey's procedure: MPa, or mm for a deflection",
+    )
     edit.add_argument("--name", metavar="NAME", help="another name for the point")
     edit.add_argument("--operator", metavar="NAME")
     edit.add_argument(

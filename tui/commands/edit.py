@@ -13,7 +13,6 @@ from pfwd_survey.files.editing import (
     parse_declaration_option,
     parse_position,
     survey_overview,
-    target_pa,
 )
 from tui.output import clean
 
@@ -48,7 +47,12 @@ def _edits(args: argparse.Namespace) -> list[Edit]:
     if args.position is not None:
         edits.append(Edit("position", parse_position(args.position)))
     if args.target is not None:
-        edits.append(Edit("target", target_pa(args.target)))
+        # Loaded here: a note has to be quick.
+        from pfwd_survey.judging.job import target_si
+        from tui.measuring_options import kept_job
+
+        judged = kept_job(args.survey).procedure_in_force
+        edits.append(Edit("target", target_si(args.target, judged)))
     if args.name is not None:
         edits.append(Edit("name", args.name))
     if args.operator is not None:
@@ -63,7 +67,9 @@ def _lines(point: Mapping[str, Any]) -> list[str]:
     state = "  DISCARDED" if point["discarded"] else ""
     lines = [f"point {name}{title}: {len(point['drops'])} drops{state}"]
     if point["target_pa"] is not None:
-        lines.append(f"  target {point['target_pa'] / 1e6:g} MPa")
+        from pfwd_survey.judging.job import target_text
+
+        lines.append(f"  target {target_text(point['target_pa'])}")
     if point["position"] is not None:
         lines.append(f"  position {_position(point['position'])}")
     lines += [f"  note: {note}" for note in point["notes"]]

@@ -12,18 +12,25 @@ from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, table_line
 from tui.screen.drawing.lines import Line, cell, line, shorten
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.dialogs import TextDialog
-from tui.screen.pages.drop_texts import drop_columns, drop_row, point_summary
+from tui.screen.pages.drop_texts import (
+    QUANTITY_NAMES,
+    drop_columns,
+    drop_row,
+    point_summary,
+    point_value_text,
+)
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import PointState
-from tui.screen.units import NOTHING, Units
+from tui.screen.units import NOTHING, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
 _COLUMNS = (
     TableColumn("point", 0, left=True, free=True),
     TableColumn("drops", 2),
-    TableColumn("E", 0),
-    TableColumn("spread", 3),
+    TableColumn("judged", 0),
+    TableColumn("± 95 %", 3),
+    TableColumn("E", 3),
     TableColumn("target", 4),
     TableColumn("status", 1, left=True),
     TableColumn("position", 5, left=True),
@@ -39,7 +46,7 @@ class PointsPage(Page):
 
     NAME = "points"
     HELP = (
-        "Every point of the survey with the mean of its measured drops, and the profile along the "
+        "Every point of the survey with what its procedure judges, and the profile along the "
         "line in the order of measuring. Enter goes into a point, then into a drop. What is said "
         "here (name, position, target, note, discarding) is added to the survey; nothing recorded "
         "is changed."
@@ -67,7 +74,7 @@ class PointsPage(Page):
         Binding("enter", "open", "Open"),
         Binding("escape", "back", "Back"),
         Binding("d", "discard", "Discard or restore"),
-        Binding("m", "target", "Target modulus of the point"),
+        Binding("m", "target", "Target of the point"),
         Binding("o", "position", "Position of the point"),
         Binding("a", "name", "Another name for the point"),
         Binding("e", "note", "Note"),
@@ -95,7 +102,9 @@ class PointsPage(Page):
         """The page."""
         body = self._points if self.drop is None else self._drops
         title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
-        said = line(cell(f"  {self.pfwd.message}", "warn"))
+        where = self.pfwd.position()
+        shown = [] if where is None else [cell(f"  {where[0]}", "good" if where[1] else "warn")]
+        said = line(*shown, cell(f"  {self.pfwd.message}", "warn"))
         foot = key_line(self.KEYS, width)
         return [(*title, *said), *exactly(body(width, height - 2), height - 2), foot]
 
@@ -111,8 +120,15 @@ class PointsPage(Page):
             self._row(app.state.points[names[place]], app.units, chosen=place == chosen)
             for place in shown
         ]
-        unit = app.units.unit("modulus")
-        named = {"E": f"E {unit}", "spread": f"spread {unit}", "target": f"target {unit}"}
+        job = app.state.job
+        quantity = judged_quantity(job.quantity)
+        unit = app.units.unit(quantity)
+        judged = QUANTITY_NAMES[job.quantity]
+        named = {
+            "judged": f"{judged} {unit}",
+            "E": f"E {app.units.unit('modulus')}",
+            "target": f"target {unit}",
+        }
         columns = [
             TableColumn(
                 named.get(column.title, column.title), column.rank, column.left, column.free
@@ -121,23 +137,26 @@ class PointsPage(Page):
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
-        target = app.units.value("modulus", app.state.progress.target)
-        title = f"modulus along the line, {unit}"
+        target = app.units.value(quantity, app.state.progress.target)
+        title = f"{judged} along the line, {unit}"
         whole = not app.glyphs.dots
         profile = profile_lines(bars, width, profile_rows, title, target, whole_blocks=whole)
         return [*exactly(table, room - profile_rows - 1), (), *profile]
 
     def _row(self, point: PointState, units: Units, *, chosen: bool) -> TableRow:
-        mean = self.pfwd.state.mean_of(point)
+        state = self.pfwd.state
+        mean = state.mean_of(point)
         place = point.position
-        progress = self.pfwd.state.progress_of(point)
+        progress = state.progress_of(point)
+        shown, error, _ = point_value_text(progress, units)
         return TableRow(
             (
                 cell(point.shown_name).text,
                 str(len(point.drops)),
+                shown,
+                f"±{error}" if error else NOTHING,
                 units.text("modulus", mean.modulus),
-                units.text("modulus", mean.spread, 2),
-                units.text("modulus", progress.target),
+                units.text(judged_quantity(state.job.quantity), progress.target),
                 status_of(point, progress),
                 f"{place[0]:.6f}, {place[1]:.6f}" if place else NOTHING,
                 cell("; ".join(point.notes)).text or NOTHING,
@@ -147,8 +166,10 @@ class PointsPage(Page):
         )
 
     def _bar(self, point: PointState, chosen: bool) -> Bar:
-        value = None if point.discarded else self.pfwd.state.mean_of(point).modulus
-        shown = self.pfwd.units.value("modulus", value)
+        state = self.pfwd.state
+        found = None if point.discarded else state.progress_of(point).value
+        quantity = judged_quantity(state.job.quantity)
+        shown = self.pfwd.units.value(quantity, None if found is None else found.value)
         return Bar(cell(point.shown_name).text, shown, "measured", chosen)
 
     def _drops(self, width: int, room: int) -> list[Line]:
@@ -207,14 +228,14 @@ class PointsPage(Page):
 
     def action_target(self) -> None:
         """What the point has to reach."""
-        units = self.pfwd.units
-        unit = units.unit("modulus")
-        now = units.text("modulus", self.chosen.target, 4)
+        units, quantity = self.pfwd.units, judged_quantity(self.pfwd.state.job.quantity)
+        unit = units.unit(quantity)
+        now = units.text(quantity, self.chosen.target, 4)
         self._ask(
             f"Target of point {self.chosen.shown_name}, {unit}",
             "" if now == NOTHING else now,
             lambda text: "" if _positive(text) else f"a number > 0, in {unit}",
-            lambda text: Edit("target", units.si("modulus", float(text))),
+            lambda text: Edit("target", units.si(quantity, float(text))),
         )
 
     def action_position(self) -> None:
