@@ -71,6 +71,27 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     return lines
 
 
+def diagnosis_line(point: str, result: DiagnosisResult) -> str:
+    """The diagnosis of a point that is being measured, in one line."""
+    after = result.after or FittedState()
+    left = _percent(after.residual_rms_over_peak)
+    effects = ", ".join(clean(effect.name).replace("_", " ") for effect in result.effects or ())
+    interval = after.modulus_interval_pa
+    if not _is_finite(after.modulus_pa) or interval is None:
+        modulus = "no modulus"
+    else:
+        low, high = (end / 1e6 for end in interval)
+        wide = high - low
+        middle = rounded(after.modulus_pa / 1e6, wide)
+        modulus = f"E {middle} MPa ({rounded(low, wide)} to {rounded(high, wide)})"
+    word = (result.verdict or "").upper()
+    if result.corrected and result.verdict == "unexplained":
+        word = "CORRECTED"
+    return f"point {clean(point)} diagnosed: {modulus}, {word}, {left} of the peak left" + (
+        f": {effects}" if effects else ""
+    )
+
+
 def _advice(result: DiagnosisResult) -> list[str]:
     """What an engineer may do with the number, in a sentence."""
     after = result.after

@@ -29,7 +29,9 @@ def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
         raise OptionError(refusal(f"--no-invert and --{asked[0]}", "one of the two", "both"))
     if args.no_invert:
         return None
-    return AnalysisOptions(seed=args.seed, layers=args.layers, thickness=args.thickness)
+    return AnalysisOptions(
+        seed=args.seed, layers=args.layers, thickness=args.thickness, diagnose=args.diagnose
+    )
 
 
 def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:

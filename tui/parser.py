@@ -317,6 +317,7 @@ def _add_live(commands: "Commands") -> None:
     _add_job_options(live)
     live.add_argument("--no-invert", action="store_true", help="record only")
     _add_layers(live, "default 1")
+    _add_diagnosing(live, default=True)
     _add_seed(live)
 
 
@@ -344,6 +345,7 @@ def _add_log(commands: "Commands") -> None:
     )
     log.add_argument("--no-bell", action="store_true", help="no bell for a safe drop")
     _add_layers(log, "default 1")
+    _add_diagnosing(log, default=False)
     _add_seed(log)
     log.add_argument("--json", action="store_true", help=_JSON)
 
@@ -370,6 +372,7 @@ def _add_replay(commands: "Commands") -> None:
     replay.add_argument("--drops", type=count, metavar="N", help="end after N drops")
     replay.add_argument("--no-invert", action="store_true", help="detect and judge only")
     _add_layers(replay, "default 1")
+    _add_diagnosing(replay, default=False)
     _add_seed(replay)
     replay.add_argument("--json", action="store_true", help=_JSON)
 
@@ -763,6 +766,16 @@ def _add_known(parser: argparse.ArgumentParser) -> None:
     known.add_argument("--poisson-ratio", type=number, metavar="NU", help="0 <= NU < 0.5")
     known.add_argument("--density", type=number, metavar="RHO", help="kg/m3")
     known.add_argument("--plate-mass", type=number, metavar="KG", help="kg below the load cell")
+
+
+def _add_diagnosing(parser: "Parser", *, default: bool) -> None:
+    parser.add_argument(
+        "--diagnose",
+        action=argparse.BooleanOptionalAction,
+        default=default,
+        help="diagnose the points too, seconds after their drops, beside the measurement; what is "
+        f"found is kept (default: {'yes' if default else 'no'})",
+    )
 
 
 def _add_layers(parser: "Parser", otherwise: str) -> None:

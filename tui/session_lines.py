@@ -20,6 +20,7 @@ from pfwd_survey.measuring.events import (
     InstrumentReady,
     JobKnown,
     Notice,
+    PointDiagnosed,
     Ready,
     Rebounded,
     SensorCheck,
@@ -29,6 +30,7 @@ from pfwd_survey.measuring.events import (
 )
 from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.standing import CompletePoints
+from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import say
 from tui.point_lines import NAMES, is_worth_a_line, point_text
@@ -105,6 +107,8 @@ class SessionLines:
                 self._say(text, logging.INFO if safe else logging.ERROR)
             case DropAnalysed():
                 self._analysis(event)
+            case PointDiagnosed():
+                self._diagnosed(event)
             case Rebounded(point, number, delay, load):
                 log.info("rebound of %s/%s after %.3f s, %.0f N", point, number, delay, load)
             case TableBuilding(what):
@@ -202,6 +206,17 @@ class SessionLines:
             self._line(handed, result, event.delay)
         if event.final:
             self._forget(handed)
+
+    def _diagnosed(self, event: PointDiagnosed) -> None:
+        result = event.result
+        log.info("point %s diagnosed: %s", event.point, result.verdict)
+        if self._as_json:
+            said = result.to_json()
+            kept = ("drops", "verdict", "corrected", "effects", "after", "warnings")
+            diagnosis = {key: said[key] for key in kept}
+            print(json_text({"point": event.point, "diagnosis": diagnosis}), flush=True)
+            return
+        print(diagnosis_line(event.point, result), flush=True)
 
     def _forget(self, handed: HandedOn) -> None:
         """Nothing more comes of a drop: a day has thousands."""

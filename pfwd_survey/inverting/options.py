@@ -91,7 +91,7 @@ class AnalysisOptions:
     published: bool = False
     """The published method as a whole."""
     diagnose: bool = False
-    """Over an archive: points are diagnosed, in place of drops being inverted."""
+    """Points are diagnosed: while measuring besides, over an archive in place of inverting."""
     priors: bool = True
     """What nature gives decides between grounds that fit alike."""
     seed: int = 0

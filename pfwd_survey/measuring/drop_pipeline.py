@@ -13,11 +13,13 @@ from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
 from pfwd_survey.judging import MeasuredPoint
 from pfwd_survey.measuring.analyses import Analyses
+from pfwd_survey.measuring.diagnosing import PointDiagnoses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.setup_file import setup_of
@@ -63,6 +65,11 @@ class DropPipeline:
         self._live = live
         self.recorder = SurveyRecorder(writer, self._on_saved, listener) if writer else None
         self.analyses = Analyses(options, listener, self._keep_result) if options else None
+        self.diagnoses: PointDiagnoses | None = None
+        if options is not None and options.diagnose:
+            self.diagnoses = PointDiagnoses(
+                options, listener, self._keep_diagnosis, self._earlier_drops
+            )
         self.acknowledged = 0
         """How many drops are safe (in a replay: were handed on)."""
         self._coming: dict[tuple[str, int], _Coming] = {}
@@ -184,6 +191,8 @@ class DropPipeline:
         self._tell(DropSaved(handed, marks, identical))
         if self.analyses is not None:
             self.analyses.ask(handed)
+        if self.diagnoses is not None:
+            self.diagnoses.ask(handed)
 
     def _screen(self, drop: Drop, setup: PointSetup, point: str) -> Screening:
         try:
@@ -212,6 +221,21 @@ class DropPipeline:
         )
         found = screen_point(TracePoint("", setup, earlier))
         return sum(screening.status == "rejected" for screening in found)
+
+    def _earlier_drops(self, point: str, number: int) -> list[tuple[int, Drop]]:
+        """Drops of a point from former sessions, with their numbers within the survey."""
+        if self.recorder is None or number == 1:
+            return []
+        survey = read_survey(self.recorder.writer.folder)
+        return [
+            (drop.number, drop.read_traces().drop)
+            for drop in survey.drops
+            if drop.point == point and drop.drop < number and not drop.discarded
+        ]
+
+    def _keep_diagnosis(self, record: int, found: DiagnosisResult) -> None:
+        if self.recorder is not None:
+            self.recorder.keep_diagnosis(record, found)
 
     def _keep_result(self, record: int, result: DropResult) -> None:
         if self.recorder is not None:

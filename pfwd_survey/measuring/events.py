@@ -10,6 +10,7 @@ from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
@@ -164,6 +165,14 @@ class DropAnalysed:
     """Whether no other answer follows."""
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class PointDiagnosed:
+    """What is behind the residual of a point, with the drops that it has now."""
+
+    point: str
+    result: DiagnosisResult
+
+
 @dataclass(frozen=True, slots=True)
 class Rebounded:
     """The hammer bounced after a drop."""
@@ -264,6 +273,7 @@ SessionEvent = (
     | SurveyFilesChanged
     | DropNotPublished
     | DropAnalysed
+    | PointDiagnosed
     | Rebounded
     | PointBegan
     | JobKnown

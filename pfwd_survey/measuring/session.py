@@ -211,6 +211,8 @@ class Session:
         if self._recorder is None:
             raise RecordingError("edit: expected a survey that is written, came a replay")
         self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
+        if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
+            self._pipeline.diagnoses.discard(number)
         self._tell(Edited(edit.what, edit.value, point, number))
 
     def keep_result(self, number: int, result: DropResult) -> None:
@@ -251,13 +253,27 @@ class Session:
             self._save_the_rest(lambda: self._stop)
             if self._analyses is not None:
                 self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
+            self._last_diagnoses()
             self._answer_requests()
             self._tell_rest()
         finally:
             self._feed.close()
             if self._analyses is not None:
                 self._analyses.close()
+            if self._pipeline.diagnoses is not None:
+                self._pipeline.diagnoses.close()
         return Ending.UNSAVED if self._pipeline.held else ending
+
+    def _last_diagnoses(self) -> None:
+        """Those under way, unless the session was told to end: they can be asked for later."""
+        diagnoses = self._pipeline.diagnoses
+        if diagnoses is None:
+            return
+        until = time.monotonic() + LAST_ANSWERS
+        while diagnoses.unanswered and not self._stop and time.monotonic() < until:
+            time.sleep(FEED_WAIT)
+            diagnoses.take_answers()
+        diagnoses.take_answers()
 
     def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
         self._finish_drop("the session was ended")
@@ -288,6 +304,8 @@ class Session:
                 time.sleep(FEED_WAIT)
             if self._analyses is not None:
                 self._analyses.take_answers()
+            if self._pipeline.diagnoses is not None:
+                self._pipeline.diagnoses.take_answers()
             if self._recorder is not None:
                 self._recorder.try_again()
             self._answer_requests()

@@ -24,6 +24,7 @@ from pfwd_survey.measuring.events import (
     Edited,
     HandedOn,
     JobKnown,
+    PointDiagnosed,
     PointKnown,
     SessionEvent,
 )
@@ -80,6 +81,11 @@ class Standing:
             case DropAnalysed():
                 self._analysed(event)
                 return event.handed.point
+            case PointDiagnosed(name, result):
+                point = self._of(name)
+                point.diagnosis = result
+                point.version += 1
+                return name
             case Edited():
                 return self._edited(event)
         return None

@@ -16,6 +16,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.events import (
     DropNotPublished,
@@ -205,6 +206,12 @@ class SurveyRecorder:
             "a result",
         )
         return path
+
+    def keep_diagnosis(self, number: int, found: DiagnosisResult) -> None:
+        """Save a diagnosis with the last measured drop of its point."""
+        self._attempt(
+            lambda: self.writer.save_result(number, found.to_json(), "diagnosis"), "a diagnosis"
+        )
 
     def publish(self, number: int) -> None:
         """Make the file of a drop."""

@@ -27,6 +27,7 @@ from pfwd_survey.measuring.events import (
     Edited,
     JobKnown,
     Notice,
+    PointDiagnosed,
     SurveyFilesChanged,
 )
 from pfwd_survey.measuring.plan import SessionPlan
@@ -261,7 +262,8 @@ class PfwdApp(App[int]):
         come = self.runner.take()
         for event in come:
             self._take(event)
-        if any(isinstance(event, (DropAnalysed, DropSaved, Edited)) for event in come):
+        judging = (DropAnalysed, DropSaved, Edited, PointDiagnosed)
+        if any(isinstance(event, judging) for event in come):
             self._sound_verdict()
         # While the application ends, the clock may tick once more without a screen.
         page = self.screen if self.screen_stack else None
@@ -294,6 +296,8 @@ class PfwdApp(App[int]):
                 self.say(event.text)
             case Notice(text):
                 self.say(text)
+            case PointDiagnosed(name, result):
+                self.diagnoses.on_point(name, result, self.units)
             case Edited():
                 self.diagnoses.verdicts.pop(self.state.point, None)
             case DropRead(one):

@@ -15,7 +15,14 @@ from typing import IO, TYPE_CHECKING, Any
 from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.files.header import setup_warnings
 from pfwd_survey.inverting.results import DropAnalysis, drop_result
-from pfwd_survey.inverting.worker.tasks import Building, Curves, Task, TaskOutcome, Urgency
+from pfwd_survey.inverting.worker.tasks import (
+    Building,
+    Curves,
+    DiagnosisTask,
+    Task,
+    TaskOutcome,
+    Urgency,
+)
 
 if TYPE_CHECKING:
     from inversion import SurrogateLibrary
@@ -79,11 +86,13 @@ def _work(source: IO[bytes], target: IO[bytes]) -> None:
         send(target, outcome_of(receive(source), library))
 
 
-def outcome_of(task: Task, library: "SurrogateLibrary") -> TaskOutcome:
+def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskOutcome:
     """What comes of a task; whatever goes wrong in it is an outcome too."""
     from pfwd_survey.inverting.analysis import analyse_drop, rehearse
 
     try:
+        if isinstance(task, DiagnosisTask):
+            return _diagnosed(task)
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
@@ -93,6 +102,16 @@ def outcome_of(task: Task, library: "SurrogateLibrary") -> TaskOutcome:
     except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"
         return TaskOutcome(fault=fault, details=traceback.format_exc())
+
+
+def _diagnosed(task: DiagnosisTask) -> TaskOutcome:
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
+    from pfwd_survey.inverting.diagnosis.entries import entry_of
+
+    device = {name: dict(values) for name, values in task.device.items()}
+    entry = entry_of(task.point.file, task.point, task.options)
+    (found,) = diagnose_entries([entry], device or None)
+    return TaskOutcome(fault=found.error, diagnosis=found.result)
 
 
 def _curves_of(found: DropAnalysis) -> Curves | None:

@@ -1,5 +1,6 @@
 """What the worker and its process say to each other."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 
 from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
@@ -22,6 +25,8 @@ class Urgency(IntEnum):
     """The first modulus of a new drop."""
     FULL = 2
     """The full search of a drop."""
+    DIAGNOSIS = 3
+    """What is behind the residual of a point."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,6 +42,19 @@ class Task:
     options: AnalysisOptions
     file: str
     """Where the drop is kept, for the result."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DiagnosisTask:
+    """The diagnosis of a point."""
+
+    number: int
+    """Of the task."""
+    point: TracePoint
+    options: AnalysisOptions
+    device: Mapping[str, Mapping[str, float]]
+    """Effects of the device that are known, with their values."""
+    urgency: Urgency = Urgency.DIAGNOSIS
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,6 +93,8 @@ class TaskOutcome:
     """Why it failed, in one sentence."""
     details: str = ""
     """More on the failure, for the log."""
+    diagnosis: DiagnosisResult | None = None
+    """Of a point, where it was asked for."""
 
 
 @dataclass(frozen=True, slots=True)

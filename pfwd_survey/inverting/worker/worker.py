@@ -9,16 +9,24 @@ import contextlib
 import itertools
 import subprocess
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pfwd_device import Drop
 from pfwd_device.child_python import start_child
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.inverting.worker.tasks import Building, Curves, Task, Urgency
+from pfwd_survey.inverting.worker.tasks import (
+    Building,
+    Curves,
+    DiagnosisTask,
+    Task,
+    Urgency,
+)
 
 MOST_ATTEMPTS = 2
 """A task that has ended its process this often is given up."""
@@ -31,12 +39,13 @@ CLOSING_TIME = 5.0
 class Answer:
     """What came of a task."""
 
-    task: Task
+    task: Task | DiagnosisTask
     result: DropResult | None = None
     """As in `TaskOutcome`, like the following."""
     curves: Curves | None = None
     fault: str | None = None
     details: str = ""
+    diagnosis: DiagnosisResult | None = None
 
 
 Listener = Callable[[Answer | Building], None]
@@ -55,7 +64,8 @@ class InversionWorker:
         self._listener = listener
         self._numbers = itertools.count(1)
         self._changed = threading.Condition()
-        self._waiting: dict[int, Task] = {}
+        self._waiting: dict[int, Task | DiagnosisTask] = {}
+        self._under_way: int | None = None
         self._closing = False
         self._process: subprocess.Popen[bytes] | None = None
         with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
@@ -88,7 +98,31 @@ class InversionWorker:
         options: AnalysisOptions,
         file: str,
     ) -> int:
-        task = Task(next(self._numbers), urgency, drop, setup, screening, options, file)
+        number = next(self._numbers)
+        return self._put(Task(number, urgency, drop, setup, screening, options, file))
+
+    def diagnose(
+        self,
+        point: TracePoint,
+        options: AnalysisOptions,
+        device: Mapping[str, Mapping[str, float]],
+    ) -> int:
+        """Ask what is behind the residual of a point; what the others show of the device is given.
+
+        The number comes back in the answer's task.
+        """
+        return self._put(DiagnosisTask(next(self._numbers), point, options, device))
+
+    def forget(self, number: int) -> bool:
+        """Nobody asks for a task any more; False: it is under way, or was answered."""
+        with self._changed:
+            if number == self._under_way or number not in self._waiting:
+                return False
+            del self._waiting[number]
+            self._changed.notify_all()
+            return True
+
+    def _put(self, task: Task | DiagnosisTask) -> int:
         with self._changed:
             self._waiting[task.number] = task
             self._changed.notify_all()
@@ -120,15 +154,17 @@ class InversionWorker:
                 if self._closing:
                     return
                 task = min(self._waiting.values(), key=_order)
+                self._under_way = task.number
             answer = self._answer_to(task)
             if answer is None:
                 return
             self._listener(answer)
             with self._changed:
                 del self._waiting[task.number]
+                self._under_way = None
                 self._changed.notify_all()
 
-    def _answer_to(self, task: Task) -> Answer | None:
+    def _answer_to(self, task: Task | DiagnosisTask) -> Answer | None:
         """The answer; None when nobody waits for it any more."""
         from pfwd_survey.inverting.worker.process import receive, send
 
@@ -148,7 +184,14 @@ class InversionWorker:
                 if self._closing:
                     return None
             else:
-                return Answer(task, message.result, message.curves, message.fault, message.details)
+                return Answer(
+                    task,
+                    message.result,
+                    message.curves,
+                    message.fault,
+                    message.details,
+                    message.diagnosis,
+                )
         fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
         return Answer(task, fault=fault, details=reason)
 
@@ -172,7 +215,7 @@ class InversionWorker:
         return process.returncode
 
 
-def _order(task: Task) -> tuple[int, int]:
+def _order(task: Task | DiagnosisTask) -> tuple[int, int]:
     return task.urgency, task.number
 
 

@@ -134,6 +134,11 @@ class Diagnoses:
             for point, result in zip(points, event.results, strict=True):
                 self.verdicts[point.name] = verdict_text(result, units)
 
+    def on_point(self, name: str, result: DiagnosisResult, units: Units) -> None:
+        """Keep what was found of a point while it is measured, and say it."""
+        self.verdicts[name] = verdict_text(result, units)
+        self._say(f"diagnosis: {self.verdicts[name]}")
+
     def _points(self) -> list[PointState]:
         return [
             point for point in self._state.points.values() if point.drops and not point.discarded

@@ -23,6 +23,7 @@ from pfwd_survey.measuring.events import (
     LiveSamples,
     Notice,
     PointBegan,
+    PointDiagnosed,
     PointKnown,
     Ready,
     Rebounded,
@@ -63,7 +64,7 @@ MOST_NOTICES = 200
 MOST_CURVES = 40
 """Drops whose traces stay in memory; older ones are read from the survey when they are opened."""
 
-_JUDGED = (JobKnown, PointKnown, DropSaved, DropAnalysed, Edited)
+_JUDGED = (JobKnown, PointKnown, DropSaved, DropAnalysed, PointDiagnosed, Edited)
 """Events that change how a point stands."""
 
 
@@ -283,6 +284,8 @@ class SessionState:
                 self._on_notice(Notice(event.text, serious=True))
             case DropAnalysed():
                 self._on_analysed(event)
+            case PointDiagnosed():
+                pass  # how the point stands is told anew, like after every event that judges
             case Rebounded():
                 self._on_rebound(event)
             case PointBegan(name):

@@ -10,6 +10,9 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
     old, new = (units.text("modulus", state.modulus_pa) for state in (before, after))
     part = percent(after.residual_rms_over_peak)
     effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
+    if result.verdict == "unexplained" and result.corrected:
+        unit = units.unit("modulus")
+        return f"EXPLAINED to {part} of the peak by {effects}: {old} to {new} {unit}"
     match result.verdict:
         case "clean":
             return f"CLEAN: residual {part} of the peak, noise only"
