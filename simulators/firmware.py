@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.identity import Identity
+from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
 from pfwd_device.wire.fields import day
 from simulators.instrument.scenario import Scenario, load_scenario
 from simulators.instrument.timeline import Bench, Timeline
@@ -47,6 +47,12 @@ DROP_SAMPLES = 4000
 """Of the longest drop that the host board keeps."""
 MOST_DROPS = 60
 """Drops that are played when nobody says how many: five minutes."""
+PLAYED_RANGE = 5.0
+"""V; of the converter that plays recorded drops."""
+_BEGIN = 20
+"""Samples of a record that tell what a channel shows at rest, and its noise."""
+PLAYED_REST = 2.0
+"""s between two of them: longer than bounces are looked for."""
 _HEAD = struct.Struct("<8sII")
 _MAGIC = b"PFWDPLAY"
 
@@ -197,6 +203,70 @@ def play_scenario(
     )
     identity = scenario.device.identity(rate)
     return Played(identity, timeline.counts(0, end), truth, scenario.device.sampling_rates)
+
+
+def play_records(
+    records: Sequence[NDArray[np.float64]],
+    sampling_rate: float,
+    sensors: Sequence[tuple[str, float]],
+    plate_radius: float | None = None,
+    name: str = "played",
+) -> Played:
+    """Recorded drops as one long row of samples, with the plate at rest in between.
+
+    Parameters
+    ----------
+    records : sequence of (n, 1 + sensors) ndarray
+        Load, N, and what each sensor measured, m/s or m.
+    sampling_rate : float, Hz
+    sensors : sequence of (role, offset)
+        `geophone` or `displacement`, and the distance from the plate centre, m.
+    plate_radius : float or None, m
+    name : str
+        Stands in for a serial number.
+
+    Returns
+    -------
+    Played
+        24 bits; each channel uses half of the converter's range.
+    """
+    peaks = np.max([np.nanmax(np.abs(record), axis=0) for record in records], axis=0)
+    volts = PLAYED_RANGE / 2 / np.where(peaks > 0, peaks, 1.0)
+    begins = [np.nan_to_num(record[:_BEGIN]) for record in records]
+    zeros = np.median(np.concatenate(begins), axis=0) * volts
+    noise = np.median([np.diff(begin, axis=0).std(axis=0) for begin in begins], axis=0)
+    roles = [("load", 0.0), *sensors]
+    channels = [
+        ChannelIdentity(
+            "load" if number == 0 else f"s{number - 1}",
+            Role(role),
+            offset,
+            float(volts[number]),
+            float(zeros[number]),
+        )
+        for number, (role, offset) in enumerate(roles)
+    ]
+    quiet = round(PLAYED_REST * sampling_rate)
+    generator = np.random.default_rng(0)
+    parts = []
+    last = begins[0][0]
+    for record in [*records, records[0][:1]]:
+        whole = np.nan_to_num(record)
+        rest = np.linspace(last, whole[0], quiet)
+        parts += [rest + noise / math.sqrt(2) * generator.standard_normal(rest.shape), whole]
+        last = np.median(whole[:_BEGIN], axis=0)  # at rest: how a record ends says nothing of it
+    counts = np.rint(np.concatenate(parts) * volts * (1 << 23) / PLAYED_RANGE)
+    identity = Identity(
+        serial_number=name[:LONGEST_NAME],
+        model="PFWD core, host board",
+        firmware=core_version(),
+        sampling_rate=float(round(sampling_rate)),
+        adc_bits=24,
+        adc_range=PLAYED_RANGE,
+        channels=tuple(channels),
+        plate_radius=plate_radius,
+    )
+    return Played(identity, counts.astype(np.int32))
 
 
 def write_play(path: Path, counts: NDArray[np.int32]) -> None:

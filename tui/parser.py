@@ -171,6 +171,9 @@ def _add_demo(commands: "Commands") -> None:
         help="the instrument's core in C, compiled here, plays the drops (needs a C compiler, or "
         "pip install 'pfwd[firmware]')",
     )
+    demo.add_argument(
+        "--play", metavar="FILE", help="with --firmware: a trace file whose drops are played"
+    )
     demo.add_argument("--json", action="store_true", help="one JSON object a line")
     demo.add_argument("--lines", action="store_true", help="lines on a terminal too, no screen")
     _add_plot(demo)

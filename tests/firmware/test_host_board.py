@@ -1,6 +1,7 @@
 """The compiled core as an instrument: what is put into it is recorded, bit for bit."""
 
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -14,17 +15,19 @@ from pfwd_device.acquisition.items import KeptDrop
 from pfwd_device.recording import read_survey
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.binary import BinaryDialect
-from pfwd_device.wire.messages import Arm, Hello
+from pfwd_device.wire.messages import Arm, Armed, Hello
 from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.kept_drops import trigger_for
 from pfwd_survey.measuring.measure import measure, replay
 from pfwd_survey.measuring.session import Ending, SessionPlan
+from simulators.bad_link import BadLink
 from simulators.firmware import (
     BoardOptions,
     FirmwareError,
     HostBoard,
     Played,
     build_host,
+    play_records,
     play_scenario,
 )
 from tests.firmware.compiled import needs_compiler
@@ -38,9 +41,11 @@ def played() -> Played:
     return play_scenario(QUICK, drops=2, seed=3)
 
 
-def measured(board: HostBoard, folder: Path, drops: int = 2) -> list[SessionEvent]:
+def measured(
+    board: HostBoard, folder: Path, drops: int = 2, url: str | None = None
+) -> list[SessionEvent]:
     events: list[SessionEvent] = []
-    assert measure(board.url, folder, events.append, SessionPlan(drops=drops)) is Ending.DONE
+    assert measure(url or board.url, folder, events.append, SessionPlan(drops=drops)) is Ending.DONE
     return events
 
 
@@ -64,6 +69,7 @@ def test_drops_are_recorded_bit_for_bit(tmp_path: Path, played: Played, streams:
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
 
 
+@pytest.mark.slow  # the everyday tests stream over a link that damages bytes
 def test_an_instrument_that_only_streams_is_recorded_bit_for_bit(
     tmp_path: Path, played: Played
 ) -> None:
@@ -121,3 +127,77 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
 def test_what_does_not_compile_says_so() -> None:
     with pytest.raises(FirmwareError, match=r"expected it to compile, came .*error"):
         build_host("-DPFWD_FAULT=(")
+
+
+def test_a_drop_that_falls_while_the_shunt_is_on_is_kept(played: Played) -> None:
+    trigger = trigger_for(played.identity, DetectionSettings())
+    with (
+        HostBoard(played, BoardOptions(speed=2.0)) as board,
+        Driver(board.url, BinaryDialect(), trigger=lambda identity: trigger) as driver,
+    ):
+        drops: list[KeptDrop] = []
+        end = time.monotonic() + 20
+        while not drops and time.monotonic() < end:
+            item = driver.next(0.5)
+            if isinstance(item, Armed):
+                driver.shunt(True)
+            if isinstance(item, KeptDrop):
+                drops.append(item)
+    (drop,) = drops
+    assert drop.offer.shunt
+    first = drop.offer.first_sample
+    expected = played.counts[first : first + len(drop.counts)].copy()
+    # 5000 N of the identity as counts, up to the end of the converter's range.
+    expected[:, 0] = np.minimum(expected[:, 0] + 52_429, (1 << 17) - 1)
+    np.testing.assert_array_equal(drop.counts, expected)
+
+
+def test_cables_that_are_pulled_lose_no_drop_and_damage_is_asked_for_again(
+    tmp_path: Path, played: Played
+) -> None:
+    options = BoardOptions(streams=False, speed=4.0)
+    with (
+        HostBoard(played, options) as board,
+        BadLink(lambda: board.url, rate=60_000, bit_error_rate=3e-4) as link,
+    ):
+        stop = threading.Event()
+
+        def pull() -> None:
+            while not stop.wait(0.23):
+                link.cut()
+
+        thread = threading.Thread(target=pull)
+        thread.start()
+        try:
+            measured(board, tmp_path / "survey", url=link.url)
+        finally:
+            stop.set()
+            thread.join()
+        assert link.cuts >= 2
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+
+
+def test_streamed_samples_that_were_damaged_come_again(tmp_path: Path, played: Played) -> None:
+    with (
+        HostBoard(played, BoardOptions(drop_samples=0, speed=4.0)) as board,
+        BadLink(lambda: board.url, bit_error_rate=3e-4) as link,
+    ):
+        measured(board, tmp_path / "survey", url=link.url)
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+    counters = read_survey(tmp_path / "survey").drops[-1].read().metadata["link"]
+    assert counters["frames_damaged"] > 3
+    assert counters["samples_recovered"] > 0
+
+
+@pytest.mark.slow
+def test_a_trace_file_is_played(tmp_path: Path, played: Played) -> None:
+    time_s = np.arange(-100, 500) / 5000.0
+    load = np.where((time_s > 0) & (time_s < 0.02), 8000 * np.sin(np.pi * time_s / 0.02), 0.0)
+    records = [np.column_stack([load * scale + 100.0, load * 1e-5 * scale]) for scale in (0.9, 1.0)]
+    made = play_records(records, 5000.0, [("geophone", 0.0)], 0.15, "traces")
+    with HostBoard(made, BoardOptions(speed=4.0)) as board:
+        measured(board, tmp_path / "survey")
+    for number, drop in enumerate(read_survey(tmp_path / "survey").drops):
+        found = drop.read().drop
+        peak = float(np.max(found.load))
+        assert peak == pytest.approx(8000 * (0.9, 1.0)[number], rel=1e-3)

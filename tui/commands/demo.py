@@ -4,13 +4,16 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.session import SessionPlan
-from simulators.firmware import HostBoard, serve_firmware
+from simulators.firmware import BoardOptions, HostBoard, Played, play_records, serve_firmware
 from simulators.instrument import SimulatedInstrument, serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
@@ -27,24 +30,33 @@ def run(args: argparse.Namespace) -> int:
 
     What was simulated is told when all is measured, to standard error.
     """
-    if not (args.json or args.lines) and on_terminal():
+    if args.play and not args.firmware:
+        say("demo: --play: expected with --firmware, whose core plays the file, came without")
+        return 2
+    if not (args.json or args.lines or args.play) and on_terminal():
         return _on_screen(args)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     say(f"recording into {folder}")
     drops = args.drops or DROPS
     rate = RATE if args.rate is None else args.rate
+    instrument: SimulatedInstrument | HostBoard
     try:
-        start = serve_firmware if args.firmware else serve
-        instrument: SimulatedInstrument | HostBoard = start(
-            args.scenario, drops=drops, seed=args.seed, rate=rate
-        )
+        if args.play:
+            played = _played(args.play, args.drops)
+            drops = drops if args.drops else len(played.truth)
+            instrument = HostBoard(played, BoardOptions(speed=rate))
+        else:
+            start = serve_firmware if args.firmware else serve
+            instrument = start(args.scenario, drops=drops, seed=args.seed, rate=rate)
     except SimulationError as err:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
     plan = SessionPlan(drops=drops, options=AnalysisOptions(seed=args.seed))
     with instrument:
-        what = "compiled core playing simulated drops" if args.firmware else "simulated instrument"
+        what = "simulated instrument"
+        if args.firmware:
+            what = f"compiled core playing {args.play or 'simulated drops'}"
         say(f"{what} at {instrument.url}")
         handler = open_log(folder)
         try:
@@ -58,11 +70,27 @@ def run(args: argparse.Namespace) -> int:
         except SimulationError as err:
             say(f"demo: {err}")
             return 1
-        for line in truth_lines(truth, lines.moduli):
+        for line in () if args.play else truth_lines(truth, lines.moduli):
             print(line, file=sys.stderr, flush=True)
     if args.plot:
         _plot(folder, args.plot)
     return STATUS_OF_ENDING[ending]
+
+
+def _played(file: str, drops: int | None) -> Played:
+    """The drops of a trace file as samples of a converter."""
+    from pfwd_survey.files.traces import read_traces
+
+    point = read_traces(file)
+    chosen = point.drops[:drops]
+    roles = {"velocity": "geophone", "displacement": "displacement"}
+    sensors = [(roles[each.quantity], each.offset) for each in chosen[0].channels]
+    records = [
+        np.column_stack([drop.load, *(each.values for each in drop.channels)]) for drop in chosen
+    ]
+    rate, radius = chosen[0].sampling_rate, point.setup.plate_radius or None
+    played = play_records(records, rate, sensors, radius, Path(file).stem)
+    return replace(played, truth=tuple({"drop": drop.number} for drop in chosen))
 
 
 def _on_screen(args: argparse.Namespace) -> int:
