@@ -53,14 +53,17 @@ def compose(
         The first heading is that of the report.
     """
     blocks = certificate_blocks(report, texts, letters, company, logo)
-    if len(report.points) > MOST_ROWS:
-        blocks += [Heading(texts["points"], new_page=True), points_table(report, texts)]
     overview = summary_blocks(report, texts, letters)
-    blocks += [replace_page(overview[0]), *overview[1:]]
+    if len(report.points) > MOST_ROWS:  # their table has no room on the first page, the map has
+        blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
+    else:
+        blocks += [on_new_page(overview[0]), *overview[1:]]
     blocks += lot_blocks(report, texts)
     blocks += warning_blocks(report, texts)
     blocks.append(Paragraph(texts["uncertainty_note"], "note"))
     blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
+    if any(drop.basin is not None for point in report.points for drop in point.drops):
+        blocks.append(Paragraph(texts["basin_note"], "note"))
     if texts.code not in ("en", *texts.with_messages):
         blocks.append(Paragraph(texts["messages_note"], "note"))
     common = common_warnings(report)
@@ -76,7 +79,7 @@ _AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period",
 """Labels of what has dots that are no decimal signs."""
 
 
-def replace_page(heading: Block) -> Block:
+def on_new_page(heading: Block) -> Block:
     """A heading at the beginning of a page."""
     return dataclasses.replace(heading, new_page=True) if isinstance(heading, Heading) else heading
 

@@ -31,6 +31,9 @@ SHOWN_AFTER = 2.2
 _NAME_SIZE = 7.5
 """Points; letters of names in a sketch."""
 
+MOST_NAMED = 5
+"""Sensors that the legend of a picture names; more hide the curves, and a table has them."""
+
 MOST_DOTS = 260
 """Of a trace; more cannot be told apart and make a file large."""
 
@@ -212,6 +215,10 @@ def _verdict(point: ReportPoint) -> str:
 def draw_point(figure: Any, point: ReportPoint, drops: Sequence[ReportDrop], texts: Texts) -> None:
     """Traces of drops on the left, deflection and modulus drop by drop on the right."""
     several = len(point.progress.compaction) > 1
+    if several and not drops and not any(drop.facts.modulus for drop in point.drops):
+        # Of peaks alone.
+        _draw_deflections(figure.add_axes((0.09, 0.24, 0.895, 0.64)), point, texts)
+        return
     if drops:
         _draw_traces(figure, drops, texts, 0.62 if several else 0.985)
     if several:
@@ -281,8 +288,9 @@ def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: 
     if ends:
         load.legend(fontsize=7, loc="upper right")
         several = any(d.curves is not None and d.curves.offsets.size > 1 for d in drops)
-        if several or left_out:
-            moved.legend(fontsize=7, loc="upper right")
+        most = max((d.curves.offsets.size for d in drops if d.curves is not None), default=0)
+        if (several or left_out) and most <= MOST_NAMED:
+            moved.legend(fontsize=6, loc="upper right")
         load.set_xlim(right=max(ends) * 1e3)
     figure.align_ylabels([load, moved, residual])
 
@@ -302,13 +310,24 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
 
 
 def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) -> None:
-    kinds = dict(point.progress.kinds)
-    shapes = {"seating": ("s", "white"), "measured": ("o", COLOURS[0]), "discarded": ("x", "0.4")}
+    _draw_deflections(left, point, texts)
+    _draw_moduli(right, point, texts)
+
+
+_DROP_SHAPES = {
+    "seating": ("s", "white"),
+    "measured": ("o", COLOURS[0]),
+    "discarded": ("x", "0.4"),
+}
+_OTHER_SHAPE = ("x", "0.4")
+
+
+def _draw_deflections(axes: Any, point: ReportPoint, texts: Texts) -> None:
+    """Deflection by drop."""
     told: set[str] = set()
     numbers, depths = [], []
-    highest = {id(left): 0.0, id(right): 0.0}
     for number, kind, deflection in point.progress.compaction:
-        shape, fill = shapes.get(kind, ("x", "0.4"))
+        shape, fill = _DROP_SHAPES.get(kind, _OTHER_SHAPE)
         label = texts[kind] if kind not in told else None
         told.add(kind)
         style: Mapping[str, Any] = {
@@ -316,12 +335,29 @@ def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) ->
             "markerfacecolor": fill,
             "markersize": 6,
         }
-        left.plot(number, deflection * 1e6, shape, label=label, **style)
+        axes.plot(number, deflection * 1e6, shape, label=label, **style)
         numbers.append(number)
         depths.append(deflection * 1e6)
-        highest[id(left)] = max(highest[id(left)], deflection * 1e6)
-    left.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
-    left.set_ylabel(texts["deflection_axis"], fontsize=6)
+    axes.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
+    axes.set_ylabel(texts["deflection_axis"], fontsize=6)
+    _finish_by_drop(axes, max([0.0, *depths]), texts)
+    if told:
+        # Above the axes, where no drop is.
+        axes.legend(
+            fontsize=6.5,
+            loc="lower right",
+            bbox_to_anchor=(1.02, 0.98),
+            ncols=3,
+            frameon=False,
+            handletextpad=0.1,
+            columnspacing=0.8,
+        )
+
+
+def _draw_moduli(axes: Any, point: ReportPoint, texts: Texts) -> None:
+    """Modulus by drop, with its interval."""
+    kinds = dict(point.progress.kinds)
+    highest = 0.0
     for drop in point.drops:
         facts = drop.facts
         if facts.modulus is None:
@@ -330,9 +366,9 @@ def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) ->
         if facts.modulus_interval is not None:
             low, high = (end / 1e6 for end in facts.modulus_interval)
             spread = [[value - low], [high - value]]
-        highest[id(right)] = max(highest[id(right)], value + (spread[1][0] if spread else 0.0))
-        shape, fill = shapes.get(str(kinds.get(drop.number)), ("x", "0.4"))
-        right.errorbar(
+        highest = max(highest, value + (spread[1][0] if spread else 0.0))
+        shape, fill = _DROP_SHAPES.get(str(kinds.get(drop.number)), _OTHER_SHAPE)
+        axes.errorbar(
             drop.number,
             value,
             yerr=spread,
@@ -342,24 +378,16 @@ def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) ->
             markersize=6,
             capsize=4,
         )
-    right.set_ylabel(texts["modulus_axis"], fontsize=6)
-    for axes in (left, right):
-        axes.set_xlabel(texts["drop_axis"], fontsize=7, labelpad=1)
-        axes.margins(x=0.08)
-        axes.set_ylim(0, 1.15 * (highest[id(axes)] or 1.0))
-        axes.xaxis.get_major_locator().set_params(integer=True)
-        finish(axes, texts)
-    if told:
-        # Above the axes, where no drop is.
-        left.legend(
-            fontsize=6.5,
-            loc="lower right",
-            bbox_to_anchor=(1.02, 0.98),
-            ncols=3,
-            frameon=False,
-            handletextpad=0.1,
-            columnspacing=0.8,
-        )
+    axes.set_ylabel(texts["modulus_axis"], fontsize=6)
+    _finish_by_drop(axes, highest, texts)
+
+
+def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
+    axes.set_xlabel(texts["drop_axis"], fontsize=7, labelpad=1)
+    axes.margins(x=0.08)
+    axes.set_ylim(0, 1.15 * (highest or 1.0))
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    finish(axes, texts)
 
 
 MOST_CURVES = 12

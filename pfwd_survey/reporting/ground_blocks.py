@@ -11,8 +11,8 @@ from pfwd_survey.reporting.content import ReportDrop
 from pfwd_survey.reporting.ground_drawing import draw_ground, has_layers
 from pfwd_survey.reporting.texts import Texts
 
-_HEIGHT = 72.0
-"""mm, of the picture."""
+_LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
+"""mm, of the picture; with a bowl alone a point of three drops and eleven sensors fits a page."""
 
 _COLUMNS = (
     ("drop", ""),
@@ -44,7 +44,7 @@ def ground_blocks(drops: Sequence[ReportDrop], name: str, texts: Texts) -> list[
     title = texts["ground" if layered else "bowl"]
     picture = Picture(
         partial(draw_ground, drops=drops, texts=texts),
-        _HEIGHT,
+        _LAYERS_HEIGHT if layered else _BOWL_HEIGHT,
         f"{title}. {' '.join(captions)}",
         f"{title}: {texts['point']} {name}",
     )

@@ -38,13 +38,13 @@ def draw_ground(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
             1,
             2,
             gridspec_kw={
-                **margins(0.09, 0.985, 0.17, 0.97),
+                **margins(0.09, 0.985, 0.24, 0.97),
                 "wspace": 0.22,
                 "width_ratios": (1.0, 1.25),
             },
         )
     elif any(wanted):
-        left = right = figure.subplots(gridspec_kw=margins(0.09, 0.985, 0.17, 0.97))
+        left = right = figure.subplots(gridspec_kw=margins(0.09, 0.985, 0.24, 0.97))
     else:
         return
     if wanted[0]:

@@ -42,7 +42,7 @@ def _basins(point: ReportPoint, texts: Texts) -> list[Block]:
     blocks: list[Block] = [
         Heading(texts["basin"], 3),
         Table(columns, tuple(rows), tuple(range(len(columns)))),
-        Paragraph(texts.say("basin_note", basis=basis), "note"),
+        Paragraph(f"{basis}. {texts['basin_short']}", "note"),
     ]
     if out:
         places = ", ".join(f"{offset:g} m" for offset in out)

@@ -55,8 +55,11 @@ _COLUMNS = (
 )
 
 
-_HEIGHT = 50.0
-"""mm, of the picture of a point: two points of three drops fit on a page."""
+_EMPTY = f"{shown.NOTHING}; "
+"""Letters of a value that says nothing."""
+
+_HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
+"""mm, of the picture of a point, and of one without traces: two points fit on a page."""
 
 
 def point_blocks(
@@ -74,9 +77,7 @@ def point_blocks(
     """
     blocks: list[Block] = [
         Heading(f"{texts['point']} {point.name}"),
-        Pairs(
-            tuple(row for row in _rows(point, report, texts) if row[1] and row[1] != shown.NOTHING)
-        ),
+        Pairs(tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))),
         *_pictures(point, texts),
         *ground_blocks(_traced(point), point.name, texts),
         *_results(point, texts),
@@ -173,7 +174,7 @@ def _pictures(point: ReportPoint, texts: Texts) -> list[Block]:
     caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
     alternative = f"{texts['traces']}: {texts['point']} {point.name}"
     draw = partial(draw_point, point=point, drops=traced, texts=texts)
-    return [Picture(draw, _HEIGHT if traced else 42, caption.strip(), alternative)]
+    return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
 
 
 def _remarks(point: ReportPoint, texts: Texts, common: Collection[str]) -> list[Block]:
@@ -249,8 +250,12 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
                 shown.scaled(result.peak_modulus_pa, 1e-6, ""),
             )
         )
-    columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS)
-    table = Table(columns, tuple(rows), (0, *range(2, len(columns))))
+    names = [f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS]
+    # Of peaks alone most columns are empty.
+    told = [i for i in range(len(names)) if any(row[i] != shown.NOTHING for row in rows)]
+    cells = tuple(tuple(row[i] for i in told) for row in rows)
+    right = tuple(place for place, i in enumerate(told) if i != 1)
+    table = Table(tuple(names[i] for i in told), cells, right)
     basis: dict[str, list[str]] = {}
     for drop in point.drops:
         found = drop.result
