@@ -65,6 +65,8 @@ _RIG_LEADS = 0.7
 # So many of the effects that are worth the least are tried to be taken away, with so many
 # iterations.
 _WEAKEST, _SHRINK_ITERATIONS = 2, 12
+# What may be lost by that from the best set seen: some that are worth little each, not any number.
+_MOST_LOST = 30.0
 # Without one of them a set is given up after the first few iterations when it is so much worse
 # then: no set comes back from there.
 _FIRST_ITERATIONS, _LOST = 5, 200.0
@@ -542,13 +544,18 @@ class Search:
         return best
 
     def _shrink(self, best: Candidate) -> Candidate:
-        """Without effects that are not worth it beside the others, the weakest first."""
+        """Without effects that are not worth it beside the others, the weakest first.
+
+        One may cost what it has to be worth, all together no more than `_MOST_LOST`.
+        """
+        least = best.score
         while best.effects:
             weak = sorted(best.effects, key=lambda effect: _strength(best, effect))[:_WEAKEST]
             for effect in weak:
                 smaller = self.without(best, effect)
-                if smaller.score <= best.score + WORTH:
+                if smaller.score <= min(best.score + WORTH, least + _MOST_LOST):
                     best = smaller
+                    least = min(least, best.score)
                     break
             else:
                 break

@@ -124,6 +124,43 @@ def test_a_step_of_any_number_is_the_step_that_it_makes_alone(
         assert np.abs(change - expected).max() <= granted, name
 
 
+def test_each_stage_is_gone_through_for_what_has_moved_in_it(
+    library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    geophone, lag, rebound = (BY_NAME[n] for n in ("geophone_response", "sensor_lag", "rebound"))
+    model = made(library, (0.0,), rebound)
+    rows: dict[str, list[int]] = {"geophone_response": [], "sensor_lag": [], "rebound": []}
+
+    def counted(name: str, method: Any) -> Any:
+        def called(self: Effect, stack: Array, *others: Any) -> Array:
+            rows[name].append(len(stack))
+            found: Array = method(self, stack, *others)
+            return found
+
+        return called
+
+    for effect, stage in ((geophone, "record"), (lag, "record"), (rebound, "motions")):
+        kind = type(effect)
+        monkeypatch.setattr(kind, stage, counted(effect.name, getattr(kind, stage)))
+    values: Any = {
+        rebound: {"lift_off": 0.002, "mass": 20.0},
+        geophone: {"natural_frequency": 6.0, "damping": 0.5},
+        lag: {"delay": 1e-4},
+    }
+    there = list(values.items())
+    moved: Any = [(replace(GROUND, modulus=GROUND.modulus * k), there) for k in (1.0001, 1.0002)]
+    for effect, own in there:
+        for name, value in own.items():
+            other = {**own, name: 1.0001 * value}
+            moved.append((GROUND, [(e, other if e is effect else v) for e, v in there]))
+    model.predict_nearby(GROUND, there, moved)
+    # As it is, on two other grounds, and with two numbers of the effect's own.
+    assert rows["rebound"] == [5]
+    # These five together, then the moved numbers one by one.
+    assert rows["geophone_response"] == [5, 1, 1]
+    assert rows["sensor_lag"] == [7, 1]
+
+
 def test_without_a_step_nothing_moves(library: SurrogateLibrary) -> None:
     model = made(library, (0.0, 0.3, 0.6), BY_NAME["rebound"])
     for there in ([], BENT):

@@ -387,6 +387,19 @@ def test_effects_that_are_worth_nothing_beside_the_others_go(
     assert search._shrink(best).names == (names("a", "d") if stays else names("a"))
 
 
+def test_effects_worth_little_each_do_not_all_go_when_they_are_worth_it_together(
+    bench: Bench,
+) -> None:
+    little = {letter: worth(WORTH - 1.0 + 0.1 * i) for i, letter in enumerate("bcde")}
+    effects = (A, B, C, D, Toy("e"))
+    search = bench.search(effects, {"a": MUCH, **little})
+    best = search.candidate(effects)
+    smaller = search._shrink(best)
+    # Each alone may go; with the fourth it would be too much.
+    assert smaller.names == names("a", "e")
+    assert WORTH < smaller.score - best.score < module._MOST_LOST
+
+
 def test_a_large_set_is_compared_when_it_has_shrunk(bench: Bench) -> None:
     """All that is worth nothing in it would cost more than the rest is worth."""
     idle = [Toy(f"b{number}") for number in range(8)]
