@@ -541,6 +541,9 @@ def _add_edit(commands: "Commands") -> None:
     edit.add_argument("--note", action="append", metavar="TEXT")
     edit.add_argument("--discard", nargs="?", const="", metavar="REASON", help="leave it out")
     edit.add_argument("--restore", action="store_true", help="undo --discard")
+    edit.add_argument(
+        "--move", metavar="POINT", help="the drop belongs to this point, known or new (with --drop)"
+    )
     edit.add_argument("--position", metavar="LAT,LON", help="degrees")
     edit.add_argument(
         "--target",

@@ -17,6 +17,8 @@ from pfwd_survey.files.spare import spare_folder
 
 __all__ = [
     "Edit",
+    "choose_drop",
+    "choose_point",
     "edit_survey",
     "no_collections",
     "overview_of",
@@ -68,8 +70,8 @@ def edit_survey(
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
-    chosen = _choose_point(survey, point)
-    number = None if drop is None else _choose_drop(chosen, drop).number
+    chosen = choose_point(survey, point)
+    number = None if drop is None else choose_drop(chosen, drop).number
     if number is not None and any(edit.what in ("declared", "name", "target") for edit in edits):
         raise OptionError(
             refusal("--drop", "a point for --set, --name and --target", "a drop", "leave it out")
@@ -108,7 +110,8 @@ def _refuse_contradictions(survey: Survey, chosen: SurveyPoint, edits: Sequence[
             raise OptionError(refusal("--name", "a name that no other point has", quote(name)))
 
 
-def _choose_point(survey: Survey, name: str | None) -> SurveyPoint:
+def choose_point(survey: Survey, name: str | None) -> SurveyPoint:
+    """A point by its name or title; None: the only one. Raises OptionError."""
     names = [point.name for point in survey.points]
     if name is None and len(names) == 1:
         return survey.points[0]
@@ -122,7 +125,8 @@ def _choose_point(survey: Survey, name: str | None) -> SurveyPoint:
     raise OptionError(refusal("--point", expected, "none" if name is None else repr(name)))
 
 
-def _choose_drop(point: SurveyPoint, number: int) -> SurveyDrop:
+def choose_drop(point: SurveyPoint, number: int) -> SurveyDrop:
+    """A drop by its number within the point. Raises OptionError."""
     for drop in point.drops:
         if drop.drop == number:
             return drop

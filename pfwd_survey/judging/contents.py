@@ -12,6 +12,7 @@ from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, Surv
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from
+from pfwd_survey.files.moving import moved_to
 from pfwd_survey.inverting.diagnosis.holding import last_diagnosis
 from pfwd_survey.inverting.drop_facts import stored_facts
 from pfwd_survey.inverting.kept import is_sound, rests_on
@@ -120,12 +121,21 @@ def measured_now(
     drop: SurveyDrop, record: DropFacts, setup: PointSetup, result: DropResult | None
 ) -> MeasuredDrop:
     """A drop by its own record: from what was kept with its result, else from its traces."""
-    discarded = discarding_of(drop)
     kept = stored_facts(drop.drop, setup, record.metadata, result)
     if kept is not None:
-        return MeasuredDrop(*kept, setup).with_discarding(discarded)
+        return as_said(drop, MeasuredDrop(*kept, setup))
     traces = record.drop if record.drop is not None else drop.read_traces().drop
-    return measured_drop(traces, setup, None, discarded)
+    return as_said(drop, measured_drop(traces, setup))
+
+
+def as_said(drop: SurveyDrop, measured: MeasuredDrop) -> MeasuredDrop:
+    """A drop as a person discarded it, or moved it to another point."""
+    discarded = discarding_of(drop)
+    if discarded is None:
+        return measured
+    said = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    where = moved_to(said[-1]) if said else None
+    return measured.with_discarding(discarded) if where is None else measured.with_move(where)
 
 
 _NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
@@ -214,7 +224,9 @@ def discarding_of(drop: SurveyDrop) -> str | None:
     if not drop.discarded:
         return None
     said = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
-    return str(said[-1]) if said and said[-1] else ""
+    if not said or not said[-1]:
+        return ""
+    return moved_to(said[-1]) or str(said[-1])
 
 
 def target_of_point(point: SurveyPoint) -> float | None:

@@ -48,6 +48,11 @@ class MeasuredDrop:
         facts = dataclasses.replace(self.facts, kind=kind, reason=reason or None)
         return dataclasses.replace(self, facts=facts)
 
+    def with_move(self, where: str) -> "MeasuredDrop":
+        """The same as it was moved to another point: here it did not fall."""
+        facts = PointDrop(self.facts.number, Kind.REJECTED, reason=where)
+        return MeasuredDrop(facts, 0.0, self.setup)
+
 
 def measured_drop(
     drop: Drop,

@@ -33,7 +33,9 @@ from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
+from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit
+from pfwd_survey.files.moving import MOVED_TO, move_with
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
@@ -215,6 +217,28 @@ class Session:
             self._pipeline.diagnoses.discard(number)
         self._tell(Edited(edit.what, edit.value, point, number))
 
+    def move_drop(self, number: int, to: str) -> None:
+        """Move a drop, by its number within the survey, to the point where it belongs.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, it is not known, or the disk does not take it.
+        """
+        if self._recorder is None:
+            raise RecordingError("move: expected a survey that is written, came a replay")
+        writer = self._recorder.writer
+        drop = next((drop for drop in writer.contents().drops if drop.number == number), None)
+        if drop is None:
+            raise RecordingError(f"move: expected a drop of the survey, came number {number}")
+        within = move_with(writer, drop, to)
+        value = {MOVED_TO: {"point": to, "drop": within}}
+        self._tell(Edited("discard", value, None, number))
+        known = known_point(writer, to)
+        if known is not None:
+            self._known_points.add(to)
+            self._tell(known)
+
     def keep_result(self, number: int, result: DropResult) -> None:
         """Save another result of a drop, by its number within the survey; the others stay."""
         if self._recorder is not None:
@@ -320,7 +344,7 @@ class Session:
         while not self._requests.empty():
             try:
                 self._requests.get()(self)
-            except RecordingError as err:
+            except (RecordingError, OptionError) as err:
                 self._tell(Notice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:

@@ -7,6 +7,7 @@ is told as `PointKnown`; in a replay a known drop counts from when it comes agai
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from pfwd_survey.files.moving import moved_to
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
@@ -175,9 +176,13 @@ class Standing:
             if number_within is None or event.what not in ("discard", "restore"):
                 continue
             reason = None if event.what == "restore" else str(event.value or "")
+            where = moved_to(event.value)
             for drops in (point.drops, point.known):
-                if number_within in drops:
-                    drops[number_within] = drops[number_within].with_discarding(reason)
+                known = drops.get(number_within)
+                if known is not None:
+                    drops[number_within] = (
+                        known.with_discarding(reason) if where is None else known.with_move(where)
+                    )
             point.version += 1
             return point.name
         return None

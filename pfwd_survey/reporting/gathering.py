@@ -34,7 +34,7 @@ from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_drop
 from pfwd_survey.judging.contents import (
-    discarding_of,
+    as_said,
     last_sound,
     said_later,
     setup_now,
@@ -329,7 +329,7 @@ class _Gatherer:
             self._note_instrument(record)
         worked = [(setup, kept, self._drops(point, setup, kept)) for setup, kept in groups]
         measured = [
-            measured_drop(record.drop, setup, None, discarding_of(drop)).with_result(found.result)
+            as_said(drop, measured_drop(record.drop, setup)).with_result(found.result)
             for setup, kept, drops in worked
             for (drop, record), found in zip(kept, drops, strict=True)
         ]

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import (
     Edit,
@@ -14,6 +15,7 @@ from pfwd_survey.files.editing import (
     parse_position,
     survey_overview,
 )
+from pfwd_survey.files.moving import move_drop
 from tui.output import clean
 
 
@@ -25,7 +27,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     edits = _edits(args)
-    if edits or args.point is not None or args.drop is not None:
+    if args.move is not None:
+        if edits:
+            raise OptionError(refusal("--move", "nothing else said with it", "other edits"))
+        points = overview_of(move_drop(args.survey, args.point, args.drop, args.move))
+    elif edits or args.point is not None or args.drop is not None:
         points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))
     else:
         points = survey_overview(args.survey)

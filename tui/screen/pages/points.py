@@ -22,6 +22,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import PointState
+from tui.screen.session.names import point_name_error
 from tui.screen.units import NOTHING, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
@@ -62,6 +63,7 @@ class PointsPage(Page):
         ("a", "name"),
         ("e", "note"),
         ("d", "discard"),
+        ("w", "move"),
         ("u", "undo"),
     )
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -78,6 +80,7 @@ class PointsPage(Page):
         Binding("o", "position", "Position of the point"),
         Binding("a", "name", "Another name for the point"),
         Binding("e", "note", "Note"),
+        Binding("w", "move", "Move the drop to another point"),
     ]
 
     def __init__(self) -> None:
@@ -256,6 +259,21 @@ class PointsPage(Page):
             lambda text: "" if 0 < len(text.strip()) <= 64 else "1 to 64 characters",
             lambda text: Edit("name", text.strip()),
         )
+
+    def action_move(self) -> None:
+        """The drop belongs to another point."""
+        drop = None if self.drop is None else self.chosen.drops.get(self.drop)
+        if drop is None:
+            self.pfwd.say("enter goes into the point; there w moves the chosen drop")
+            return
+
+        def take(name: str | None) -> None:
+            if name:
+                self.pfwd.edits.move(drop, name.strip())
+                self.pfwd.read_contents()
+
+        dialog = TextDialog(f"Drop {drop.number} belongs to the point", check=point_name_error)
+        self.app.push_screen(dialog, take)
 
     def action_note(self) -> None:
         """A note on the drop or the point."""

@@ -85,6 +85,17 @@ class SurveyEdits:
         self._in_thread(lambda: self._edit_folder(folder, edit, drop, point), "edit")
         return True
 
+    def move(self, drop: DropState | None, to: str) -> None:
+        """Move a drop to the point where it belongs."""
+        if drop is None or drop.record is None:
+            self._say("there is no drop that could be moved")
+            return
+        record = drop.record
+        if self._source.writes and self._runner.ask(lambda it: it.move_drop(record, to)):
+            self._say(f"drop {drop.number} is moved to {to}")
+            return
+        self._say("a recording is edited with pfwd edit --move")
+
     def say_of_job(self, request: JobRequest) -> None:
         """Say something of what the survey is measured by."""
         if not request:

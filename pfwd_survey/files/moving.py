@@ -1,0 +1,116 @@
+"""Moves a drop that was measured under the wrong point; nothing that was recorded is changed.
+
+The same record is saved again under the right point, with where it comes from; under the point
+where it does not belong it is marked as moved, and counts there as if it had not fallen.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording.record import point_name
+from pfwd_survey.errors import OptionError, quote, refusal
+from pfwd_survey.files.folders import refuse_no_survey
+from pfwd_survey.files.spare import spare_folder
+
+MOVED_TO = "moved_to"
+"""In the value of a discard: point and number of the drop there."""
+
+
+def move_drop(
+    folder: str | os.PathLike[str], point: str | None, drop: int | None, to: str
+) -> Survey:
+    """Move a drop of a survey that nobody writes now to another point, known or new.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    point : str, optional
+        Name of the point; None: the only one.
+    drop : int, optional
+        Number of the drop within it.
+    to : str
+        Name of the point where it belongs.
+
+    Returns
+    -------
+    Survey
+        As it is after it.
+
+    Raises
+    ------
+    OptionError
+        If there is no such drop, or it is there already.
+    SurveyError, RecordingError
+        If it is no survey, or another program writes it.
+    """
+    from pfwd_survey.files.editing import choose_drop, choose_point
+
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    if drop is None:
+        raise OptionError(refusal("--move", "a drop, named by --drop", "none"))
+    chosen = choose_drop(choose_point(survey, point), drop)
+    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
+        move_with(writer, chosen, _named(survey, to))
+        return writer.contents()
+
+
+def _named(survey: Survey, to: str) -> str:
+    """The name that the drops of a point have, by its name or title; a new one as it is."""
+    for point in survey.points:
+        if to in (point.name, point.title):
+            return point.name
+    try:
+        return point_name(to)
+    except RecordingError as err:
+        expected = "a name of 1 to 64 characters"
+        raise OptionError(refusal("--move", expected, quote(to))) from err
+
+
+def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
+    """The same for who writes the survey; its number under the other point.
+
+    Raises
+    ------
+    OptionError, RecordingError
+        If it is there already, or the disk does not take it.
+    """
+    if drop.point == to:
+        raise OptionError(refusal("--move", "another point", f"{quote(to)}, where the drop is"))
+    if drop.discarded:
+        raise OptionError(refusal("--move", "a drop that counts", "a discarded one", "restore it"))
+    record = drop.read()
+    number = writer.next_number(to)
+    metadata: dict[str, Any] = {
+        **record.metadata,
+        "moved_from": {"point": drop.point, "drop": drop.drop, "record": drop.number},
+    }
+    key = record.metadata.get("key")
+    if isinstance(key, str):  # the same samples are recorded twice, and on purpose
+        metadata["key"] = f"{key}/moved/{drop.number}/{number}"
+    moved = DropRecord(
+        to,
+        replace(record.drop, number=number),
+        record.counts,
+        record.declared,
+        metadata,
+        record.rebounds,
+    )
+    saved = writer.save_drop(moved)
+    result = drop.read_last_result()
+    if result is not None:
+        writer.save_result(saved, {**result, "drop": number})
+    writer.edit("discard", {MOVED_TO: {"point": to, "drop": number}}, number=drop.number)
+    return number
+
+
+def moved_to(value: object) -> str | None:
+    """Where a drop was moved, by the value of its discard; None: it was not."""
+    said = value.get(MOVED_TO) if isinstance(value, Mapping) else None
+    if not isinstance(said, Mapping):
+        return None
+    return f"moved to point {said.get('point')}, drop {said.get('drop')}"

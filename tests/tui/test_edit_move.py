@@ -1,0 +1,90 @@
+"""A drop measured under the wrong point, moved."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.files.header import declared_values
+from pfwd_survey.judging import JobRequest, judged_points
+from pfwd_survey.measuring.events import DropSaved, PointKnown
+from pfwd_survey.measuring.plan import SessionPlan
+from pfwd_survey.measuring.session import Session
+from pfwd_survey.procedures import plain_procedure
+from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
+from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed
+from tui.cli import main
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> str:
+    """Point 1 holds a seating and a measured drop too many, which belong to point 2."""
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        for event in JobRequest(procedure=plain_procedure(1, 1), target=40e6).events():
+            writer.note_event(*event)
+        for number, modulus in enumerate((60e6, 61e6, 30e6, 31e6), 1):
+            drop = half_sine_drop(number, 8000.0)
+            metadata = {"key": f"T-1/7/{number}"}
+            record = DropRecord("1", drop, None, declared_values(SETUP), metadata)
+            writer.save_result(writer.save_drop(record), result_of(number, modulus))
+    return str(tmp_path / "s")
+
+
+def test_it_counts_where_it_belongs_and_nowhere_else(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for drop in ("3", "4"):
+        assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", "2", "--json"]) == 0
+    capsys.readouterr()
+    first, second = judged_points(read_survey(survey))
+    assert (first.progress.used, first.progress.verdict) == ((2,), "pass")
+    assert (second.name, second.progress.used, second.progress.verdict) == ("2", (2,), "fail")
+    assert dict(
+        first.progress.excluded and [(d.number, d.reason) for d in first.progress.excluded]
+    )[3].endswith("moved to point 2, drop 1")
+    drops = read_survey(survey).drops
+    assert [drop.discarded for drop in drops] == [False, False, True, True, False, False]
+    assert drops[4].read().metadata["moved_from"] == {"point": "1", "drop": 3, "record": 3}
+
+
+def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
+    main(["edit", survey, "--drop", "1", "--move", "2"])
+    first, _ = judged_points(read_survey(survey))
+    assert dict(first.progress.kinds)[2] == "seating"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--move", "2"], "--move: expected a drop, named by --drop, came none"),
+        (["--drop", "9", "--move", "2"], "--drop: expected a drop of point 1"),
+        (["--drop", "1", "--move", "1"], "expected another point, came '1'"),
+        (["--drop", "1", "--move", ""], "expected a name of 1 to 64 characters"),
+        (["--drop", "1", "--move", "2", "--note", "x"], "nothing else said with it"),
+    ],
+)
+def test_what_cannot_be_moved(
+    survey: str, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["edit", survey, *options]) == 2
+    assert message in capsys.readouterr().err
+    assert len(read_survey(survey).drops) == 4
+
+
+def test_while_it_is_measured(survey: str) -> None:
+    log = Log()
+    with SurveyWriter.open(survey, publish=False) as writer:
+        session = Session(ScriptedFeed(), log, SessionPlan(options=None, point="2"), writer)
+        session.ask(lambda it: it.move_drop(3, "2"))
+        session.ask(lambda it: it.move_drop(99, "2"))
+        session.run()
+        assert writer.next_number("2") == 2
+    known = log.of(PointKnown)[-1]
+    assert (known.point, [drop.facts.number for drop in known.measured.drops]) == ("2", [1])
+    assert "expected a drop of the survey, came number 99" in log.texts
+    assert log.of(DropSaved) == []
+    report = [
+        json.loads(json.dumps(point.as_json())) for point in judged_points(read_survey(survey))
+    ]
+    assert [point["point"] for point in report] == ["1", "2"]
