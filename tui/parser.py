@@ -322,6 +322,8 @@ def _add_live(commands: "Commands") -> None:
     _add_layers(live, "default 1")
     _add_diagnosing(live, default=True)
     _add_seed(live)
+    live.add_argument("--json", action="store_true", help="no screen: " + _JSON)
+    live.set_defaults(drops=None, capture=False, give_up=None, no_bell=True)
 
 
 def _add_log(commands: "Commands") -> None:

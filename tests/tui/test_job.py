@@ -93,3 +93,15 @@ def test_log_takes_the_same_options_and_ends_with_the_point(tmp_path: Path) -> N
     text = pfwd("replay", survey, "--no-invert").stdout.splitlines()[-1]
     assert text.startswith("point 12+320: deflection 0.")
     assert "target 0.9 mm" in text
+
+
+def test_live_for_machines_keeps_the_usual_procedure(tmp_path: Path) -> None:
+    with serve(PLAIN, drops=6, rate=RATE, seed=1) as instrument:
+        options = ("-o", tmp_path / "s", "--json", "--no-invert", "--target", "40")
+        done = pfwd("live", instrument.url, *options)
+    assert done.returncode == 0, done.stderr
+    *drops, point = records(done.stdout)
+    assert [line["status"] for line in drops] == ["seating"] * 3 + ["measured"] * 3
+    assert (point["target"], point["verdict"]) == (40e6, "undecided"), "nothing was inverted"
+    job = json.loads(pfwd("job", tmp_path / "s", "--json").stdout)
+    assert (job["procedure"], job["target"]) == ("plain", 40e6)

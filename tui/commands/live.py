@@ -7,6 +7,7 @@ from pathlib import Path
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.position import PositionReceiver
 from pfwd_survey.procedures import plain_procedure
+from tui.commands import log
 from tui.measuring_options import (
     agreed_on_terminal,
     job_request,
@@ -25,6 +26,8 @@ def run(args: argparse.Namespace) -> int:
     options = measuring_options(args)
     said = setup.declared.get("seating_drops")
     usual = plain_procedure() if said is None else plain_procedure(int(said))
+    if args.json:  # for machines, in place of the screen
+        return log.run(args, usual)
     request = job_request(args, args.output, setup.procedure, usual)
     if not agreed_on_terminal(args.output, setup.procedure, request):
         return 0

@@ -8,6 +8,7 @@ from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.position import PositionReceiver
 from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
+from pfwd_survey.procedures import Procedure
 from tui.log_file import close_log, open_log
 from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
 from tui.output import say
@@ -29,8 +30,15 @@ def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listene
     return told
 
 
-def run(args: argparse.Namespace) -> int:
-    """Measure until enough drops are in, or a signal comes, or the instrument has no more."""
+def run(args: argparse.Namespace, usual: Procedure | None = None) -> int:
+    """Measure until enough drops are in, or a signal comes, or the instrument has no more.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+    usual : Procedure, optional
+        Of a survey that begins now, where nobody chose one.
+    """
     try_output(args.output)
     setup = measuring_setup(args)
     options = measuring_options(args)
@@ -38,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
     plan = SessionPlan(
         point=args.point,
         setup=setup,
-        job=job_request(args, args.output, setup.procedure),
+        job=job_request(args, args.output, setup.procedure, usual),
+        usual_procedure=usual,
         drops=args.drops,
         options=options,
         give_up=args.give_up,
