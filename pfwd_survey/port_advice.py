@@ -36,10 +36,8 @@ def _rights(urls: Sequence[str]) -> list[str]:
 
 def _group_of(path: str) -> str:
     try:
-        import grp
-
-        return grp.getgrgid(os.stat(path).st_gid).gr_name
-    except (ImportError, KeyError, OSError):  # not on Windows; a group without a name
+        return Path(path).group()
+    except (NotImplementedError, KeyError, OSError):  # on Windows; a group without a name
         return "dialout"
 
 
