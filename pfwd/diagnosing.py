@@ -265,7 +265,7 @@ def diagnose(
     SurveyError, InversionError
         If a file is refused, a drop cannot be diagnosed, or an option is unknown or wrong.
     """
-    from pfwd_survey.inverting.diagnosis.device_file import read_device_file
+    from pfwd_survey.inverting.diagnosis.device_file import read_device
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
     from pfwd_survey.inverting.diagnosis.entries import entry_of
 
@@ -278,10 +278,10 @@ def diagnose(
         said = "offsets" if offsets is not None else "quantity"
         raise OptionError(refusal(said, "none unless arrays are given", "one"))
     points = points_of(data, header, asked.overrides())
-    known = None if device is None else read_device_file(device)
+    known, spread = (None, None) if device is None else read_device(device)
     entries = [entry_of(point.file, point, asked) for point in points]
     found = []
-    for one in diagnose_entries(entries, known, jobs):
+    for one in diagnose_entries(entries, known, jobs, spread=spread):
         if one.result is None:
             raise SurveyError(one.error or refusal(one.file, "a diagnosis", "none"))
         found.append(Diagnosis(one.result.to_json(), one.diagnosis))

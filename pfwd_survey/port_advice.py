@@ -1,5 +1,6 @@
 """Why this computer shows no port, or does not let one be opened: what can be seen without it."""
 
+import importlib
 import os
 import shutil
 from collections.abc import Sequence
@@ -36,8 +37,8 @@ def _rights(urls: Sequence[str]) -> list[str]:
 
 def _group_of(path: str) -> str:
     try:
-        return Path(path).group()
-    except (NotImplementedError, KeyError, OSError):  # on Windows; a group without a name
+        return str(importlib.import_module("grp").getgrgid(os.stat(path).st_gid).gr_name)
+    except (ImportError, KeyError, OSError):  # not on Windows; a group without a name
         return "dialout"
 
 

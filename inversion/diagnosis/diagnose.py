@@ -57,6 +57,7 @@ def diagnose_point(
     likely: Collection[str] = (),
     begun: Sequence[Mapping[UnknownKey, float]] = (),
     leave_out: LeaveOut = "drop",
+    spread: DeviceValues | None = None,
 ) -> PointDiagnosis:
     """Which effects the residual of a point asks for, and what they change.
 
@@ -67,6 +68,8 @@ def diagnose_point(
     device : values of device effects that are known from elsewhere, by effect and parameter
     likely : names of effects that were found before; tried first
     begun : values from which they may begin, as `PointDiagnosis.values` has them
+    spread : deviations of the device's values, within which the point may move them; what has
+        none is held
     leave_out : what is predicted from the rest; a "point" takes others, and is left to the survey
 
     Raises
@@ -77,7 +80,7 @@ def diagnose_point(
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
         base = Search([point], priors=False).base()
-        search = Search([point], fixed=device)
+        search = Search([point], fixed=device, spread=spread)
         best = search.run(likely, begun)
         return _report(point, search, base, best, leave_out)
 

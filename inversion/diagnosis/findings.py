@@ -28,6 +28,7 @@ class FoundParameter:
     value, deviation : float, SI; a deviation that is NaN: the records do not fix it
     drop : int or None, number of the drop that it belongs to
     at_bound : bool
+    spread : float, SI, by which the points of the device differ, each by itself; NaN: not asked
     """
 
     name: str
@@ -36,6 +37,7 @@ class FoundParameter:
     deviation: float
     drop: int | None
     at_bound: bool
+    spread: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -197,8 +199,10 @@ class DeviceFindings:
     ----------
     values, deviations : by effect and parameter
     drops : int, how many they rest on
+    spread : by effect and parameter, by how much points differ that are asked each by itself
     """
 
     values: DeviceValues
     deviations: Mapping[str, Mapping[str, float]]
     drops: int
+    spread: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

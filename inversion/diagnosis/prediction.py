@@ -136,6 +136,7 @@ def _without(
         prior_weight=problem.prior_weight,
         silent=sensors,
         held=held,
+        spread=problem.spread,
     )
 
 

@@ -8,7 +8,7 @@ its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -222,6 +222,8 @@ class Problem:
         priors do not count
     silent : places of sensors that count for nothing
     held : places of a point's unknowns, the device's first, that stay as they are
+    spread : mapping of deviations of what is given, by effect and parameter: it may move so far;
+        what has none is held
     """
 
     def __init__(
@@ -236,6 +238,7 @@ class Problem:
         prior_weight: float = 0.0,
         silent: Collection[int] = (),
         held: Collection[int] = (),
+        spread: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
         self.prior_weight = prior_weight
         self.points = tuple(points)
@@ -245,17 +248,29 @@ class Problem:
         self.left_out = frozenset(left_out)
         self.silent = frozenset(silent)
         self.held = frozenset(held)
+        self.spread = spread or {}
         self.device = [
             Unknown(p, effect)
             for effect in effects
-            if effect.scope == "device" and effect.name not in self.fixed
-            for p in effect.parameters
+            if effect.scope == "device"
+            for p in self._fitted(effect)
         ]
         of_points = local or [self.effects] * len(self.points)
         self.own = [point.unknowns(own) for point, own in zip(self.points, of_points, strict=True)]
         self.solves = 0
         self._residuals: dict[_Place, FloatArray] = {}
         self._jacobians: dict[_Place, FloatArray] = {}
+
+    def _fitted(self, effect: Effect) -> Sequence[Parameter]:
+        """Parameters of a device effect that are fitted; given ones beside what is given."""
+        given, deviations = self.fixed.get(effect.name), self.spread.get(effect.name, {})
+        if given is None:
+            return effect.parameters
+        return [
+            p.held_to(given[p.name], deviations[p.name])
+            for p in effect.parameters
+            if p.name in given and deviations.get(p.name, 0.0) > 0.0
+        ]
 
     @property
     def size(self) -> int:

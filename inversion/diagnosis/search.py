@@ -124,6 +124,7 @@ class Search:
     points : sequence of Point
     catalogue : sequence of Effect, to choose from
     fixed : values of device effects that are given, by name
+    spread : deviations of what is given; what has none is held
     scope : FitScope, what counts
     priors : bool, whether what nature gives counts
     """
@@ -136,10 +137,12 @@ class Search:
         *,
         scope: FitScope = WHOLE,
         priors: bool = True,
+        spread: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
         self.points = tuple(points)
         self.priors = priors
         self.fixed = fixed or {}
+        self.spread = spread or {}
         self.scope = scope
         contexts = [tuple(model.context for model in point.drops) for point in points]
         self.catalogue = tuple(
@@ -235,7 +238,7 @@ class Search:
     def _problem(self, effects: Iterable[Effect]) -> Problem:
         """With the effects that are given among the others."""
         active = self._ordered((*effects, *self._given))
-        return Problem(self.points, active, self.fixed, scope=self.scope)
+        return Problem(self.points, active, self.fixed, scope=self.scope, spread=self.spread)
 
     def _made(self, ordered: tuple[Effect, ...], found: Fit, refined: bool) -> Candidate:
         self.solves += found.problem.solves

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -104,6 +104,14 @@ class Parameter:
         if self.logarithmic:
             low, high = math.log(low), math.log(high)
         return (low + (high - low) * unit_value - centre) / deviation, (high - low) / deviation
+
+    def held_to(self, value: float, deviation: float) -> Parameter:
+        """The same with a prior of its own, where it begins; bounds keep it from nothing else."""
+        centre = math.log(value) if self.logarithmic else value
+        spread = deviation / value if self.logarithmic else deviation
+        return replace(
+            self, prior=(centre, spread), inverse_prior=None, starts=(value,), absent=None
+        )
 
     def deviation(self, unit_value: float, of_unit_value: float) -> float:
         """Standard deviation of the value where that of the unit value is `of_unit_value`."""

@@ -40,12 +40,12 @@ def run(args: argparse.Namespace) -> int:
         return _over_archive(args, options)
     from pfwd_survey.inverting.diagnosis.device_file import (
         device_of,
-        read_device_file,
+        read_device,
         write_device_file,
     )
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
-    device = read_device_file(args.device) if args.device else None
+    device, spread = read_device(args.device) if args.device else (None, None)
     # A plot and a device file need more than what a survey keeps.
     use_kept = not (args.refit or args.plot or args.write_device)
     with points_counted() as progress:
@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
             args.leave_out,
             use_kept=use_kept,
             progress=progress,
+            spread=spread,
         )
         found = list(done)
     name = device_of(found) if args.write_device else None

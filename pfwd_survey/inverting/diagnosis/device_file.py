@@ -99,7 +99,12 @@ def write_effects(
 
 
 def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
-    """Device effects of a file that ``--write-device`` made.
+    """Device effects of a file that ``--write-device`` made; raises as `read_device`."""
+    return read_device(path)[0]
+
+
+def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
+    """Device effects of a file, and their deviations, as far as it has any.
 
     Raises
     ------
@@ -115,6 +120,7 @@ def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
     except ValueError as err:
         raise OptionError(refusal(where, "TOML", str(err))) from err
     values: DeviceValues = {}
+    deviations: DeviceValues = {}
     for name, entries in table.items():
         if not isinstance(entries, dict):
             continue
@@ -130,4 +136,10 @@ def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
                 expected = f"[{name}] {key} from {p.lower:g} to {p.upper:g}"
                 raise OptionError(refusal(where, expected, f"{value:g}"))
             values.setdefault(name, {})[p.name] = float(value)
-    return values
+            spread = entries.get(f"{p.name}_sd{_SUFFIX.get(p.unit, '')}")
+            if isinstance(spread, int | float) and not isinstance(spread, bool):
+                if not 0.0 <= spread < math.inf:
+                    expected = f"[{name}] {p.name}_sd as a number >= 0"
+                    raise OptionError(refusal(where, expected, f"{spread:g}"))
+                deviations.setdefault(name, {})[p.name] = float(spread)
+    return values, deviations

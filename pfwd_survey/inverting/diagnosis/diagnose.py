@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 from inversion import InversionError, SurrogateLibrary
 from inversion.diagnosis import (
@@ -32,6 +33,9 @@ from pfwd_survey.spawning import worker_pool
 DeviceValues = dict[str, dict[str, float]]
 Progress = Callable[[str, int, int], None]
 """Told what is being tried, how many points are done, and of how many."""
+# Points from which on their spread is told; of a normal distribution its middle distance from the
+# middle, as a deviation; and what contradicts the others: so many deviations, and this part.
+_FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.05
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
 
@@ -57,6 +61,7 @@ def diagnose_files(
     *,
     use_kept: bool = False,
     progress: Progress | None = None,
+    spread: DeviceValues | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point, in their order.
 
@@ -77,6 +82,8 @@ def diagnose_files(
         Whether what a survey keeps of the same question is the answer.
     progress : callable, optional
         Told what is being tried, and how many of how many points are done.
+    spread : mapping, optional
+        Deviations of what is given of the device: a point may move it so far; else it is held.
     """
     options = options or AnalysisOptions()
     entries: list[DiagnosisPoint | Diagnosed] = []
@@ -86,7 +93,7 @@ def diagnose_files(
         except (SurveyError, InversionError) as err:
             entries.append(Diagnosed(file, error=str(err)))
     yield from diagnose_entries(
-        entries, device, jobs, leave_out, use_kept=use_kept, progress=progress
+        entries, device, jobs, leave_out, use_kept=use_kept, progress=progress, spread=spread
     )
 
 
@@ -98,19 +105,22 @@ def diagnose_entries(
     *,
     use_kept: bool = False,
     progress: Progress | None = None,
+    spread: DeviceValues | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point that was read, in their order; refused files go through.
 
     Parameters
     ----------
-    entries, device, jobs, leave_out, use_kept, progress : as for :func:`diagnose_files`
+    entries, device, jobs, leave_out, use_kept, progress, spread : as for :func:`diagnose_files`
     """
     every = [
         entry
         for entry in entries
         if isinstance(entry, DiagnosisPoint) and entry.records is not None
     ]
-    questions = dict(zip(map(id, every), questions_of(every, device, leave_out), strict=True))
+    questions = dict(
+        zip(map(id, every), questions_of(every, device, leave_out, spread), strict=True)
+    )
     kept: dict[int, DiagnosisResult] = {}
     if use_kept:
         answers = kept_answers(every, list(questions.values()))
@@ -120,7 +130,7 @@ def diagnose_entries(
     work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
     within: LeaveOut = leave_out or "drop"
     told = _Told(progress, "each point by itself")
-    first = _diagnose_all(work, device, jobs, within, told=told)
+    first = _diagnose_all(work, device, jobs, within, told=told, spread=spread)
     found = dict(zip(map(id, work), first, strict=True))
     found |= _shared_device(work, found, device, jobs, leave_out, progress)
     for entry in entries:
@@ -132,7 +142,7 @@ def diagnose_entries(
             continue
         diagnosis = found.get(id(entry))
         if device and isinstance(diagnosis, PointDiagnosis):
-            diagnosis = with_device(diagnosis, _given(device))
+            diagnosis = with_device(diagnosis, _given(device, spread))
         if isinstance(diagnosis, str):
             yield Diagnosed(entry.file, error=f"{entry.file}: {diagnosis}")
             continue
@@ -172,6 +182,7 @@ def _diagnose_all(
     likely: Sequence[Sequence[str]] = (),
     begun: Sequence[Sequence[Mapping[UnknownKey, float]]] = (),
     told: _Told | None = None,
+    spread: DeviceValues | None = None,
 ) -> list[PointDiagnosis | str]:
     """Diagnoses in order; device values are alike for all, or one set a point."""
     records = [point.records for point in work if point.records is not None]
@@ -182,12 +193,13 @@ def _diagnose_all(
     if jobs <= 1 or len(records) < 2:
         library = SurrogateLibrary()
         found = (
-            _diagnose(record, values, names, there, leave_out, library)
+            _diagnose(record, values, names, there, leave_out, spread, library)
             for record, values, names, there in zip(records, devices, first, starts, strict=True)
         )
         return told.counted(found, len(records))
     with worker_pool(min(jobs, len(records))) as pool:
-        done = pool.map(_diagnose, records, devices, first, starts, [leave_out] * len(records))
+        alike = ([leave_out] * len(records), [spread] * len(records))
+        done = pool.map(_diagnose, records, devices, first, starts, *alike)
         return told.counted(done, len(records))
 
 
@@ -197,10 +209,11 @@ def _diagnose(
     likely: Sequence[str] = (),
     begun: Sequence[Mapping[UnknownKey, float]] = (),
     leave_out: LeaveOut = "drop",
+    spread: DeviceValues | None = None,
     library: SurrogateLibrary | None = None,
 ) -> PointDiagnosis | str:
     try:
-        return diagnose_point(records, library, device, likely, begun, leave_out)
+        return diagnose_point(records, library, device, likely, begun, leave_out, spread)
     except InversionError as err:
         return str(err)
 
@@ -226,6 +239,8 @@ def _shared_device(
         findings = _device_findings(sound, found)
         if findings is None:
             continue
+        alone = [_device_values(d, findings) for p in points if _is_sound(d := found[id(p)])]
+        findings = _with_spread(findings, [values for values in alone if values is not None])
         first = [found[id(point)] for point in points]
         likely, begun = _of_survey(first, findings)
         within: LeaveOut = leave_out or "drop"
@@ -239,6 +254,8 @@ def _shared_device(
                 again[id(point)] = found_anew
                 continue
             diagnosis = with_device(found_anew, findings)
+            contradicting = _contradictions(found[id(point)], findings)
+            diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
             if error is not None:
                 diagnosis = replace(
                     diagnosis,
@@ -249,6 +266,57 @@ def _shared_device(
                 )
             again[id(point)] = diagnosis
     return again
+
+
+def _is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
+    return isinstance(found, PointDiagnosis)
+
+
+def _with_spread(findings: DeviceFindings, alone: Sequence[DeviceValues]) -> DeviceFindings:
+    """By how much points differ of which each was asked by itself, and what that leaves unknown.
+
+    The middle of several points is known by the root of their number better than one of them.
+    """
+    spread: DeviceValues = {}
+    deviations: DeviceValues = {}
+    for name, values in findings.values.items():
+        for key in values:
+            shown = [own[name][key] for own in alone]
+            if len(shown) < _FEWEST_FOR_SPREAD:
+                continue
+            middle = _median(shown)
+            wide = _OF_NORMAL * _median([abs(value - middle) for value in shown])
+            spread.setdefault(name, {})[key] = wide
+            own_deviation = findings.deviations[name][key]
+            deviations.setdefault(name, {})[key] = math.hypot(
+                own_deviation if math.isfinite(own_deviation) else 0.0, wide / math.sqrt(len(shown))
+            )
+    merged = {
+        name: dict(known) | deviations.get(name, {}) for name, known in findings.deviations.items()
+    }
+    return replace(findings, deviations=merged, spread=spread)
+
+
+def _contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> list[str]:
+    """Where a point by itself shows another device than the others do."""
+    if isinstance(found, str):
+        return []
+    said = []
+    for effect in found.effects:
+        for p in effect.parameters:
+            wide = findings.spread.get(effect.name, {}).get(p.name)
+            if effect.scope != "device" or wide is None:
+                continue
+            own = p.deviation if math.isfinite(p.deviation) else 0.0
+            shared = findings.values[effect.name][p.name]
+            away = abs(p.value - shared)
+            if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
+                unit = "" if p.unit == "-" else f" {p.unit}"
+                said.append(
+                    f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
+                    f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
+                )
+    return said
 
 
 def _of_survey(
@@ -352,10 +420,14 @@ def _device_findings(
     return fit_device(records, diagnoses, ordered, SurrogateLibrary())
 
 
-def _given(device: DeviceValues) -> DeviceFindings:
-    """Known device effects, whose deviations are not known here."""
-    nothing = {name: dict.fromkeys(values, math.nan) for name, values in device.items()}
-    return DeviceFindings(device, nothing, 0)
+def _given(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
+    """Known device effects; where nothing is said of them their deviations are not known."""
+    known = spread or {}
+    deviations = {
+        name: {key: known.get(name, {}).get(key, math.nan) for key in values}
+        for name, values in device.items()
+    }
+    return DeviceFindings(device, deviations, 0)
 
 
 def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDiagnosis:
@@ -367,7 +439,14 @@ def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDia
             advice=BY_NAME[name].advice,
             parameters=tuple(
                 FoundParameter(
-                    p.name, p.unit, values[p.name], findings.deviations[name][p.name], None, False
+                    p.name,
+                    p.unit,
+                    # As the point moved it, where it might.
+                    diagnosis.values.get((0, name, p.name, None), values[p.name]),
+                    findings.deviations[name][p.name],
+                    None,
+                    False,
+                    findings.spread.get(name, {}).get(p.name, math.nan),
                 )
                 for p in BY_NAME[name].parameters
             ),

@@ -16,7 +16,10 @@ DeviceEffects = Mapping[str, Mapping[str, float]]
 
 
 def questions_of(
-    work: Sequence[DiagnosisPoint], device: DeviceEffects | None, leave_out: str | None
+    work: Sequence[DiagnosisPoint],
+    device: DeviceEffects | None,
+    leave_out: str | None,
+    spread: DeviceEffects | None = None,
 ) -> list[str]:
     """What is asked of each point, told apart.
 
@@ -25,8 +28,8 @@ def questions_of(
     Parameters
     ----------
     work : sequence of DiagnosisPoint, with records
-    device : mapping or None
-        Device effects that are given.
+    device, spread : mapping or None
+        Device effects that are given, and their deviations.
     leave_out : str or None
     """
     groups: dict[object, list[str]] = {}
@@ -34,7 +37,8 @@ def questions_of(
         groups.setdefault(_group(place, point), []).append(point.question)
     asked = []
     for place, point in enumerate(work):
-        text = repr((point.question, sorted(groups[_group(place, point)]), device, leave_out))
+        group = sorted(groups[_group(place, point)])
+        text = repr((point.question, group, device, leave_out, spread))
         asked.append(hashlib.sha256(text.encode()).hexdigest()[:32])
     return asked
 

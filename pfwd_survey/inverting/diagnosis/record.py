@@ -1,5 +1,6 @@
 """The result of a diagnosis as it is told, with the keys of ``pfwd diagnose --json``."""
 
+import math
 from typing import Any
 
 from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
@@ -99,7 +100,14 @@ def _effect(effect: FoundEffect) -> EffectResult:
         sd=first.deviation,
         unit=first.unit,
         parameters=tuple(
-            EffectParameter(name=p.name, value=p.value, sd=p.deviation, unit=p.unit, drop=p.drop)
+            EffectParameter(
+                name=p.name,
+                value=p.value,
+                sd=p.deviation,
+                unit=p.unit,
+                drop=p.drop,
+                spread=p.spread if math.isfinite(p.spread) else None,
+            )
             for p in effect.parameters
         ),
         evidence=effect.evidence,

@@ -38,7 +38,7 @@ class FittedState(StoredRecord):
 class EffectParameter(StoredRecord):
     """One number of an effect."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
 
     name: str | None = None
     value: float | None = None
@@ -49,6 +49,8 @@ class EffectParameter(StoredRecord):
     """SI; - for none."""
     drop: int | None = None
     """Number of the drop that it belongs to; None: to all."""
+    spread: float | None = None
+    """By which the points of the device differ, each by itself, in the unit; None: not asked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

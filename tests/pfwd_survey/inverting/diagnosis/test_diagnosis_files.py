@@ -5,12 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
+from inversion.diagnosis.findings import ModelState
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
+from pfwd_survey.inverting.diagnosis import diagnose as diagnose_module
 from pfwd_survey.inverting.diagnosis.device_file import (
     device_of,
+    read_device,
     read_device_file,
     write_device_file,
 )
@@ -120,3 +124,55 @@ def test_a_file_without_a_drop_says_so(tmp_path: Path) -> None:
     assert one.result.drops == ()
     assert (one.result.effects or ())[0].name == "false_trigger"
     assert other.error is not None
+
+
+def test_what_is_given_of_the_device_may_move_by_its_deviation(files: list[str]) -> None:
+    wrong = {"sensor_lag": {"delay": 4.5e-4}}
+    (held,) = diagnose_files(files[:1], device=wrong)
+    (moved,) = diagnose_files(files[:1], device=wrong, spread={"sensor_lag": {"delay": 1e-4}})
+    assert held.result is not None
+    assert moved.result is not None
+
+    def lag(result: DiagnosisResult) -> float:
+        (effect,) = [e for e in result.effects or () if e.name == "sensor_lag"]
+        assert effect.value is not None
+        return effect.value
+
+    assert lag(held.result) == 4.5e-4
+    assert lag(moved.result) == pytest.approx(6e-4, abs=3e-5)
+    off = [abs(r.after.modulus_pa / 40e6 - 1.0) for r in (held.result, moved.result) if r.after]
+    assert off[1] < off[0]
+
+
+def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "d.toml"
+    path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = 2e-5\n", encoding="utf-8")
+    values, deviations = read_device(path)
+    assert values == read_device_file(path) == {"sensor_lag": {"delay": 6e-4}}
+    assert deviations == {"sensor_lag": {"delay": 2e-5}}
+    path.write_text("[sensor_lag]\ndelay_s = 6e-4\ndelay_sd_s = -1.0\n", encoding="utf-8")
+    with pytest.raises(OptionError, match=r"\[sensor_lag\] delay_sd as a number >= 0"):
+        read_device(path)
+
+
+def test_points_that_contradict_the_device_say_so() -> None:
+    def of(value: float) -> PointDiagnosis:
+        p = FoundParameter("delay", "s", value, 1e-6, None, False)
+        effect = FoundEffect("sensor_lag", "device", "", (p,), 50.0, ())
+        state = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 1.0, 0.01, 0.01, 1e5, 4e7)
+        return PointDiagnosis(
+            "A", (1,), "explained", 1e-6, state, state, (effect,), None, None, (), ()
+        )
+
+    findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
+    shown = [{"sensor_lag": {"delay": 6e-4 + step * 1e-5}} for step in (-2, -1, 0, 1, 2)]
+    wide = diagnose_module._with_spread(findings, shown)
+    assert wide.spread["sensor_lag"]["delay"] == pytest.approx(1.4826e-5)
+    expected = np.hypot(1e-5, 1.4826e-5 / np.sqrt(5))
+    assert wide.deviations["sensor_lag"]["delay"] == pytest.approx(expected)
+    assert not diagnose_module._contradictions(of(6.5e-4), wide)
+    (said,) = diagnose_module._contradictions(of(7.5e-4), wide)
+    assert said.startswith("sensor_lag: delay 0.00075 s by this point alone, 0.0006 s by all")
+    few = diagnose_module._with_spread(findings, shown[:2])
+    assert not few.spread
+    assert not diagnose_module._contradictions(of(7.5e-4), few)
