@@ -409,7 +409,7 @@ static void set_waiting(link_t peer)
 {
 #ifdef _WIN32
     u_long on = 1;
-    ioctlsocket(peer, FIONBIO, &on);
+    ioctlsocket(peer, (long)FIONBIO, &on);
 #else
     fcntl(peer, F_SETFL, fcntl(peer, F_GETFL) | O_NONBLOCK);
 #endif

@@ -16,7 +16,15 @@ from simulators.emulated import (
     emulator,
     section_sizes,
 )
-from simulators.firmware import Played, core_sources, firmware_folder, play_scenario, zig_command
+from simulators.firmware import (
+    STRICT,
+    Played,
+    core_sources,
+    firmware_folder,
+    play_scenario,
+    run_compiler,
+    zig_command,
+)
 from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
 from tests.tui.console import pfwd
 
@@ -80,3 +88,13 @@ def test_the_board_that_has_never_run_compiles_and_says_so(tmp_path: Path) -> No
     image = tmp_path / "board.o"
     cross_compile([source, *core_sources()], image, None, target=target)
     assert image.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("platform", ["x86_64-windows-gnu", "aarch64-macos", "x86_64-linux-gnu"])
+def test_the_host_board_compiles_for_every_platform(tmp_path: Path, platform: str) -> None:
+    compiler = zig_command("cc")
+    assert compiler is not None
+    source = firmware_folder() / "host" / "board.c"
+    built = tmp_path / "board.o"
+    run_compiler([*compiler, "-target", platform, *STRICT, "-c", str(source), "-o", str(built)])
+    assert built.stat().st_size > 1000
