@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd_device.child_python import python_command
 from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
 from pfwd_device.wire.fields import day
 from simulators.instrument.scenario import Scenario, load_scenario
@@ -94,7 +95,7 @@ def find_compiler() -> list[str] | None:
 def zig_command(*arguments: str) -> list[str] | None:
     """A command of zig, None where it is not installed."""
     if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-P", "-m", "ziglang", *arguments]
+        return python_command("-m", "ziglang", *arguments)
     found = shutil.which("zig")
     return [found, *arguments] if found else None
 
