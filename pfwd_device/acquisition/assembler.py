@@ -181,9 +181,15 @@ class Assembler:
         if not self._ring or not self._waiting or self._stream is None or self._is_lonely():
             return []
         found: list[HostMessage] = []
-        for first, end in self._holes():
+        holes = list(self._holes())
+        for first, end in holes:
             if len(self._asked) >= _MOST_REQUESTS:
                 break
+            if len(self._asked) == _MOST_REQUESTS - 1:
+                # The last request takes the near holes behind it along, with what lies between: on
+                # a slow way back four holes at a time would be fewer than come anew.
+                near = (other for _, other in holes if other - first <= self._window)
+                end = max(end, *near, end)
             if not any(asked.first <= first and end <= asked.end for asked in self._asked):
                 self._asked.append(_Asked(first, end, now))
                 found.append(Resend(self._stream, first, min(end - first, _MOST_COUNT)))

@@ -179,8 +179,8 @@ def test_cables_that_are_pulled_lose_no_drop_and_damage_is_asked_for_again(
 
 def test_streamed_samples_that_were_damaged_come_again(tmp_path: Path, played: Played) -> None:
     with (
-        HostBoard(played, BoardOptions(drop_samples=0, speed=4.0)) as board,
-        BadLink(lambda: board.url, bit_error_rate=3e-4) as link,
+        HostBoard(played, BoardOptions(drop_samples=0, speed=2.0)) as board,
+        BadLink(lambda: board.url, bit_error_rate=1e-4) as link,
     ):
         measured(board, tmp_path / "survey", url=link.url)
     assert_recorded_bit_for_bit(tmp_path / "survey", played)

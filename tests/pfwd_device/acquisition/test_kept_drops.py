@@ -158,3 +158,17 @@ def test_a_single_index_far_ahead_is_not_asked_for() -> None:
     for number in range(1, 60):
         feed(made, 20 * number, 0.1 + number / 100)
     assert counters.samples == 1200
+
+
+def test_the_last_request_takes_near_holes_along() -> None:
+    made, counters = assembler()
+    items = feed(made, 0, 0.0)
+    for number in range(1, 11):  # every other block of 20 is lost
+        items += feed(made, 40 * number, 0.01 * number)
+    wanted = made.requests(0.2)
+    assert wanted[:3] == [Resend(7, 20 + 40 * number, 20) for number in range(3)]
+    assert wanted[3:] == [Resend(7, 140, 260)]
+    for first in range(20, 400, 20):
+        items += feed(made, first, 0.3)
+    scripted.assert_each_sample_once(items)
+    assert counters.samples_lost == 0
