@@ -77,6 +77,11 @@ _REFINED = 2
 # What is so much worse after a few steps, and leaves more than so many times the noise, will not
 # catch up.
 _HOPELESS, _NEARLY = 60.0, 2.0
+# What the records cannot show by itself is not told from beside more effects than so many.
+_FEW = 2
+# What a straight line says of another in the place of an effect is worse by so much where it is not
+# even tried: it would have to take twenty times what the line says.
+_NO_PROMISE = 600.0
 # Others that are fitted in the place of an effect, and told.
 _OTHERS_FITTED, _OTHERS_TOLD = 4, 2
 # A set is expected to leave this part of what the best smaller one left; a fit is repeated when
@@ -365,12 +370,14 @@ class Search:
         beside: Candidate,
         effects: Iterable[Effect],
         grounds: Sequence[Mapping[Key, float]],
+        most: float = np.inf,
     ) -> list[tuple[Effect, list[Start]]]:
         """Effects that could stand beside a set, the most promising first, each with its starts.
 
         Parameters
         ----------
         grounds : values of the set's unknowns from which an effect is looked at
+        most : criterion beyond which an effect promises nothing
         """
         smaller = self._problem(beside.effects)
         tangents = []
@@ -383,7 +390,6 @@ class Search:
                 continue
             ordered = self._ordered((*beside.effects, effect))
             problem = self._problem(ordered)
-            own_size = problem.size - smaller.size
             many = max((len(u.parameter.starts) for u in _of_effect(problem, effect)), default=1)
             tried: list[tuple[float, int, Start]] = []
             by_drop = effect.scope == "drop"
@@ -401,7 +407,9 @@ class Search:
             tried.sort(key=lambda item: item[:2])
             excess = max(tried[0][0] / self.independent, _FLOOR)
             score = self.independent * float(np.log(excess))
-            score += own_size * float(np.log(self.independent))
+            score += problem.size * float(np.log(self.independent))
+            if score > most:
+                continue
             looked.append((score, len(looked), effect, [start for _, _, start in tried]))
         looked.sort(key=lambda item: item[:2])
         return [(effect, starts) for _, _, effect, starts in looked]
@@ -587,9 +595,12 @@ class Search:
         """Effects that would do in the place of one, the best first, each with its fit."""
         rest = self.without(best, effect)
         hidden = [other for other in self._imitators if effect.name in other.imitates]
+        if len(rest.effects) > _FEW:
+            hidden = []
         others = [other for other in (*self.catalogue, *hidden) if other is not effect]
         found = []
-        promising = self._promising(rest, others, [_values_of(rest.fit)])
+        most = best.score + _NO_PROMISE
+        promising = self._promising(rest, others, [_values_of(rest.fit)], most)
         for other, starts in promising[:_OTHERS_FITTED]:
             ordered = self._ordered((*rest.effects, other))
             candidate = self._fit(ordered, _QUICK, starts[:1])

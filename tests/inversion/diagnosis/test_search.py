@@ -712,6 +712,34 @@ def test_an_imitator_that_records_do_not_show_is_told(bench: Bench) -> None:
         assert search.run().names == names("a")
 
 
+@pytest.mark.parametrize(("beside", "told"), [("cd", ["b"]), ("cde", [])])
+def test_an_imitator_is_not_told_from_beside_many(
+    beside: str, told: list[str], bench: Bench
+) -> None:
+    imitator = Toy("b", direction("a"), offered=lambda drops: False, imitates=names("a"))
+    others = [Toy(letter) for letter in beside]
+    search = bench.search((A, imitator, *others), dict.fromkeys("a" + beside, MUCH))
+    best = search.named(names("a", *beside))
+    assert list(search.alternatives(best, A)) == told
+
+
+def test_an_effect_that_promises_nothing_is_not_fitted_in_the_place_of_another(
+    bench: Bench,
+) -> None:
+    """A straight line says that it would leave nearly all."""
+    large = Toy("a", parameters=(Parameter("size", "-", -1e4, 1e4, (1e3,), absent=0.0),))
+    search = bench.search((large, B), {"a": 3000.0})
+    best = search.candidate((large,))
+    bench.tried.clear()
+    assert search.alternatives(best, large) == {}
+    assert names("b") not in bench.tried
+    near = bench.search((A, B), {"a": 30.0})
+    best = near.candidate((A,))
+    bench.tried.clear()
+    assert near.alternatives(best, A) == {}
+    assert names("b") in bench.tried
+
+
 # --- the ground of the contact -------------------------------------------------------------------
 
 
