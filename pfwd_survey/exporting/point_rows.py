@@ -10,6 +10,7 @@ from pfwd_survey.exporting.columns import ResultColumn
 from pfwd_survey.exporting.places import Place, number
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
 from pfwd_survey.exporting.standing import Standing, standings
+from pfwd_survey.judging.stations import chainage_of
 from pfwd_survey.procedures import Quantity
 
 POINT_COLUMNS = (
@@ -70,13 +71,13 @@ def point_rows(order: Order) -> list[PointRow]:
     ]
 
 
-def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing | None) -> PointRow:
-    used = set() if standing is None else set(standing.progress.used)
+def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing) -> PointRow:
+    used = set(standing.progress.used)
     counted = [row for row in drops if row.drop.drop in used] or list(drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
     values = dict(_NOTHING) | {
         "point": point.title,
-        "chainage_m": _first(_chainage(row) for row in drops),
+        "chainage_m": _chainage(point, drops, standing),
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
         "altitude_m": place and place.altitude,
@@ -84,11 +85,8 @@ def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing | None) ->
         "time_local": _first(row.time_local for row in counted),
         "discarded": point.discarded,
         "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
-        "verdict": "none",
-        "drops_measured": 0,
+        **_judged(standing, discarded=point.discarded),
     }
-    if standing is not None:
-        values |= _judged(standing, discarded=point.discarded)
     return PointRow(point, place, values)
 
 
@@ -106,6 +104,7 @@ def _judged(standing: Standing, *, discarded: bool) -> dict[str, Any]:
         "target": number(progress.target),
         "verdict": "none" if discarded else str(progress.verdict),
         "drops_measured": len(progress.used),
+        "diagnosis": standing.diagnosis,
     }
     if mean is not None:
         ends = mean.interval or (None, None)
@@ -122,13 +121,18 @@ def unit_of(quantity: Quantity) -> str:
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
-def _chainage(row: Row) -> float | None:
-    """m, as it was declared, or as a file of another program said it."""
-    declared = row.declared or {}
-    noted = declared.get("imported")
-    imported = noted.get("chainage_m") if isinstance(noted, Mapping) else None
-    own = number(declared.get("chainage_m"))
-    return number(imported) if own is None else own
+def _chainage(point: SurveyPoint, drops: Sequence[Row], standing: Standing) -> float | None:
+    """m: of the station, as declared, as another program said it, or as the name has it."""
+    if standing.chainage_m is not None:
+        return standing.chainage_m
+    for row in drops:
+        declared = row.declared or {}
+        noted = declared.get("imported")
+        imported = noted.get("chainage_m") if isinstance(noted, Mapping) else None
+        for said in (declared.get("chainage_m"), imported):
+            if (found := number(said)) is not None:
+                return found
+    return chainage_of(point.title)
 
 
 def _first(values: Iterable[Any]) -> Any:

@@ -12,10 +12,11 @@ import geojson
 import pytest
 from python_calamine import CalamineWorkbook
 
-from pfwd_device.recording import SurveyWriter
+from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.tables import cell
+from tests.pfwd_survey.exporting.conftest import result_of
 
 COLUMNS = [
     *("point", "chainage_m", "latitude", "longitude", "altitude_m", "time_utc", "time_local"),
@@ -34,7 +35,13 @@ def points_of(survey: Path, path: Path, **options: Any) -> list[dict[str, str]]:
 
 @pytest.fixture
 def judged(survey: Path) -> Path:
+    """With results that say all that a judgement asks for, a note and a target."""
+    drops = [drop for drop in read_survey(survey).drops if drop.number < 3]
+    more = {"density_kg_m3": 1900.0, "residual_rms_over_peak": 0.01}
+    whole = [(drop.number, result_of(drop.read().drop, **more)) for drop in drops]
     with SurveyWriter.open(survey) as writer:
+        for number, result in whole:
+            writer.save_result(number, result)
         writer.edit("note", "=1+1 wet", point="A/1")
         writer.edit("target", 40e6, point="A/1")
     return survey
@@ -185,3 +192,30 @@ def test_results_found_for_the_export_count_for_the_points(
     monkeypatch.setattr(export, "_inverted", lambda *_: found)
     first, _ = points_of(judged, tmp_path / "p.csv", invert=True)
     assert float(first["value"]) == pytest.approx(70e6)
+
+
+def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path: Path) -> None:
+    assert points_of(judged, tmp_path / "a.csv")[0]["chainage_m"] == ""
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("name", "12+320", point="A/1")
+    assert points_of(judged, tmp_path / "b.csv")[0]["chainage_m"] == "12320.0"
+    with SurveyWriter.open(judged) as writer:
+        stations = [{"name": "12+320", "chainage_m": 12321.5, "target": 60e6}]
+        writer.note_event("job", {"stations": stations})
+    first, _ = points_of(judged, tmp_path / "c.csv")
+    assert first["chainage_m"] == "12321.5"
+
+
+def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -> None:
+    """The same function as screen, log and report."""
+    from pfwd_survey.files.reading import survey_content
+    from pfwd_survey.judging import judged_points
+
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("target", None, point="A/1")
+        writer.note_event("job", {"target": 60e6})
+    first, _ = points_of(judged, tmp_path / "p.csv")
+    point = next(iter(judged_points(survey_content(judged))))
+    assert first["verdict"] == point.progress.verdict == "fail"
+    assert float(first["target"]) == 60e6
+    assert float(first["value"]) == point.progress.value.value
