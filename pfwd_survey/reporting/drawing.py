@@ -31,6 +31,9 @@ SHOWN_AFTER = 2.2
 _NAME_SIZE = 7.5
 """Points; letters of names in a sketch."""
 
+_FEW_STEPS = 4
+"""Of an axis that is two centimetres long; more numbers would touch."""
+
 MOST_NAMED = 5
 """Sensors that the legend of a picture names; more hide the curves, and a table has them."""
 
@@ -280,6 +283,7 @@ def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: 
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
+        axes.locator_params(axis="y", nbins=_FEW_STEPS)
         finish(axes, texts)
     left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
     for offset in left_out:
@@ -387,6 +391,7 @@ def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
     axes.margins(x=0.08)
     axes.set_ylim(0, 1.15 * (highest or 1.0))
     axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.locator_params(axis="y", nbins=_FEW_STEPS)
     finish(axes, texts)
 
 
@@ -419,6 +424,7 @@ def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letter
         for index, drop in enumerate(with_curves(point)):
             end = max(end, _draw_curve(axes, drop, COLOURS[index % len(COLOURS)]))
         axes.set_ylim(1.08 * depth, -0.12 * depth)  # a plate goes down
+        axes.locator_params(nbins=_FEW_STEPS)
         axes.axhline(0.0, color="0.7", linewidth=0.6)
         title = _short(letters.drawable(point.name), 22)
         axes.set_title(title, fontsize=7, pad=2, parse_math=False)
