@@ -130,16 +130,11 @@ def points_counted() -> Iterator[Callable[[str, int, int], None]]:
 def telling() -> Iterator[Callable[[str], None]]:
     """Yields the callable that a library tells what it does, a sentence each.
 
-    On a terminal the last one stands on a line that goes away; elsewhere nothing is shown that
-    begins with blanks, as the steps within a step do.
+    On a terminal the last one stands on a line that goes away; elsewhere each is a line, so that a
+    log says what was inverted.
     """
     if not sys.stderr.isatty():
-
-        def tell(text: str) -> None:
-            if not text.startswith(" "):
-                say(text)
-
-        yield tell
+        yield say
         return
     from rich.console import Console
 
