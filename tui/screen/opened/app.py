@@ -36,7 +36,7 @@ from tui.screen.settings import ScreenSettings
 from tui.screen.units import figures
 from tui.screen.widgets.lines_view import LinesView
 
-PAGE = 100
+PAGE = 48
 """Rows of the table at a time: more than a terminal shows, and filled within 50 ms."""
 
 MOST_WINDOW, LEAST_WINDOW = 100_000, 8
@@ -139,6 +139,9 @@ class OpenApp(App[int]):
         self.ready = False
         """Whether everything is read and judged."""
         self._places: dict[str, int] = {}
+        self._counts = ""
+        """How many points stand how; empty: to be counted."""
+        self.animation_level = "none"  # a tab is shown at once
         for look in LOOKS.values():
             self.register_theme(look.theme)
 
@@ -205,6 +208,7 @@ class OpenApp(App[int]):
 
     def _done(self) -> None:
         self.ready = True
+        self._counts = ""
         self._show_rows()
         self._draw_job()
 
@@ -232,6 +236,7 @@ class OpenApp(App[int]):
 
     def _update(self, rows: Sequence[PointRow]) -> None:
         """Some rows are judged now."""
+        self._counts = ""
         if self.wanted or self.order != ORDERS[0]:
             self._show_rows()
             return
@@ -247,7 +252,9 @@ class OpenApp(App[int]):
 
     def _head(self, said: str = "") -> None:
         rows = self.opened.rows
-        counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
+        if not self._counts:
+            self._counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
+        counts = self._counts
         sheet = pages(len(self.shown), PAGE)
         parts = [self.opened.folder.name or ".", f"{len(rows)} points", counts]
         if len(self.shown) != len(rows):

@@ -90,16 +90,17 @@ def map_lines(rows: Sequence[PointRow], chosen: str, width: int, height: int) ->
         return [line(cell(" no point has a position", "dim"))]
     north = [row.latitude or 0.0 for row in placed]
     east = [row.longitude or 0.0 for row in placed]
-    middle = math.radians((min(north) + max(north)) / 2)
+    top, left = max(north), min(east)
+    shrink = math.cos(math.radians((min(north) + top) / 2))
     # A cell is about twice as high as wide.
     metres = 111_195.0
-    tall = max((max(north) - min(north)) * metres, 1.0)
-    wide = max((max(east) - min(east)) * metres * math.cos(middle), 1.0)
+    tall = max((top - min(north)) * metres, 1.0)
+    wide = max((max(east) - left) * metres * shrink, 1.0)
     per_cell = max(wide / (width - 2), tall / (2 * (height - 3)))
     grid: dict[tuple[int, int], PointRow] = {}
     for row, latitude, longitude in zip(placed, north, east, strict=True):
-        x = (longitude - min(east)) * metres * math.cos(middle) / per_cell
-        y = (max(north) - latitude) * metres / (2 * per_cell)
+        x = (longitude - left) * metres * shrink / per_cell
+        y = (top - latitude) * metres / (2 * per_cell)
         place = (min(height - 3, round(y)), min(width - 2, round(x)))
         before = grid.get(place)
         # Where several fall into one cell the chosen one is seen, then one that failed.

@@ -206,7 +206,7 @@ def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
 
 
 def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
-    assert 60 < PAGE <= 200
+    assert 40 < PAGE <= 100
 
 
 # For a browser.
