@@ -205,8 +205,9 @@ _TITLES = {
     "stations": "the list of stations",
     "step_m": "the step between stations",
     "operator": "the operator",
-    "units": "the units",
 }
+"""What people choose for a survey; of the rest (instrument, clock, units of the screen) changes are
+kept and not asked about."""
 
 
 def _same(old: Any, new: Any) -> bool:

@@ -4,6 +4,7 @@ import argparse
 import contextlib
 from pathlib import Path
 
+from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.position import PositionReceiver
 from pfwd_survey.procedures import plain_procedure
@@ -16,6 +17,7 @@ from tui.measuring_options import (
     try_output,
 )
 from tui.screen.session.sources import LiveSource
+from tui.screen.settings import load_settings
 from tui.screen.show import show
 
 
@@ -29,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:  # for machines, in place of the screen
         return log.run(args, usual)
     request = job_request(args, args.output, setup.procedure, usual)
+    request = JobRequest(units=load_settings().units).over(request)
     if not agreed_on_terminal(args.output, setup.procedure, request):
         return 0
     receiver = PositionReceiver(args.gps) if args.gps is not None else None
