@@ -21,7 +21,9 @@ def test_measured_by_a_procedure_and_reported(tmp_path: Path) -> None:
             *("--json", "--drops", 6),
         )
     assert done.returncode == 0, done.stderr
-    status = {line["drop"]: line["status"] for line in records(done.stdout)}
+    *drops, point = records(done.stdout)
+    assert point["complete"] is True
+    status = {line["drop"]: line["status"] for line in drops}
     assert list(status.values()) == ["seating"] * 3 + ["measured"] * 3
     done = pfwd("report", survey, "-o", tmp_path / "r.html", "--json", "--target", 30)
     assert done.returncode == 0, done.stderr
