@@ -273,8 +273,8 @@ def _arrays(name: Any) -> tuple[Any, Any, Any]:
 
 
 def test_every_option_of_the_analysis_is_offered() -> None:
-    # `header` is an argument of its own.
-    names = {field.name for field in fields(AnalysisOptions)} - {"header"}
+    # `header` is an argument of its own, and `pfwd.diagnose` diagnoses.
+    names = {field.name for field in fields(AnalysisOptions)} - {"header", "diagnose"}
     assert set(INVERT_OPTIONS) == names
     assert set(DIAGNOSE_OPTIONS) < names
     for name in INVERT_OPTIONS:

@@ -1,5 +1,6 @@
 """Layers reach the drops that are measured or replayed, and are kept with the survey."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,13 @@ COMMANDS = (["log", "URL", "-o", "S"], ["live", "URL", "-o", "S"], ["replay", "S
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
 def test_layers_reach_the_analysis(command: list[str]) -> None:
     parser = build_parser()
-    assert measuring_options(parser.parse_args(command)) == AnalysisOptions()
+    usual = AnalysisOptions(diagnose=command[0] == "live")
+    assert measuring_options(parser.parse_args(command)) == usual
+    without = measuring_options(parser.parse_args([*command, "--no-diagnose"]))
+    assert without == AnalysisOptions()
     asked = [*command, "--layers", "3", "--thickness", "0.1,0.3", "--seed", "4"]
     found = measuring_options(parser.parse_args(asked))
-    assert found == AnalysisOptions(layers=3, thickness=(0.1, 0.3), seed=4)
+    assert found == dataclasses.replace(usual, layers=3, thickness=(0.1, 0.3), seed=4)
     assert measuring_options(parser.parse_args([*command, "--no-invert"])) is None
     refused = parser.parse_args([*command, "--no-invert", "--layers", "auto"])
     with pytest.raises(OptionError, match="--no-invert and --layers: expected one of the two"):

@@ -19,6 +19,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
+from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.kept import is_sound
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -503,7 +504,14 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         diagnosis.Diagnosed(
             "x",
             DiagnosisResult.from_json(
-                {**record, "verdict": verdict, "point": point, "drops": [2, 3, 4]}
+                {
+                    **record,
+                    "verdict": verdict,
+                    "point": point,
+                    "drops": [2, 3, 4],
+                    "left_out": [1],
+                    "basis": basis_of(gather(survey).points[0].setup),
+                }
             ),
         )
         for point, verdict in (("B", "clean"), ("A", "explained"))
