@@ -86,6 +86,16 @@ class KeptDrop:
     """Monotonic clock of the host when the last of it had come, s."""
 
 
+@dataclass(frozen=True, slots=True)
+class UnsoundDrop:
+    """A drop that the instrument keeps and whose blocks never have the CRC that it offers."""
+
+    offer: DropOffer
+    """What the instrument says of it."""
+    attempts: int
+    """How often all of it has come."""
+
+
 Item = (
     Connected
     | Disconnected
@@ -93,6 +103,7 @@ Item = (
     | Samples
     | Gap
     | KeptDrop
+    | UnsoundDrop
     | Armed
     | Status
     | Event

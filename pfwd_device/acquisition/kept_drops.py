@@ -10,7 +10,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.acquisition.items import KeptDrop, UnsoundDrop
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -36,6 +36,11 @@ ARM_AGAIN = 1.0
 """s; so soon an instrument answers."""
 ACKNOWLEDGE_AGAIN = 0.3
 """s; until the instrument says that it has let go of the drop."""
+WHOLE_ATTEMPTS = 3
+"""Times that all blocks of a drop come with another CRC before the operator is told. Each block has
+a checksum of its own, which passes a wrong one once in 4e9: the second time is no accident."""
+UNSOUND_AGAIN = 30.0
+"""s between further attempts: the link is left to what can be had."""
 _SAFE_KEPT = 1024
 """Names of drops that are safe; one that is offered again is given back again."""
 _MOST_COMING = 64
@@ -52,6 +57,10 @@ class _Coming:
     """Before this block ends what was asked for last."""
     progress: float | None = None
     """When the last block came or was asked for, s; None: nothing is asked for now."""
+    unsound: int = 0
+    """How often all of it came with another CRC."""
+    not_before: float = 0.0
+    """When it is asked for again at the earliest, s."""
 
 
 class KeptDrops:
@@ -120,8 +129,8 @@ class KeptDrops:
         message: Armed | DropOffer | DropBlock | Released | Refusal,
         now: float,
         clock: tuple[int, datetime.datetime] | None,
-    ) -> KeptDrop | None:
-        """Take in what the instrument says; a drop when it is complete.
+    ) -> KeptDrop | UnsoundDrop | None:
+        """Take in what the instrument says; a drop when it is complete or cannot be had.
 
         Parameters
         ----------
@@ -169,12 +178,12 @@ class KeptDrops:
             coming = self._coming[name] = _Coming(offer)
             while len(self._coming) > _MOST_COMING:
                 self._coming.popitem(last=False)
-        if coming.progress is None:
+        if coming.progress is None and now >= coming.not_before:
             self._fetch(name, coming, now)
 
     def _take_block(
         self, block: DropBlock, now: float, clock: tuple[int, datetime.datetime] | None
-    ) -> KeptDrop | None:
+    ) -> KeptDrop | UnsoundDrop | None:
         name = block.stream, block.first_sample
         coming = self._coming.get(name)
         if coming is None:
@@ -195,8 +204,14 @@ class KeptDrops:
             # Each block was right and the whole is not: none of them can be believed.
             self._counters.blocks_refused += offer.blocks
             coming.blocks.clear()
-            self._fetch(name, coming, now)
-            return None
+            coming.unsound += 1
+            if coming.unsound < WHOLE_ATTEMPTS:
+                self._fetch(name, coming, now)
+                return None
+            # It is offered further on, and fetched now and then; told once.
+            coming.progress, coming.not_before = None, now + UNSOUND_AGAIN
+            told = coming.unsound > WHOLE_ATTEMPTS
+            return None if told else UnsoundDrop(offer, coming.unsound)
         del self._coming[name]
         self._handed.add(name)
         self._counters.drops_kept += 1

@@ -25,6 +25,7 @@ from pfwd_device.acquisition.items import (
     KeptDrop,
     Samples,
     StreamBegan,
+    UnsoundDrop,
 )
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
 from pfwd_device.drop import Drop
@@ -408,6 +409,8 @@ class Session:
                 self._on_disconnected(item)
             case KeptDrop():
                 self._on_kept(item)
+            case UnsoundDrop():
+                self._on_unsound(item)
             case Armed():
                 self._on_armed(item)
             case StreamBegan():
@@ -571,6 +574,19 @@ class Session:
             release=lambda: self._feed.acknowledge(*name),
         )
         self._pipeline.end_of_rebounds()
+
+    def _on_unsound(self, item: UnsoundDrop) -> None:
+        came = f"came {item.attempts} times with another checksum than the instrument offers"
+        name = f"{item.offer.stream}/{item.offer.first_sample}"
+        self._tell(
+            Notice(
+                f"a drop that the instrument keeps (run and sample {name}) {came}; it stays in the "
+                "instrument, and those behind it wait: its memory or its firmware is at fault, try "
+                "`pfwd conform`",
+                serious=True,
+                kind="unsound drops",
+            )
+        )
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")

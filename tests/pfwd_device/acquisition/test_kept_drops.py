@@ -7,8 +7,13 @@ import numpy as np
 
 from pfwd_device.acquisition.assembler import RESEND_EVERY, RESEND_PATIENCE, Assembler
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples
-from pfwd_device.acquisition.kept_drops import FETCH_AGAIN, KeptDrops
+from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples, UnsoundDrop
+from pfwd_device.acquisition.kept_drops import (
+    FETCH_AGAIN,
+    UNSOUND_AGAIN,
+    WHOLE_ATTEMPTS,
+    KeptDrops,
+)
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -89,6 +94,27 @@ def test_a_whole_with_another_crc_is_not_believed() -> None:
     kept.take(wrong, 0.0, None)
     said(kept)
     assert [kept.take(block(number), 0.1, None) for number in range(10)] == [None] * 10
+    assert said(kept) == [Fetch(*NAME, 0, 10)]
+
+
+def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None:
+    counters = Counters()
+    kept = KeptDrops(counters)
+    wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
+    told: list[object] = []
+    fetched = 0
+    for tenth in range(1000):
+        now = tenth / 10
+        if tenth % 4 == 0:  # an Offer with every Status
+            kept.take(wrong, now, None)
+        kept.tick(now)
+        for _ in [each for each in said(kept) if isinstance(each, Fetch)]:
+            fetched += 1
+            told += [kept.take(block(number), now, None) for number in range(10)]
+    assert [each for each in told if each is not None] == [UnsoundDrop(wrong, WHOLE_ATTEMPTS)]
+    assert fetched == WHOLE_ATTEMPTS + int(100 / UNSOUND_AGAIN)
+    assert counters.blocks_refused == 10 * fetched
+    kept.take(OFFER, 100.0, None)  # another CRC: offered anew
     assert said(kept) == [Fetch(*NAME, 0, 10)]
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from pfwd_device.acquisition.detection import DetectionSettings
-from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.acquisition.items import KeptDrop, UnsoundDrop
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import Armed, DropOffer
-from pfwd_survey.measuring.events import DropSaved
+from pfwd_survey.measuring.events import DropSaved, Notice
 from pfwd_survey.measuring.kept_drops import trigger_for
 from pfwd_survey.measuring.session import Session
 from tests.pfwd_survey import scripted_feed
@@ -93,3 +93,15 @@ def test_a_drop_that_comes_again_is_acknowledged_and_recorded_once(tmp_path: Pat
         assert "came again" in log.texts
     assert len(read_survey(tmp_path / "survey").drops) == 1
     assert not log.of(DropSaved)
+
+
+def test_a_drop_that_never_has_its_checksum_is_told(tmp_path: Path) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), UnsoundDrop(kept().offer, 3))
+        Session(feed, log, writer=writer).run()
+    assert feed.acknowledged == []
+    (notice,) = [each for each in log if isinstance(each, Notice) and each.serious]
+    assert "run and sample 9/500" in notice.text
+    assert "came 3 times with another checksum" in notice.text
+    assert "pfwd conform" in notice.text
