@@ -88,9 +88,10 @@ typedef struct {
 /* ---- What follows is the core's own. ---- */
 
 #define PFWD_PAYLOAD_MAX 1024u
+#define PFWD_CALIBRATION_BYTES 448u
 #define PFWD_PACKET_MAX (PFWD_PAYLOAD_MAX + 7u)
 #define PFWD_FRAME_MAX (PFWD_PACKET_MAX + PFWD_PACKET_MAX / 254u + 2u)
-#define PFWD_KEPT_BYTES 64u /* of a message from the host; what follows is a newer version's */
+#define PFWD_KEPT_BYTES 96u /* of a message from the host; what follows is a newer version's */
 
 typedef struct {
     uint32_t crc;
@@ -237,6 +238,10 @@ typedef struct {
     uint32_t drops_lost;
     uint32_t order;
     bool lasting;
+    uint32_t slots_at; /* in the store, behind settings and calibration */
+
+    bool keeps_calibration;
+    uint8_t calibration[PFWD_CALIBRATION_BYTES]; /* the page of the store that holds */
 
     bool fetching;
     uint32_t fetch_slot;

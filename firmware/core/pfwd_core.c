@@ -317,6 +317,25 @@ static void take_start(pfwd_instrument *self)
     self->sending = true;
 }
 
+static void take_calibrate(pfwd_instrument *self, const uint8_t *payload, uint32_t size)
+{
+    if (!self->keeps_calibration) {
+        refuse(self, PFWD_REFUSE_UNKNOWN, "keeps no calibration");
+        return;
+    }
+    switch (pfwd_calibration_store(self, payload, size)) {
+    case PFWD_STORE_DONE: self->identity_due = true; break;
+    case PFWD_STORE_ARGUMENT:
+        refuse(self, PFWD_REFUSE_ARGUMENT, "channel, a value, a day or the serial number");
+        break;
+    case PFWD_STORE_BUSY:
+        refuse(self, PFWD_REFUSE_BUSY, "stop sampling, switch off the shunt, fetch what waits");
+        break;
+    case PFWD_STORE_FAULT: refuse(self, PFWD_REFUSE_FAULT, "the store did not take it"); break;
+    default: break; /* damaged: not answered at all */
+    }
+}
+
 static void take_message(pfwd_instrument *self)
 {
     static const struct {
@@ -327,6 +346,7 @@ static void take_message(pfwd_instrument *self)
         {PFWD_HELLO, 0, 6},  {PFWD_CONFIGURE, 1, 8}, {PFWD_START, 1, 0},
         {PFWD_STOP, 1, 0},   {PFWD_SHUNT, 1, 1},     {PFWD_ARM, 2, 20},
         {PFWD_FETCH, 2, 16}, {PFWD_ACKNOWLEDGE, 2, 12}, {PFWD_RESEND, 2, 16},
+        {PFWD_CALIBRATE, 2, 50},
     };
     const uint8_t type = self->in.kept[0];
     const uint8_t *payload = self->in.kept + 3;
@@ -360,6 +380,7 @@ static void take_message(pfwd_instrument *self)
             case PFWD_ARM: take_arm(self, payload); break;
             case PFWD_FETCH: take_fetch(self, payload); break;
             case PFWD_ACKNOWLEDGE: take_acknowledge(self, payload); break;
+            case PFWD_CALIBRATE: take_calibrate(self, payload, size); break;
             default: take_resend(self, payload); break;
             }
             return;
@@ -401,7 +422,13 @@ static void send_identity(pfwd_instrument *self)
     const uint32_t kept = self->version >= 2 ? self->drop_samples : 0;
     uint8_t *at = self->packet + 3;
     *at++ = self->version;
-    at = pfwd_put_text(at, what->serial_number, 32);
+    const uint8_t *serial = pfwd_calibration_serial(self);
+    if (serial != NULL) {
+        pfwd_copy_bytes(at, serial, 1u + serial[0]);
+        at += 1u + serial[0];
+    } else {
+        at = pfwd_put_text(at, what->serial_number, 32);
+    }
     at = pfwd_put_text(at, what->model, 32);
     at = pfwd_put_text(at, what->firmware, 32);
     at = pfwd_put(at, pfwd_whole_as_f64(self->rate), 8);
@@ -416,6 +443,12 @@ static void send_identity(pfwd_instrument *self)
         at = pfwd_put_text(at, channel->name, 32);
         *at++ = channel->role;
         at = pfwd_put_double(at, channel->offset);
+        const uint8_t *stored = pfwd_calibration_values(self, i);
+        if (stored != NULL) {
+            pfwd_copy_bytes(at, stored, 48);
+            at += 48;
+            continue;
+        }
         at = pfwd_put_double(at, channel->sensitivity);
         at = pfwd_put_double(at, channel->zero);
         at = pfwd_put_positive(at, channel->natural_frequency);
@@ -698,6 +731,7 @@ bool pfwd_begin(pfwd_instrument *self, const pfwd_board *board, void *context,
         !pfwd_drops_begin(self)) {
         return false;
     }
+    pfwd_calibration_begin(self);
     pfwd_say_event(self, PFWD_EVENT_BOOT);
     self->status_at = board->time_us(context);
     return true;

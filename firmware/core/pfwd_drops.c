@@ -1,12 +1,12 @@
 /* Drops that wait until the host has them on its disk.
  *
- * The store begins with a page of settings; then come slots of equal size: a header and the counts
+ * The store begins with a page of settings and two of calibration; then come slots of equal size: a header and the counts
  * as they travel. A header is written last and cleared first, so that a slot whose header is right
  * is whole, whenever the power went.
  */
 #include "pfwd_internal.h"
 
-#define SETTINGS_BYTES 64u
+#define SETTINGS_BYTES PFWD_SETTINGS_BYTES
 #define HEADER_BYTES 64u
 #define MAGIC 0x44574650u    /* "PFWD" */
 #define SETTINGS_MAGIC 0x53574650u
@@ -35,7 +35,7 @@ static bool store_write(pfwd_instrument *self, uint32_t at, const uint8_t *data,
 
 static uint32_t slot_at(const pfwd_instrument *self, uint32_t slot)
 {
-    return SETTINGS_BYTES + slot * self->slot_bytes;
+    return self->slots_at + slot * self->slot_bytes;
 }
 
 static void put_header(uint8_t *header, const pfwd_slot *drop)
@@ -142,12 +142,16 @@ bool pfwd_drops_begin(pfwd_instrument *self)
     if (self->drop_samples > self->ring_samples / 4u * 3u) {
         self->drop_samples = self->ring_samples / 4u * 3u;
     }
+    self->keeps_calibration =
+        self->lasting && store >= PFWD_CALIBRATION_AT + 2u * PFWD_CALIBRATION_BYTES;
+    self->slots_at =
+        SETTINGS_BYTES + (self->keeps_calibration ? 2u * PFWD_CALIBRATION_BYTES : 0u);
     self->slot_bytes = HEADER_BYTES + self->drop_samples * set;
     self->slot_count = 0;
-    if (self->drop_samples > 0 && store > SETTINGS_BYTES) {
-        self->slot_count = (store - SETTINGS_BYTES) / self->slot_bytes;
+    if (self->drop_samples > 0 && store > self->slots_at) {
+        self->slot_count = (store - self->slots_at) / self->slot_bytes;
         if (!self->lasting && self->slot_count == 0) { /* as much of one as there is room for */
-            self->drop_samples = (store - SETTINGS_BYTES - HEADER_BYTES) / set;
+            self->drop_samples = (store - self->slots_at - HEADER_BYTES) / set;
             self->slot_bytes = HEADER_BYTES + self->drop_samples * set;
             self->slot_count = 1;
         }

@@ -20,6 +20,7 @@ enum {
     PFWD_FETCH = 0x07,
     PFWD_ACKNOWLEDGE = 0x08,
     PFWD_RESEND = 0x09,
+    PFWD_CALIBRATE = 0x0A,
     PFWD_IDENTITY = 0x81,
     PFWD_SAMPLES = 0x82,
     PFWD_STATUS = 0x83,
@@ -32,7 +33,13 @@ enum {
     PFWD_GONE = 0x8A
 };
 
-enum { PFWD_REFUSE_VERSION = 1, PFWD_REFUSE_UNKNOWN = 2, PFWD_REFUSE_ARGUMENT = 3, PFWD_REFUSE_BUSY = 4 };
+enum {
+    PFWD_REFUSE_VERSION = 1,
+    PFWD_REFUSE_UNKNOWN = 2,
+    PFWD_REFUSE_ARGUMENT = 3,
+    PFWD_REFUSE_BUSY = 4,
+    PFWD_REFUSE_FAULT = 5
+};
 enum { PFWD_EVENT_BOOT = 1, PFWD_EVENT_TRIGGER = 2, PFWD_EVENT_SHUNT_ON = 5, PFWD_EVENT_SHUNT_OFF = 6 };
 
 #define PFWD_DROP_SHUNT 1u
@@ -75,6 +82,23 @@ uint64_t pfwd_ring_switch(const pfwd_instrument *self, uint64_t index, uint64_t 
 /* pfwd_trigger.c */
 void pfwd_trigger_begin_run(pfwd_instrument *self);
 void pfwd_trigger_sample(pfwd_instrument *self, int32_t value, uint64_t index);
+
+/* pfwd_calibration.c */
+#define PFWD_SETTINGS_BYTES 64u
+#define PFWD_CALIBRATION_AT PFWD_SETTINGS_BYTES
+typedef enum {
+    PFWD_STORE_DONE,
+    PFWD_STORE_DAMAGED,
+    PFWD_STORE_ARGUMENT,
+    PFWD_STORE_BUSY,
+    PFWD_STORE_FAULT
+} pfwd_stored;
+void pfwd_calibration_begin(pfwd_instrument *self);
+pfwd_stored pfwd_calibration_store(pfwd_instrument *self, const uint8_t *payload, uint32_t size);
+/* As they travel, from the sensitivity to the day on which it expires; NULL: those compiled. */
+const uint8_t *pfwd_calibration_values(const pfwd_instrument *self, uint32_t channel);
+/* Length and text, NULL: the one compiled. */
+const uint8_t *pfwd_calibration_serial(const pfwd_instrument *self);
 
 /* pfwd_drops.c */
 bool pfwd_drops_begin(pfwd_instrument *self);

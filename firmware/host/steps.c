@@ -11,6 +11,7 @@
  *   W u16       so many bytes fit into the link from now on, each step
  *   E type counter payload    said: the frame of this packet, by the encoder
  *   D bytes     said: every packet in these bytes (u16 size, first bytes), by a decoder of its own
+ *   F u16       so many bytes go into the store from now on, then its power fails; 65535: all
  *   N u64       said: as milli, as f64 of the low 32 bits, as f32 of these / 1000
  */
 #include "../core/pfwd_internal.h"
@@ -35,6 +36,7 @@ typedef struct {
     uint64_t began;
     bool shunt;
     uint32_t random;
+    uint32_t store_left;
     uint8_t store[STORE];
 } steps;
 
@@ -150,8 +152,12 @@ static bool store_write(void *context, uint32_t at, const uint8_t *data, size_t 
     if (at > STORE || size > STORE - at) {
         abort();
     }
-    memcpy(self->store + at, data, size);
-    return true;
+    const size_t written = size < self->store_left ? size : self->store_left;
+    memcpy(self->store + at, data, written);
+    if (self->store_left != UINT32_MAX) {
+        self->store_left -= (uint32_t)written;
+    }
+    return written == size;
 }
 
 static const pfwd_board board = {.write = write_bytes,
@@ -179,6 +185,7 @@ static void begin_anew(void)
 {
     memset(&self, 0, sizeof self);
     self.random = 1;
+    self.store_left = UINT32_MAX;
     self.room = OUTPUT;
     begin();
 }
@@ -249,6 +256,12 @@ static void step(uint8_t letter, const uint8_t *data, size_t size)
         begin();
         break;
     case 'W': self.room = size >= 2 ? (size_t)pfwd_get(data, 2) : OUTPUT; break;
+    case 'F':
+        self.store_left = size >= 2 ? (uint32_t)pfwd_get(data, 2) : 0xFFFFu;
+        if (self.store_left == 0xFFFFu) {
+            self.store_left = UINT32_MAX;
+        }
+        break;
     case 'E': encode(data, size); return;
     case 'D': decode(data, size); return;
     case 'N':
@@ -283,7 +296,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             const uint32_t framed = pfwd_frame(frame, packet, (uint32_t)length - 1u, data[0], 0);
             step('B', frame, framed);
         } else {
-            static const char letters[] = "BTLPRWEDNT";
+            static const char letters[] = "BTLPRWEDNF";
             step((uint8_t)letters[letter % 10u], data, length);
         }
         data += length;

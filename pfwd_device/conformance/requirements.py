@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from pfwd_device.conformance import basics, keeping, streaming
+from pfwd_device.conformance import basics, calibrating, keeping, streaming
 from pfwd_device.conformance.talk import Failed, NotOffered, Talk
 from pfwd_device.errors import DeviceError, DeviceRefused
 from pfwd_device.identity import Identity
@@ -59,8 +59,12 @@ TITLES = {
     "P-37": "a host of version 1 is spoken to in version 1",
     "P-38": "drops that wait outlast a reset where the Identity says so",
     "P-39": "a drop that falls while the link is lost, or the shunt is on, is kept",
+    "P-40": "Calibrate is answered by an Identity with it, and nonsense is refused (argument)",
+    "P-41": "Calibrate is refused (busy) while samples are sent, the shunt is on, or a drop is "
+    "found or waits",
+    "P-42": "a calibration that was stored outlasts a reset, and is never there by half",
 }
-BY_HAND = {"P-38", "P-39"}
+BY_HAND = {"P-38", "P-39", "P-42"}
 """Nobody can switch an instrument off over its link."""
 
 FEWEST_FRAMES = 8
@@ -169,6 +173,8 @@ def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Che
         ("P-35", streaming.gone),
         ("P-36", streaming.ring_length),
         ("P-37", keeping.spoken_to_in_version_1),
+        ("P-40", calibrating.stores),
+        ("P-41", calibrating.not_while_busy),
         ("P-1", frames_whole),
         ("P-2", frames_counted),
     ]

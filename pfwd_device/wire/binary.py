@@ -14,6 +14,7 @@ from pfwd_device.wire.fields import (
     Reader,
     finite_or_none,
     or_nan,
+    or_none,
     pack_int24,
     text,
     unpack_int24,
@@ -24,6 +25,7 @@ from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Calibrate,
     Configure,
     DropBlock,
     DropOffer,
@@ -58,7 +60,7 @@ MOST_DROP_SAMPLES = 10 * int(FASTEST_SAMPLING)
 MOST_BLOCKS = 65535
 
 HELLO, CONFIGURE, START, STOP, SHUNT = 0x01, 0x02, 0x03, 0x04, 0x05
-ARM, FETCH, ACKNOWLEDGE, RESEND = 0x06, 0x07, 0x08, 0x09
+ARM, FETCH, ACKNOWLEDGE, RESEND, CALIBRATE = 0x06, 0x07, 0x08, 0x09, 0x0A
 IDENTITY, SAMPLES, STATUS, EVENT, REFUSAL = 0x81, 0x82, 0x83, 0x84, 0x85
 ARMED, OFFER, BLOCK, RELEASED, GONE = 0x86, 0x87, 0x88, 0x89, 0x8A
 
@@ -73,6 +75,7 @@ _FETCH = struct.Struct("<IQHH")
 _NAME = struct.Struct("<IQ")
 """Of a drop: run of the sampler and index of the first sample."""
 _RANGE = struct.Struct("<IQI")
+_CALIBRATE = struct.Struct("<BdddddII")
 _OFFER = struct.Struct("<IQQIIBBHId")
 _BLOCK = struct.Struct("<IQH")
 _OFFER_FLAGS = ("shunt", "by_operator", "earlier")
@@ -143,6 +146,7 @@ def _pack_kept(
     | Fetch
     | Acknowledge
     | Resend
+    | Calibrate
     | Armed
     | DropOffer
     | DropBlock
@@ -165,6 +169,8 @@ def _pack_kept(
             return RESEND, _RANGE.pack(stream, first, count)
         case SamplesGone(stream, first, count):
             return GONE, _RANGE.pack(stream, first, count)
+        case Calibrate():
+            return CALIBRATE, _pack_calibrate(message)
         case DropBlock(stream, first, number, data):
             return BLOCK, _BLOCK.pack(stream, first, number) + data
         case DropOffer():
@@ -181,6 +187,20 @@ def _pack_trigger(trigger: Trigger) -> bytes:
         trigger.after,
         trigger.hold_off,
     )
+
+
+def _pack_calibrate(message: Calibrate) -> bytes:
+    values = _CALIBRATE.pack(
+        message.channel,
+        message.sensitivity,
+        message.zero,
+        or_nan(message.natural_frequency),
+        or_nan(message.damping),
+        or_nan(message.shunt),
+        message.calibrated,
+        message.due,
+    )
+    return values + text(message.serial_number)
 
 
 def _pack_offer(offer: DropOffer) -> bytes:
@@ -272,6 +292,15 @@ def _read_trigger(payload: bytes) -> Trigger:
     return Trigger(bool(on), *others)
 
 
+def _read_calibrate(payload: bytes) -> Calibrate:
+    reader = Reader(payload)
+    channel, sensitivity, zero, *others, calibrated, due = reader.fields(_CALIBRATE)
+    frequency, damping, shunt = map(or_none, others)
+    return Calibrate(
+        channel, sensitivity, zero, frequency, damping, shunt, calibrated, due, reader.text()
+    )
+
+
 def _read_offer(payload: bytes) -> DropOffer:
     stream, first, clock, trigger, samples, channels, flags, block, crc, rate = Reader(
         payload
@@ -323,6 +352,7 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
     FETCH: lambda payload: Fetch(*Reader(payload).fields(_FETCH)),
     ACKNOWLEDGE: lambda payload: Acknowledge(*Reader(payload).fields(_NAME)),
     RESEND: lambda payload: Resend(*Reader(payload).fields(_RANGE)),
+    CALIBRATE: _read_calibrate,
 }
 
 

@@ -100,6 +100,30 @@ class Resend:
     count: int
 
 
+@dataclass(frozen=True, slots=True)
+class Calibrate:
+    """Host: keep this calibration of a channel. Answered by an `Identity` with it."""
+
+    channel: int
+    """From 0, in the order of the samples."""
+    sensitivity: float
+    """V per N, m/s or m; not 0."""
+    zero: float
+    """Volts at rest."""
+    natural_frequency: float | None = None
+    """Hz, > 0, with the damping or not at all."""
+    damping: float | None = None
+    shunt: float | None = None
+    """What the calibration shunt simulates, N, > 0."""
+    calibrated: int = 0
+    """Day of the calibration as yyyymmdd; 0: not said. A number, since an instrument has to refuse
+    one that is no day."""
+    due: int = 0
+    """Day on which it expires, likewise."""
+    serial_number: str = ""
+    """Of the instrument; empty: it stays as it is."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class SampleBlock:
     """Instrument: consecutive samples of all channels."""
@@ -259,7 +283,9 @@ class SamplesGone:
     count: int
 
 
-HostMessage = Hello | Configure | Start | Stop | Shunt | Arm | Fetch | Acknowledge | Resend
+HostMessage = (
+    Hello | Configure | Start | Stop | Shunt | Arm | Fetch | Acknowledge | Resend | Calibrate
+)
 InstrumentMessage = (
     Identity
     | SampleBlock

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfwd_device.errors import SetupError
 from pfwd_device.identity import FASTEST_SAMPLING, Identity
 from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, OLDEST_VERSION, VERSION
 from pfwd_device.wire.identity_layout import BUFFERS_SINCE
@@ -16,6 +17,7 @@ from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Calibrate,
     Configure,
     Event,
     EventKind,
@@ -35,6 +37,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
+from simulators.instrument.calibration_store import StoredCalibration
 from simulators.instrument.faults import BadCable
 from simulators.instrument.keeping import DISARMED, Keeper, Ring, cut
 from simulators.instrument.language import LANGUAGES
@@ -120,6 +123,7 @@ class PortlessInstrument:
         self._keeps = longest > 0
         self._ring = Ring(math.ceil(longest * self._rate))
         self._keeper = Keeper(link.kept_drops, self._shunt_shift())
+        self._calibration = StoredCalibration()
         self.output = bytearray()
         """What is to be sent; `sent` shortens it."""
         self.ended = False
@@ -210,6 +214,8 @@ class PortlessInstrument:
                 self._switch_shunt(message.on)
             case Arm() | Fetch() | Acknowledge() | Resend() if self._version >= BUFFERS_SINCE:
                 self._answer_kept(message)
+            case Calibrate() if self._version >= BUFFERS_SINCE:
+                self._calibrate(message)
             case _:
                 self._refuse(RefusalCode.UNKNOWN, "unknown message")
 
@@ -225,7 +231,7 @@ class PortlessInstrument:
 
     def _identity(self) -> Identity:
         link, said = self.scenario.link, self.scenario.device.identity(self._rate)
-        said = replace(said, protocol_version=self._version)
+        said = replace(self._calibration.applied(said), protocol_version=self._version)
         if self._version < BUFFERS_SINCE:
             return said
         return replace(
@@ -279,6 +285,18 @@ class PortlessInstrument:
             self._run()
         elif not wanted.on and not self._sending:
             self._halt()
+
+    def _calibrate(self, wanted: Calibrate) -> None:
+        try:
+            stored = self._calibration.with_one_more(wanted, self._identity())
+        except SetupError as err:
+            self._refuse(RefusalCode.ARGUMENT, str(err)[:255])
+            return
+        if self._sending or self._shunt or self._keeper.busy:
+            self._refuse(RefusalCode.BUSY, "stop sampling, switch off the shunt, fetch what waits")
+            return
+        self._calibration = stored
+        self._send(self._identity())
 
     def _offer(self) -> None:
         """Say that the oldest drop waits."""

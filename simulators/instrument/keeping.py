@@ -122,6 +122,11 @@ class Keeper:
         self._slots, self._shunt_counts = slots, shunt_counts
         self.begin()
 
+    @property
+    def busy(self) -> bool:
+        """Whether a drop begins, is in hand or waits."""
+        return bool(self.waiting) or self._hand is not None or self._candidate is not None
+
     def begin(self) -> None:
         """A new run of the sampler."""
         self._rest: float | None = None

@@ -3,18 +3,22 @@
 import math
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.wire.binary import BinaryDialect, encode_message
+from pfwd_device.wire.fields import day
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Calibrate,
     Configure,
     DropBlock,
     DropOffer,
@@ -33,13 +37,14 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
+from simulators.instrument.calibration_store import StoredCalibration
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.stepping import Steps, build_steps
 
 pytestmark = needs_compiler
 U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-KEPT = 64
+KEPT = 96
 """Bytes of a packet that the core keeps: more than any message of the host has."""
 
 
@@ -137,6 +142,38 @@ TRIGGERS = st.builds(
     st.sampled_from([0, 1, 300, 600, 2**32 - 1]),
     st.sampled_from([0, 100, 2**32 - 1]),
 )
+POSITIVE = st.floats(0, exclude_min=True, allow_infinity=False)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+ANY_NUMBER = st.none() | st.floats() | st.sampled_from([0.0, -0.0, 5e-324, math.inf])
+ANY_DAY = (
+    st.sampled_from([0, 20240229, 20230229, 19000229, 20000229, 20261301, 20260431, 101, 10101])
+    | st.dates().map(day)
+    | U32
+)
+SOUND = st.builds(
+    Calibrate,
+    st.integers(0, 1),
+    FINITE.filter(bool),
+    FINITE,
+    st.none() | POSITIVE,
+    st.none(),
+    st.none() | POSITIVE,
+    st.dates().map(day),
+    st.dates().map(day) | st.just(0),
+    st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=32),
+).map(lambda said: replace(said, damping=said.natural_frequency))
+CALIBRATIONS = SOUND | st.builds(
+    Calibrate,
+    st.integers(0, 3),
+    st.floats(),
+    st.floats(),
+    ANY_NUMBER,
+    ANY_NUMBER,
+    ANY_NUMBER,
+    ANY_DAY,
+    ANY_DAY,
+    st.text(max_size=40),
+)
 MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
     st.builds(Hello, st.integers(0, 3), st.integers(0, 3)),
     st.builds(Configure, st.sampled_from([1e3, 1e4, 5e4, 0.0, math.nan, 1e9])),
@@ -147,6 +184,7 @@ MESSAGES: st.SearchStrategy[HostMessage] = st.one_of(
     st.builds(Fetch, U32, U64, U16, U16),
     st.builds(Acknowledge, U32, U64),
     st.builds(Resend, U32, U64, U32),
+    CALIBRATIONS,
 )
 
 
@@ -234,3 +272,73 @@ def test_the_ring_gives_samples_again_and_says_what_is_gone(program: tuple[str, 
     for block in resent:
         index = range(block.first_sample, block.first_sample + len(block.counts))
         assert block.counts[:, 1].tolist() == [at & 0x1FFFF for at in index]
+
+
+def answered(steps: Steps, message: HostMessage) -> Identity | Refusal:
+    said = BinaryDialect().feed(steps.step("B", b"\0" + encode_message(message, 0)))
+    (found,) = [each for each in said if isinstance(each, Identity | Refusal)]
+    return found
+
+
+def reset(steps: Steps) -> Identity:
+    steps.step("R")
+    found = answered(steps, Hello())
+    assert isinstance(found, Identity)
+    return found
+
+
+@SHARED
+@given(said=st.lists(CALIBRATIONS, min_size=1, max_size=6))
+def test_the_core_stores_the_calibrations_that_python_takes(
+    program: tuple[str, bool], said: list[Calibrate]
+) -> None:
+    # What decides here is the identity of the host's side, by other means than the core.
+    stored = StoredCalibration()
+    with Steps(program[0]) as steps:
+        compiled = reset(steps)
+        for calibration in said:
+            found = answered(steps, calibration)
+            try:
+                stored = stored.with_one_more(calibration, compiled)
+            except SetupError:
+                assert isinstance(found, Refusal), (found, calibration)
+                assert found.code == RefusalCode.ARGUMENT
+            else:
+                assert found == stored.applied(compiled)
+        assert reset(steps) == stored.applied(compiled)
+
+
+def test_a_calibration_is_stored_whole_or_not_at_all(program: tuple[str, bool]) -> None:
+    first = Calibrate(0, 3e-4, 0.1, None, None, 5000.0, 20260101, 20270101, "A-1")
+    second = Calibrate(1, -27.0, 0.2, 4.6, 0.58, None, 20260202, 20270202, "B-2")
+    with Steps(program[0]) as steps:
+        reset(steps)
+        before = answered(steps, first)
+        assert isinstance(before, Identity)
+        for left in range(448):  # the power goes after so many bytes of the page
+            steps.step("F", struct.pack("<H", left))
+            refused = answered(steps, second)
+            assert refused == Refusal(RefusalCode.FAULT, "the store did not take it")
+            assert answered(steps, Hello()) == before
+            steps.step("F", struct.pack("<H", 65535))
+            assert reset(steps) == before, left
+        after = answered(steps, second)
+        assert isinstance(after, Identity)
+        assert (after.serial_number, after.channels[1].sensitivity) == ("B-2", -27.0)
+        assert after.channels[0] == before.channels[0]
+        assert reset(steps) == after
+
+
+def test_no_calibration_is_stored_while_a_drop_begins_or_waits(program: tuple[str, bool]) -> None:
+    wanted = Calibrate(0, 3e-4, 0.1)
+    with Steps(program[0]) as steps:
+        reset(steps)
+        steps.step("B", encode_message(Arm(Trigger(True, 0, 5000, 3, 100, 400, 100)), 1))
+        codes = []
+        for _ in range(30):  # a drop falls after 0.1 s
+            found = answered(steps, wanted)
+            codes.append(found.code if isinstance(found, Refusal) else 0)
+            steps.passes(0.005)
+    begins = codes.index(RefusalCode.BUSY)
+    assert 18 <= begins <= 21
+    assert codes == [0] * begins + [RefusalCode.BUSY] * (30 - begins)

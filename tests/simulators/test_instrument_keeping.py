@@ -101,7 +101,7 @@ def test_missing_samples_come_again_as_long_as_the_ring_has_them() -> None:
 
 
 def test_it_keeps_the_protocol_as_far_as_a_second_shows() -> None:
-    numbers = ("P-4", "P-7", "P-17", "P-24", "P-25")
+    numbers = ("P-4", "P-7", "P-17", "P-24", "P-25", "P-40", "P-41")
     with serve("buffered") as instrument:
         found = list(conform(lambda: open_transport(instrument.url), only=numbers))
     assert {each.result for each in found} == {"passed"}, found

@@ -138,6 +138,15 @@ EXAMPLES = {
     "Fetch": (0x07, 6, NAME + u(7, 2) + u(1, 2)),
     "Acknowledge": (0x08, 7, NAME),
     "Resend": (0x09, 8, NAME + u(50, 4)),
+    "Calibrate": (
+        0x0A,
+        9,
+        u(1, 1)
+        + b"".join(map(f64, [-27.9, 0.001, 4.6, 0.58, float("nan")]))
+        + u(20260131, 4)
+        + u(0, 4)
+        + txt("PFWD-0002"),
+    ),
     "IdentityOfVersion2": (
         0x81,
         5,

@@ -20,6 +20,7 @@ from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Calibrate,
     Configure,
     Event,
     Fetch,
@@ -99,6 +100,10 @@ FROM_INSTRUMENT = st.one_of(
     st.builds(SamplesGone, U32, U64, U32),
 )
 BYTES = st.integers(0, 255)
+NUMBER = st.floats(allow_nan=False)
+CALIBRATIONS = st.builds(
+    Calibrate, BYTES, NUMBER, NUMBER, maybe(NUMBER), maybe(NUMBER), maybe(NUMBER), U32, U32, LONG
+)
 FROM_HOST = st.one_of(
     st.builds(Hello, BYTES, BYTES),
     st.builds(Configure, st.floats(allow_nan=False)),
@@ -108,6 +113,7 @@ FROM_HOST = st.one_of(
     st.builds(Fetch, U32, U64, U16, U16),
     st.builds(Acknowledge, U32, U64),
     st.builds(Resend, U32, U64, U32),
+    CALIBRATIONS,
 )
 
 

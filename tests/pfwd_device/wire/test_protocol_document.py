@@ -18,6 +18,7 @@ from pfwd_device.wire.messages import (
     Acknowledge,
     Arm,
     Armed,
+    Calibrate,
     Configure,
     DropBlock,
     DropOffer,
@@ -88,6 +89,7 @@ STATED: dict[str, Any] = {
     "Fetch": Fetch(*NAME, 7, 1),
     "Acknowledge": Acknowledge(*NAME),
     "Resend": Resend(*NAME, 50),
+    "Calibrate": Calibrate(1, -27.9, 0.001, 4.6, 0.58, None, 20_260_131, serial_number="PFWD-0002"),
     "IdentityOfVersion2": dataclasses.replace(
         IDENTITY,
         protocol_version=2,

@@ -1,0 +1,93 @@
+"""A calibration is given to an instrument, which keeps it over a reset."""
+
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from pfwd_device.conformance.storing import calibration_of, store_calibration
+from pfwd_device.errors import DeviceRefused
+from pfwd_device.transport.opening import open_transport
+from simulators.firmware import BoardOptions, HostBoard, Played, play_scenario
+from simulators.instrument import serve
+from tests.firmware.compiled import needs_compiler
+from tests.tui.console import pfwd
+
+DROPS = {"drops": {"first": 0.6, "interval": 2.0, "quiet": 0.5, "bounces": [0, 0]}}
+
+
+@pytest.fixture(scope="module")
+def played() -> Played:
+    return play_scenario(DROPS, drops=1, seed=3)
+
+
+@needs_compiler
+def test_it_outlasts_the_process_and_the_conformance_test(tmp_path: Path, played: Played) -> None:
+    options = BoardOptions(store=tmp_path / "store")
+    with HostBoard(played, options) as board:
+        port = partial(open_transport, board.url)
+        found = store_calibration(port, [])
+        wanted = [
+            replace(
+                calibration_of(found, 0),
+                sensitivity=4.5e-4,
+                calibrated=20_260_131,
+                serial_number="SERIES-7",
+            ),
+            replace(calibration_of(found, 1), natural_frequency=4.4, damping=0.61),
+        ]
+        stored = store_calibration(port, wanted)
+        assert stored.serial_number == "SERIES-7"
+        assert [calibration_of(stored, at) for at in (0, 1)] == [
+            replace(each, serial_number="") for each in wanted
+        ]
+        board.kill()
+    with HostBoard(played, options) as board:
+        port = partial(open_transport, board.url)
+        assert store_calibration(port, []) == stored
+        done = pfwd("conform", board.url, "--only", "P-40,P-41")
+        assert done.returncode == 0, done.stdout
+        assert "P-40  passed" in done.stdout
+        assert store_calibration(port, []) == stored  # given back as it was found
+
+
+@needs_compiler
+def test_an_instrument_without_lasting_memory_says_so(played: Played) -> None:
+    with HostBoard(played, BoardOptions()) as board:
+        port = partial(open_transport, board.url)
+        calibration = calibration_of(store_calibration(port, []), 0)
+        with pytest.raises(DeviceRefused, match=r"keeps no calibration; it has no memory"):
+            store_calibration(port, [calibration])
+        done = pfwd("conform", board.url, "--only", "P-40")
+        assert done.returncode == 0
+        assert "P-40  not offered" in done.stdout.replace("not-offered", "not offered")
+
+
+def test_the_simulator_refuses_nonsense_in_one_line() -> None:
+    with serve("default") as instrument:
+        port = partial(open_transport, instrument.url)
+        calibration = calibration_of(store_calibration(port, []), 0)
+        with pytest.raises(DeviceRefused) as refused:
+            store_calibration(port, [replace(calibration, sensitivity=0.0)])
+        assert "calibration of channel 0: expected the instrument to keep it" in str(refused.value)
+        assert "sensitivity" in str(refused.value)
+        stored = store_calibration(port, [replace(calibration, zero=0.25)])
+    assert stored.channels[0].zero == 0.25
+
+
+def test_the_document_of_builders_names_what_is_there() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "build-an-instrument.md").read_text(
+        encoding="utf-8"
+    )
+    (code,) = [part for part in text.split("```python\n")[1:] if "store_calibration" in part]
+    code = code.split("```")[0]
+    with serve("default") as instrument:
+        exec(
+            compile(code.replace("/dev/ttyACM0", instrument.url), "build-an-instrument.md", "exec"),
+            {"print": lambda said: print(said.serial_number, file=sys.stderr)},
+        )
+        assert store_calibration(partial(open_transport, instrument.url), []).serial_number == (
+            "PFWD-0002"
+        )
