@@ -37,6 +37,10 @@ _OTHERS = {
     "lag": ("sensor_lag", "delay"),
 }
 
+# Relative error (95 %) of the modulus below: ground of three media that was fitted with fewer left
+# 0.6 to 1.5 % in a campaign of finite elements.
+_MORE_MEDIA = 0.015
+
 
 class Layer(Effect):
     """Centre and offset sensors do not fit one modulus; the reported one is that below."""
@@ -63,6 +67,10 @@ class Layer(Effect):
         frozenset({"layer", "geophone_response", "sensor_lag"}),
         frozenset({"layer", "bedrock", "geophone_response", "sensor_lag"}),
     )
+
+    def model_error(self, values: Values) -> float:
+        """What more media than are fitted may move the modulus of the lowest one."""
+        return _MORE_MEDIA
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Thicknesses that the plate can feel, and a second layer where the sensors tell one."""

@@ -366,3 +366,8 @@ def test_thicknesses_are_what_the_plate_can_feel() -> None:
     (thickness,) = (p for p in BY_NAME["layer"].parameters_for(context()) if p.name == "thickness")
     assert thickness.lower == pytest.approx(0.2 * 0.15)
     assert thickness.upper == pytest.approx(20.0 * 0.15)
+
+
+def test_layers_allow_for_more_media_than_are_fitted() -> None:
+    assert BY_NAME["layer"].model_error({}) == 0.015
+    assert BY_NAME["bedrock"].model_error({}) == 0.0
