@@ -51,6 +51,7 @@ _COLUMNS = (
     ("verdict", "verdict"),
     ("E MPa", "modulus"),
     ("chainage", "chainage_m"),
+    ("diagnosed", ""),
     ("notes", ""),
 )
 """Titles, and by what a click on one sorts; empty: by nothing."""
@@ -557,6 +558,7 @@ def _cells(row: PointRow) -> tuple[str, ...]:
         row.state,
         figures(row.modulus and row.modulus / 1e6),
         "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
+        clean(row.diagnosed) or "-",
         clean(row.notes),
     )
 

@@ -15,9 +15,9 @@ from pfwd_survey.files.folders import refuse_no_survey
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
-    from pfwd_survey.judging import Job
+    from pfwd_survey.judging import Job, MeasuredPoint
 
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 """To be raised when rows have other fields, or are judged otherwise."""
 
 LARGEST_CACHE = 50_000_000
@@ -52,6 +52,8 @@ class PointRow:
     """Mean of the fits over the averaged drops, Pa."""
     measured: int = 0
     """Drops that are averaged."""
+    diagnosed: str = ""
+    """What the diagnosis that holds says of the modulus; empty: there is none."""
 
     @property
     def state(self) -> str:
@@ -223,7 +225,31 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
         reason=progress.verdict_reason,
         modulus=sum(moduli) / len(moduli) if moduli else None,
         measured=len(progress.used),
+        diagnosed=_diagnosed(measured),
     )
+
+
+def _diagnosed(point: "MeasuredPoint") -> str:
+    """Modulus, and whether it may be taken for corrected; with what is left of the peak."""
+    from pfwd_survey.digits import rounded
+    from pfwd_survey.judging.verdicts import diagnosis_now
+    from tui.screen.units import percent
+
+    found = diagnosis_now(point)
+    if found is None or found.after is None:
+        return ""
+    after = found.after
+    word = "corrected" if found.corrected else str(found.verdict)
+    if after.modulus_pa is None:
+        return word
+    left = after.residual_rms_over_peak
+    rest = "" if left is None else f", {percent(left)} left"
+    if after.modulus_interval_pa is None:
+        return f"{word}{rest}"
+    low, high = (end / 1e6 for end in after.modulus_interval_pa)
+    wide = high - low
+    middle = rounded(after.modulus_pa / 1e6, wide)
+    return f"{middle} MPa ({rounded(low, wide)} to {rounded(high, wide)}), {word}{rest}"
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

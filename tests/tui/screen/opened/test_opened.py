@@ -15,6 +15,7 @@ from textual.widgets import DataTable, Input
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.header import declared_values
+from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.judging import JobRequest, judged_points
 from pfwd_survey.procedures import plain_procedure
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
@@ -298,3 +299,22 @@ def test_the_command(survey: Path, capsys: pytest.CaptureFixture[str], tmp_path:
     assert main(["open", str(tmp_path / "none")]) == 1
     with pytest.raises(SurveyError, match="the folder of a survey"):
         OpenedSurvey(tmp_path)
+
+
+def test_a_diagnosis_that_holds_stands_in_the_row(survey: Path) -> None:
+    after = {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6]}
+    found = {
+        "drops": [1, 2],
+        "basis": basis_of(SETUP),
+        "verdict": "unexplained",
+        "corrected": True,
+        "after": {**after, "residual_rms_over_peak": 0.018},
+    }
+    first, second = read_survey(survey).points[:2]
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(first.drops[-1].number, found, "diagnosis")
+        other = {**found, "basis": "0" * 16}
+        writer.save_result(second.drops[-1].number, other, "diagnosis")
+    rows = {row.name: row for row in opened(survey).rows}
+    assert rows[first.name].diagnosed == "45 MPa (43 to 47), corrected, 1.8 % left"
+    assert rows[second.name].diagnosed == ""
