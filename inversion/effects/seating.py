@@ -7,7 +7,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class Seating(Effect):
-    """The modulus under each drop over that under the last one."""
+    """The modulus under each drop over that under the last one, and the viscosity with it."""
 
     name = "seating"
     scope = "drop"
@@ -28,4 +28,5 @@ class Seating(Effect):
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground as the drop met it."""
-        return replace(ground, modulus=ground.modulus * values["modulus_ratio"])
+        ratio = values["modulus_ratio"]
+        return replace(ground, modulus=ground.modulus * ratio, viscosity=ground.viscosity * ratio)

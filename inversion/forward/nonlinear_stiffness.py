@@ -4,11 +4,17 @@ r"""Ground whose static resistance is no straight line, beside the waves that it
 
 h is the linear ground with all it does in time (inertia, radiation, viscosity, plate mass, rock), K
 its static stiffness: the spring's part of the ground is exchanged for R, the rest stays linear.
-Loading, :math:`R = K w_r (w / w_r)^{1/(1-n)}`, is what a modulus :math:`E \sim \sigma^n` makes of
-the secant stiffness; the reference :math:`w_r` is the static displacement under the point's largest
-load, at which the modulus holds. Unloading from the peak :math:`w_p`:
-:math:`R = R(w_p) x^{q/(1-n)}`, :math:`x = (w/w_p - u)/(1-u)`. With n = 0, q = 1, u = 0 this is the
-linear model to rounding.
+Loading, :math:`R = K w_r P(w / w_r; 1/(1-n), x_0)`, is what a modulus :math:`E \sim \sigma^n` makes
+of the secant stiffness; the reference :math:`w_r` is the static displacement under the point's
+largest load, at which the modulus holds.  The ground is under stress before the drop, by its own
+weight, that of the instrument and its suction: with :math:`x_0` the ratio of that stress to the
+reference's, both on linear ground,
+
+.. math:: P(x; p, x_0) = \frac{(x + x_0)^p - x_0^p}{(1 + x_0)^p - x_0^p}
+
+so that its stiffness at rest is not zero.  Unloading from the peak :math:`w_p`:
+:math:`R = R(w_p) P(x; q/(1-n), x_0 w_r/w_p)`, :math:`x = (w/w_p - u)/(1-u)`. With n = 0, q = 1,
+u = 0 this is the linear model to rounding.
 
 Newton's method on all samples at once; the system is lower triangular.
 """
@@ -16,7 +22,7 @@ Newton's method on all samples at once; the system is lower triangular.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,16 +54,32 @@ class NonlinearStiffness:
     stress_exponent : float, n in E ~ stress^n
     unloading_exponent : float, q; 1: as in loading
     unrecovered : float, u; 0: all recovered
+    rest : float, x_0: what the stress at rest would deflect the linear ground, of the reference
     """
 
     stress_exponent: float = 0.0
     unloading_exponent: float = 1.0
     unrecovered: float = 0.0
+    rest: float = 0.0
 
     @property
     def linear(self) -> bool:
         """Whether the resistance is a straight line."""
-        return self == NonlinearStiffness()
+        return replace(self, rest=0.0) == NonlinearStiffness()
+
+
+def secant(law: NonlinearStiffness, force: float) -> float:
+    """Static secant stiffness in loading, over that under the reference force.
+
+    Parameters
+    ----------
+    law : NonlinearStiffness
+    force : float, over that reference, > 0
+    """
+    power = 1.0 / (1.0 - law.stress_exponent)
+    below, above = law.rest**power, (1.0 + law.rest) ** power
+    displacement = (force * (above - below) + below) ** (1.0 / power) - law.rest
+    return float(force / displacement)
 
 
 def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
@@ -230,7 +252,7 @@ def _march(
     """
     power = 1.0 / (1.0 - law.stress_exponent)
     back = power * law.unloading_exponent
-    unrecovered, free = law.unrecovered, 1.0 - law.unrecovered
+    unrecovered, free, rest = law.unrecovered, 1.0 - law.unrecovered, law.rest
     other_path = law.unloading_exponent != 1.0 or unrecovered != 0.0
     w, acting = np.zeros(load.size), np.zeros(load.size)
     reversed_plate = plate[::-1]
@@ -241,10 +263,11 @@ def _march(
 
     def resistance(value: float, turned: bool) -> tuple[float, float]:
         if not (turned and other_path):
-            force, slope = _power_of(value / reference, power)
+            force, slope = _power_of(value / reference, power, rest)
             return stiffness * reference * force, stiffness * slope
-        top = stiffness * reference * _power_of(peak / reference, power)[0]
-        force, slope = _power_of((value / peak - unrecovered) / free, back)
+        top = stiffness * reference * _power_of(peak / reference, power, rest)[0]
+        ratio = (value / peak - unrecovered) / free
+        force, slope = _power_of(ratio, back, rest * reference / peak)
         return top * force, top * slope / (peak * free)
 
     for n in range(load.size):
@@ -276,8 +299,15 @@ def _march(
     return w
 
 
-def _power_of(ratio: float, exponent: float) -> tuple[float, float]:
+def _power_of(ratio: float, exponent: float, rest: float) -> tuple[float, float]:
     """`_power` of one number."""
+    value, slope = _odd_power_of(ratio + rest, exponent)
+    below, above = _odd_power_of(rest, exponent)[0], _odd_power_of(1.0 + rest, exponent)[0]
+    return (value - below) / (above - below), slope / (above - below)
+
+
+def _odd_power_of(ratio: float, exponent: float) -> tuple[float, float]:
+    """sign(x) |x|^p and its derivative, of one number."""
     size = abs(ratio)
     steep = max(size, _STRAIGHT_BELOW) ** (exponent - 1.0)
     return steep * ratio, (exponent if size >= _STRAIGHT_BELOW else 1.0) * steep
@@ -304,16 +334,20 @@ def _resistance(
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Force, its slope in w, and after the turning point its slope in the peak, each (n,)."""
     power = 1.0 / (1.0 - law.stress_exponent)
-    force, slope = _power(w / reference, power)
+    force, slope, _ = _power(w / reference, power, law.rest)
     force, slope = force * stiffness * reference, slope * stiffness
     if turn is None or (law.unloading_exponent == 1.0 and law.unrecovered == 0.0):
         return force, slope, None
     peak, top, free = float(w[turn]), float(force[turn]), 1.0 - law.unrecovered
-    later = w[turn + 1 :]
-    value, steep = _power((later / peak - law.unrecovered) / free, power * law.unloading_exponent)
-    force[turn + 1 :], slope[turn + 1 :] = top * value, top * steep / (peak * free)
+    later, rest = w[turn + 1 :], law.rest * reference / float(w[turn])
+    value, steep, in_rest = _power(
+        (later / peak - law.unrecovered) / free, power * law.unloading_exponent, rest
+    )
     in_peak = np.zeros_like(w)
-    in_peak[turn + 1 :] = power * top / peak * value - top * steep * later / (peak**2 * free)
+    in_peak[turn + 1 :] = slope[turn] * value - top * steep * later / (peak**2 * free)
+    if rest > 0.0:
+        in_peak[turn + 1 :] -= top * in_rest * rest / peak
+    force[turn + 1 :], slope[turn + 1 :] = top * value, top * steep / (peak * free)
     return force, slope, in_peak
 
 
@@ -324,6 +358,7 @@ class _Laws:
     power: FloatArray
     unloading_exponent: FloatArray
     unrecovered: FloatArray
+    rest: FloatArray
     stiffness: FloatArray
     reference: FloatArray
 
@@ -335,6 +370,7 @@ class _Laws:
                 1.0 / (1.0 - law.stress_exponent),
                 law.unloading_exponent,
                 law.unrecovered,
+                law.rest,
                 stiffness,
                 reference,
             )
@@ -345,22 +381,46 @@ class _Laws:
 
 def _resistances(w: FloatArray, turn: int | None, laws: _Laws) -> FloatArray:
     """Force of `_resistance` on displacements (m, n) of grounds with laws of their own."""
-    force = _force(w / laws.reference, laws.power) * (laws.stiffness * laws.reference)
+    scale = laws.stiffness * laws.reference
+    force = _force(w / laws.reference, laws.power, laws.rest) * scale
     if turn is not None:
         # On the path of loading the way back is the same to rounding.
         peak, top = w[:, turn, None], force[:, turn, None]
         ratio = (w[:, turn + 1 :] / peak - laws.unrecovered) / (1.0 - laws.unrecovered)
-        force[:, turn + 1 :] = top * _force(ratio, laws.power * laws.unloading_exponent)
+        rest = laws.rest * laws.reference / peak
+        force[:, turn + 1 :] = top * _force(ratio, laws.power * laws.unloading_exponent, rest)
     return force
 
 
-def _force(ratio: FloatArray, exponent: FloatArray) -> FloatArray:
-    """sign(x) |x|^p as of `_power`, of rows with exponents (m, 1)."""
+def _force(ratio: FloatArray, exponent: FloatArray, rest: FloatArray) -> FloatArray:
+    """What `_power` gives, of rows with exponents and rests (m, 1)."""
+    below = _odd_power(rest, exponent)
+    above = _odd_power(1.0 + rest, exponent)
+    result: FloatArray = (_odd_power(ratio + rest, exponent) - below) / (above - below)
+    return result
+
+
+def _power(
+    ratio: FloatArray, exponent: float, rest: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """P(x; p, x_0) and its derivatives by x and by x_0, p > 0; x negative: an odd power."""
+    value, slope = _odd_power_with_slope(ratio + rest, exponent)
+    (below, above), (below_slope, above_slope) = _odd_power_with_slope(
+        np.array([rest, 1.0 + rest]), exponent
+    )
+    whole = above - below
+    value, slope = (value - below) / whole, slope / whole
+    in_rest = slope - (below_slope + value * (above_slope - below_slope)) / whole
+    return value, slope, in_rest
+
+
+def _odd_power(ratio: FloatArray, exponent: FloatArray) -> FloatArray:
+    """sign(x) |x|^p, of rows with exponents (m, 1)."""
     result: FloatArray = ratio * np.maximum(np.abs(ratio), _STRAIGHT_BELOW) ** (exponent - 1.0)
     return result
 
 
-def _power(ratio: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:
+def _odd_power_with_slope(ratio: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:
     """sign(x) |x|^p and its derivative, p > 0."""
     size = np.abs(ratio)
     steep = np.maximum(size, _STRAIGHT_BELOW) ** (exponent - 1.0)

@@ -32,7 +32,7 @@ STEP = 1e-4
 # Derivatives of layered ground are right to 0.6 % of the largest (docs/layers.md).
 RIGHT = 0.015
 BENT: Any = [
-    (BY_NAME["stress_dependence"], {"exponent": 0.35, "within": 0.8}),
+    (BY_NAME["stress_dependence"], {"exponent": 0.35, "rest_stress": 9e3, "within": 0.8}),
     (BY_NAME["hysteretic_unloading"], {"exponent": 1.4, "unrecovered": 0.1}),
 ]
 Active = Sequence[tuple[Effect, dict[str, float]]]

@@ -98,7 +98,9 @@ def test_values_of_a_drop(point: Point) -> None:
         expected = {"stress_dependence", "sensor_lag"} | ({"seating"} if drop < 2 else set())
         assert set(found) == expected
         assert found["sensor_lag"] == pytest.approx({"delay": 4e-4})
-        assert found["stress_dependence"] == pytest.approx({"exponent": 0.35, "within": 1.0})
+        assert found["stress_dependence"] == pytest.approx(
+            {"exponent": 0.35, "rest_stress": 8e3, "within": 1.0}
+        )
     given = Problem([point], [BY_NAME["plate_inertia"]], {"plate_inertia": {"mass": 3.0}})
     assert given.device == []
     ((effect, values),) = given.values(0, np.empty(0), starts(given)[1], 0)

@@ -146,6 +146,40 @@ def test_stress_dependence_acts_between_drops_alone_when_told_so() -> None:
     )
 
 
+def test_the_viscosity_follows_the_modulus_between_drops() -> None:
+    ground = Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
+    low = context(peak_load=4000.0, count=3)
+    softer = BY_NAME["stress_dependence"].ground(ground, {"exponent": 0.5, "within": 0.0}, low)
+    assert softer.viscosity / ground.viscosity == pytest.approx(softer.modulus / ground.modulus)
+    assert softer.viscosity < 0.8 * ground.viscosity
+    early = BY_NAME["seating"].ground(ground, {"modulus_ratio": 0.6}, low)
+    assert (early.modulus, early.viscosity) == pytest.approx((2.4e7, 3e4))
+
+
+def test_the_stress_at_rest_is_taken_over_that_under_the_largest_drop() -> None:
+    drop = context(peak_load=4000.0, largest_load=8000.0, count=3)
+    values = {"exponent": 0.4, "rest_stress": 8e3, "within": 1.0}
+    law = BY_NAME["stress_dependence"].nonlinear_stiffness(NonlinearStiffness(), values, drop)
+    assert law.rest == pytest.approx(8e3 * PLATE / 8000.0)
+    # The static displacement under 100 kPa, back from (x + x0)^p.
+    p, x0, force = 1 / 0.6, law.rest, 1e5 * PLATE / 8000.0
+    x = (force * ((1 + x0) ** p - x0**p) + x0**p) ** 0.6 - x0
+    found = BY_NAME["stress_dependence"].modulus_at(1e5, values, drop)
+    assert found == pytest.approx(force / x)
+
+
+def test_a_plate_that_touches_part_slips_no_more_than_the_rest_of_the_factor() -> None:
+    effect, drop = BY_NAME["rough_contact"], context()
+    ground = Ground(4e7, 5e4, 1900.0, 0.0, 10.0)
+    values = {"factor": 0.9, "contact_share": 0.9}
+    assert effect.ground(ground, values, drop).contact_share == 0.9
+    linear = np.ones((2, 3), dtype=complex)
+    assert effect.compliance(linear, linear[0], values, drop) == pytest.approx(linear)
+    slipping = effect.compliance(linear, linear[0], {"factor": 0.8, "contact_share": 1.0}, drop)
+    assert slipping[0] == pytest.approx(np.full(3, 1.25))
+    assert slipping[1] == pytest.approx(linear[1])
+
+
 PLATE = np.pi * 0.15**2
 
 

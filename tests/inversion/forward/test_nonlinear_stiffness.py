@@ -9,6 +9,7 @@ from inversion.forward.nonlinear_stiffness import (
     _march,
     effective_force,
     hat_response,
+    secant,
 )
 
 TIME = np.arange(600) * 1e-4
@@ -83,3 +84,60 @@ def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffne
     _, together = effective_force(hats[0], load, law, 2e7, 4e-4)
     marched = _march(hats[0], load, law, 2e7, 4e-4)
     np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
+
+
+AT_REST = [
+    NonlinearStiffness(0.4, rest=0.05),
+    NonlinearStiffness(0.4, 1.5, 0.2, rest=0.05),
+    NonlinearStiffness(-0.3, 0.8, 0.0, rest=0.2),
+]
+
+
+@pytest.mark.parametrize("law", AT_REST)
+def test_ground_under_stress_at_rest_follows_its_equation_of_motion(
+    law: NonlinearStiffness,
+) -> None:
+    # (w + w0)^p - w0^p in loading; back from the peak the same curve with another exponent.
+    stiffness, damper, reference = 2e7, 3e4, 4e-4
+    p, x0 = 1 / (1 - law.stress_exponent), law.rest
+    load = 8000.0 * PULSE
+
+    def curve(x: float, power: float, rest: float) -> float:
+        odd = np.sign(x + rest) * abs(x + rest) ** power
+        return float((odd - rest**power) / ((1 + rest) ** power - rest**power))
+
+    w, peak, found = 0.0, 0.0, []
+    fine = 50
+    for n in range(TIME.size):
+        found.append(w)
+        for part in range(fine):
+            force = np.interp(TIME[n] + part * 1e-4 / fine, TIME, load)
+            peak = max(peak, w)
+            if w >= peak:
+                answer = curve(w / reference, p, x0)
+            else:
+                x = (w / peak - law.unrecovered) / (1 - law.unrecovered)
+                answer = curve(peak / reference, p, x0)
+                answer *= curve(x, p * law.unloading_exponent, x0 * reference / peak)
+            w += 1e-4 / fine * (force - stiffness * reference * answer) / damper
+    hats = rod(1e-4, 600, stiffness, damper)
+    force, solved = effective_force(hats[0], load, law, stiffness, reference)
+    got = np.convolve(hats[0], force)[:600]
+    np.testing.assert_allclose(got, found, atol=1e-2 * max(found))
+    marched = _march(hats[0], load, law, stiffness, reference)
+    np.testing.assert_allclose(solved, marched, atol=1e-6 * max(found))
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.05, 0.3])
+def test_the_secant_is_force_over_displacement(rest: float) -> None:
+    law = NonlinearStiffness(0.4, rest=rest)
+    # So slow that nothing is radiated.
+    hats = rod(1.0, 400, 2e7, 1e3)
+    load = 8000.0 * np.sin(np.linspace(0, np.pi / 2, 400)) ** 2
+    force, _ = effective_force(hats[0], load, law, 2e7, 4e-4)
+    got = np.convolve(hats[0], force)[:400]
+    for n in (80, 200, 399):
+        expected = load[n] / got[n] / 2e7
+        assert secant(law, load[n] / 8000.0) == pytest.approx(expected, rel=0.01)
+    if rest == 0.0:
+        assert secant(law, 0.25) == pytest.approx(0.25**0.4)
