@@ -66,6 +66,9 @@ class GroundResponse:
         key = _key(s, ground)
         found = self._known.get(key)
         if found is None:
+            if ground.contact_share != 1.0:
+                part: ComplexArray = self._under_part_of_plate([ground], s)[0]
+                return part
             if ground.above:
                 grounds = LayeredGrounds.of([self._layered(ground)])
                 found = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
@@ -85,7 +88,7 @@ class GroundResponse:
         ----------
         nearby : bool, whether grounds a small step from them are going to be asked for, too
         """
-        new = [ground for ground in dict.fromkeys(grounds) if not ground.above]
+        new = [g for g in dict.fromkeys(grounds) if not g.above and g.contact_share == 1.0]
         for mass, rock in dict.fromkeys((g.plate_mass, g.inverse_depth > 0.0) for g in new):
             alike = [g for g in new if (g.plate_mass, g.inverse_depth > 0.0) == (mass, rock)]
             if nearby:
@@ -128,6 +131,8 @@ class GroundResponse:
 
         By its derivatives; steps of the mass, and into or out of rock, are solved for.
         """
+        if ground.contact_share != 1.0 and all(other.contact_share != 1.0 for other in moved):
+            return self._under_part_of_plate([ground, *moved], s)
         here = self.compliance(ground, s)
         result = np.empty((1 + len(moved), *here.shape), dtype=np.complex128)
         result[:] = here
@@ -139,6 +144,7 @@ class GroundResponse:
                 other.plate_mass == ground.plate_mass
                 and (other.inverse_depth > 0.0) == (ground.inverse_depth > 0.0)
                 and len(other.above) == len(ground.above)
+                and other.contact_share == ground.contact_share
             ):
                 alike.append(place)
             else:
@@ -154,6 +160,34 @@ class GroundResponse:
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
             result[alike] += changes.reshape(len(alike), *here.shape)
         return result
+
+    def _under_part_of_plate(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
+        r"""Responses of a ground and of others near it under a plate that touches part of it.
+
+        A plate of radius :math:`f a` on a half-space answers as one of radius a on a ground of
+        density :math:`f^2 \rho` does, over f.  What comes back from rock belongs to the force, not
+        to where it acts: it stays.  Beside the plate the static ratio of a rigid plate's
+        deflections holds, :math:`\arcsin(f a/r)/(f \arcsin(a/r))`, at f = 0.8 and 500 Hz to 5 %.
+        """
+        shares = np.array([ground.contact_share for ground in grounds])[:, None, None]
+        masses = np.array([ground.plate_mass for ground in grounds])[:, None, None]
+        whole = [replace(g, contact_share=1.0, plate_mass=0.0) for g in grounds]
+        deep = [replace(g, inverse_depth=0.0) for g in whole]
+        narrow = [
+            replace(there, density=there.density * ground.contact_share**2)
+            for there, ground in zip(deep, grounds, strict=True)
+        ]
+        result, under, narrower = (
+            self.nearby(same[0], same[1:], s) for same in (whole, deep, narrow)
+        )
+        offsets = np.abs(np.array(self._setup.offsets))
+        a = self._setup.radius
+        below = offsets < a
+        result[:, below] += (narrower / shares - under)[:, below]
+        beside = np.minimum(a / offsets[~below], 1.0)[None, :, None]
+        result[:, ~below] *= np.arcsin(shares * beside) / (shares * np.arcsin(beside))
+        plate = result[:, np.flatnonzero(below)[:1]]
+        return result / (1.0 + masses * s**2 * plate)
 
     def _fields(self, ground: Ground) -> FloatArray:
         """What the derivatives are taken by, in the order of `_slopes`."""

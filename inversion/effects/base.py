@@ -100,6 +100,7 @@ class Ground:
     ----------
     modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
     above : tuple of Medium, from the surface down, on top of that ground
+    contact_share : float, of the plate's radius, out to which it touches homogeneous ground
     """
 
     modulus: float
@@ -108,6 +109,7 @@ class Ground:
     inverse_depth: float
     plate_mass: float
     above: tuple[Medium, ...] = ()
+    contact_share: float = 1.0
 
 
 class Effect:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inversion import Instrument, PlateProblem, SurrogateLibrary
+from inversion.arrays import ComplexArray
 from inversion.diagnosis import ground_response as module
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.effects.base import Ground
@@ -141,3 +142,47 @@ def test_another_record_length_is_another_response(response: GroundResponse) -> 
     longer = DampedTransform(0.06, 500.0).s[: S.size]
     short, long = response.compliance(BELOW, S), response.compliance(BELOW, longer)
     assert np.abs(short - long).max() > 0.01 * np.abs(short).max()
+
+
+def under_part(
+    library: SurrogateLibrary, share: float, ground: Ground
+) -> tuple[ComplexArray, ComplexArray]:
+    """Under a plate of that share of the radius, and under a whole one that touches so far."""
+    found = []
+    for radius, here in ((share * RADIUS, ground), (RADIUS, replace(ground, contact_share=share))):
+        problem = PlateProblem("rigid-rough", 0.35, (0.0, 0.3 / radius))
+        response = GroundResponse(library.get(problem, None), Instrument(radius), OFFSETS)
+        found.append(response.compliance(here, S))
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize("mass", [0.0, 12.0])
+def test_a_plate_that_touches_part_is_a_smaller_plate(
+    library: SurrogateLibrary, mass: float
+) -> None:
+    """To the error of the tables; beside it, where a static ratio stands in, to a twentieth."""
+    expected, found = under_part(library, 0.8, replace(BELOW, plate_mass=mass))
+    np.testing.assert_allclose(found[0], expected[0], rtol=2e-3)
+    np.testing.assert_allclose(found[1], expected[1], atol=0.05 * np.abs(expected[1]).max())
+
+
+def test_what_comes_back_from_rock_does_not_know_how_far_the_plate_touches(
+    library: SurrogateLibrary,
+) -> None:
+    ground = replace(BELOW, inverse_depth=1.0)
+    expected, found = under_part(library, 0.9, ground)
+    largest = np.abs(expected[0]).max()
+    np.testing.assert_allclose(found[0], expected[0], atol=0.01 * largest)
+    whole, _ = under_part(library, 1.0, ground)
+    assert np.abs(whole[0] - expected[0]).max() > 0.08 * largest
+
+
+def test_small_steps_of_a_plate_that_touches_part(response: GroundResponse) -> None:
+    ground, step = replace(BELOW, inverse_depth=1.0, contact_share=0.9), 1e-3
+    near = [*moved(ground, step), replace(ground, contact_share=0.9 * (1 + step))]
+    near.append(replace(ground, plate_mass=6.0 * (1 + step)))
+    exact = [response.compliance(other, S) - response.compliance(ground, S) for other in near]
+    fresh = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
+    first, *others = fresh.nearby(ground, near, S)
+    for other, change in zip(others, exact, strict=True):
+        assert np.abs(other - first - change).max() < 0.012 * np.abs(change).max()
