@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from inversion.diagnosis.prediction import residual_over_peak
 from inversion.diagnosis.problem import Point
-from inversion.diagnosis.search import EXPLAINED, Candidate
+from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
 
-# So many effects at once can be told from one record, and from several: more would fit anything.
+# So many effects at once can be told from one record, one more from two and from three, and no more
+# from several: more would fit anything.
 _MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
 # From so many records on (drops times sensors) one more for each six.
 _MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
@@ -36,23 +37,35 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
     slow = best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
     if not (best.over_noise <= EXPLAINED or slow):
         reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
-    records = len(point.drops) * point.drops[0].observed.shape[0]
-    if len(best.effects) > _most_effects(records):
+    if not can_be_told(point, best):
         reasons.append(
             f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
             "measure again, with more drops or sensors"
         )
     reasons += _unusual(best)
-    if any(unknown.effect is not None for unknown in best.fit.at_bound()):
+    if past_bounds(best):
         reasons.append("an effect that would go on past its bounds is no explanation")
     return reasons
 
 
+def can_be_told(point: Point, candidate: Candidate) -> bool:
+    """Whether a set has no more effects than the records of a point can tell."""
+    return len(candidate.effects) <= _most_effects(_records(point))
+
+
+def would_fit_anything(point: Point, candidate: Candidate) -> bool:
+    """Whether a set has more effects than can be told, from few records."""
+    return not can_be_told(point, candidate) and _records(point) < _MANY_RECORDS
+
+
+def _records(point: Point) -> int:
+    return len(point.drops) * int(point.drops[0].observed.shape[0])
+
+
 def _most_effects(records: int) -> int:
     """Effects at once that so many records can tell."""
-    if records == 1:
-        return _MOST_OF_ONE_RECORD
-    return _MOST_EFFECTS + max(0, records - _MANY_RECORDS) // _RECORDS_PER_EFFECT
+    few = min(_MOST_OF_ONE_RECORD + records - 1, _MOST_EFFECTS)
+    return few + max(0, records - _MANY_RECORDS) // _RECORDS_PER_EFFECT
 
 
 def _unusual(best: Candidate) -> list[str]:

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from inversion.diagnosis.discrepancy import Discrepancy
-from inversion.diagnosis.search import Candidate
+from inversion.diagnosis.search import Candidate, past_bounds
 from inversion.fitting.uncertainty import NORMAL_95
 
 # Sets of less weight, over the best, do not count, and no more sets than so many.
@@ -66,6 +66,8 @@ def average(
     discrepancy = Discrepancy.of(best.fit)
     share = min(discrepancy.independent / independent, 1.0)
     weighed = [(math.exp(-0.5 * share * max(c.score - best.score, 0.0)), c) for c in others]
+    # Ground on a layer fifty times as stiff is ground on rock, whose modulus is not asked for.
+    weighed = [item for item in weighed if not past_bounds(item[1])]
     weighed = [(1.0, best), *(item for item in weighed if item[1] is not best)]
     probabilities = _probabilities(weighed)
     heavy = sorted((item for item in weighed if item[0] >= _LEAST_WEIGHT), key=lambda i: -i[0])

@@ -8,7 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
+from inversion.diagnosis.acceptance import (
+    can_be_told,
+    is_worth_reporting,
+    reasons_to_reject,
+    would_fit_anything,
+)
 from inversion.diagnosis.averaging import Averaged, average
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import (
@@ -48,6 +53,11 @@ _NOT_FIXED, _NO_MORE_THAN_PRIOR = 0.25, 0.8
 _UNKNOWN = 3.0
 # A range of moduli so wide is told.
 _WIDE = 1.1
+# Relative error (95 %) of a modulus by what no record of its own shows: load cell, sensors and
+# clock that read too much or too little throughout, as a yearly calibration against references
+# leaves them.  An instrument need not be better than 2 % in load and in deflection each (ASTM
+# D4694).
+CALIBRATION = 0.02
 
 
 def diagnose_point(
@@ -88,16 +98,7 @@ def diagnose_point(
 def _report(
     point: Point, search: Search, base: Candidate, best: Candidate, leave_out: LeaveOut
 ) -> PointDiagnosis:
-    objections = reasons_to_reject(point, best)
-    if objections and best.effects and not is_worth_reporting(point, base, best):
-        names = " with ".join(effect.name for effect in best.effects)
-        best = search.base()
-        objections = reasons_to_reject(point, best)
-        if objections:
-            objections.append(
-                f"{names} came nearest, but left more than half of it or ran into a bound: not "
-                "taken over"
-            )
+    best, objections = _accepted(point, search, base, best)
     # What explains little has no alternatives.
     others = {
         effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
@@ -117,6 +118,9 @@ def _report(
     moduli = [
         _modulus(point, candidate) for found in others.values() for candidate in found.values()
     ]
+    if averaged is not None and would_fit_anything(point, best):
+        # So many effects fit anything: the modulus is between what they say and what none says.
+        moduli.append(_modulus(point, base))
     after = _state(point, best, moduli, averaged)
     effects = _effects(point, search, best, others, averaged)
     helped = bool(effects) or bool(search.fixed)
@@ -141,6 +145,34 @@ def _report(
         held_out_by=tuple(held_out),
         values=search.values(best),
     )
+
+
+def _accepted(
+    point: Point, search: Search, base: Candidate, best: Candidate
+) -> tuple[Candidate, list[str]]:
+    """The set of effects that is told, and what speaks against it.
+
+    That is the best one, if nothing does; else the best of those that were tried against which
+    nothing speaks; else the best one that takes most of the residual away; else none.
+    """
+    objections = reasons_to_reject(point, best)
+    if not objections or not best.effects:
+        return best, objections
+    tried = sorted((c for c in search.fitted if c.effects), key=lambda c: c.score)
+    for candidate in tried:
+        if not reasons_to_reject(point, candidate):
+            return candidate, []
+    for candidate in (best, *(c for c in tried if can_be_told(point, c))):
+        if is_worth_reporting(point, base, candidate):
+            return candidate, reasons_to_reject(point, candidate)
+    names = " with ".join(effect.name for effect in best.effects)
+    objections = reasons_to_reject(point, search.base())
+    if objections:
+        objections.append(
+            f"{names} came nearest, but left more than half of it or ran into a bound: not "
+            "taken over"
+        )
+    return search.base(), objections
 
 
 def _modulus(point: Point, candidate: Candidate) -> float:
@@ -199,7 +231,10 @@ def _state(
             relative = averaged.deviation
             # Effects that cannot be told apart count in full, however heavy they weigh.
             low, high = averaged.interval
-            interval = min(low, *moduli, modulus), max(high, *moduli, modulus)
+            wide = 1.0 + CALIBRATION
+            interval = min(low, modulus), max(high, modulus)
+            if moduli:
+                interval = min(*interval, min(moduli) / wide), max(*interval, max(moduli) * wide)
         deviation = modulus * relative
     return ModelState(
         model=model,
@@ -216,10 +251,10 @@ def _state(
 
 
 def _model_error(point: Point, candidate: Candidate) -> float:
-    """Relative error (95 %) of the modulus that the effects' own simplifications may leave."""
+    """Relative error (95 %) of the modulus by calibration and by the effects' simplifications."""
     found, last = candidate.fit, len(point.drops) - 1
     values = found.problem.values(0, found.device, found.own[0], last)
-    return math.hypot(0.0, *(effect.model_error(numbers) for effect, numbers in values))
+    return math.hypot(CALIBRATION, *(effect.model_error(numbers) for effect, numbers in values))
 
 
 def _interval(modulus: float, relative: float, model_error: float) -> tuple[float, float]:

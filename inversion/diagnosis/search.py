@@ -84,6 +84,8 @@ _FEW = 2
 _NO_PROMISE = 600.0
 # Others that are fitted in the place of an effect, and told.
 _OTHERS_FITTED, _OTHERS_TOLD = 4, 2
+# Sets that the records told of are begun all, and so many are fitted to their end.
+_LED_REFINED = 2
 # A set is expected to leave this part of what the best smaller one left; a fit is repeated when
 # the priors should have weighed so many times more or less.
 _EXPECTED, _SAME_WEIGHT = 0.3, 2.0
@@ -421,11 +423,13 @@ class Search:
         """
         offered = {effect.name for effect in self.catalogue} | set(self.fixed)
         every = dict.fromkeys(names for effect in self.catalogue for names in effect.told_sets)
-        return [
-            self.candidate(effect for effect in self.catalogue if effect.name in names)
+        begun = [
+            self.candidate((e for e in self.catalogue if e.name in names), _QUICK)
             for names in every
             if names <= offered
         ]
+        begun.sort(key=lambda candidate: candidate.score)
+        return [self.candidate(candidate.effects) for candidate in begun[:_LED_REFINED]]
 
     def _full_sets(self, best: Candidate) -> list[Candidate]:
         """All effects at once: on ground, beside what the records told, and on a rig."""
@@ -608,6 +612,8 @@ class Search:
             if hopeless and candidate.over_noise > _NEARLY:
                 continue
             candidate = self._fit(ordered, 20, [_values_start(candidate)])
+            if past_bounds(candidate) and not past_bounds(best):
+                continue
             # Fewer parameters decide between them, but do not tell them apart; nor does a better
             # fit, where both leave no more than noise, or the simpler one hardly more: what is
             # taken for noise holds the model's own error, which is no exact figure.
@@ -617,6 +623,11 @@ class Search:
                 found.append((other.name, candidate))
         told = sorted(found, key=lambda named: named[1].score)[:_OTHERS_TOLD]
         return dict(told)
+
+
+def past_bounds(candidate: Candidate) -> bool:
+    """Whether an effect would go on past its bounds: then it is none, whatever it fits."""
+    return any(unknown.effect is not None for unknown in candidate.fit.at_bound())
 
 
 def _asks_for_more(best: Candidate) -> bool:

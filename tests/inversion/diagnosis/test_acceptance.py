@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.diagnosis.acceptance import is_worth_reporting, reasons_to_reject
+from inversion.diagnosis.acceptance import (
+    is_worth_reporting,
+    reasons_to_reject,
+    would_fit_anything,
+)
 from inversion.diagnosis.problem import Unknown
 from inversion.effects.catalogue import BY_NAME
 from inversion.fitting.parameters import Parameter
@@ -133,9 +137,22 @@ def _leaving(monkeypatch: pytest.MonkeyPatch, errors: dict[int, float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("drops", "sensors", "most"), [(1, 1, 2), (1, 3, 4), (4, 3, 4), (3, 6, 5), (3, 8, 6)]
+    ("drops", "sensors", "most"),
+    [(1, 1, 2), (2, 1, 3), (1, 3, 4), (4, 3, 4), (3, 6, 5), (3, 8, 6)],
 )
 def test_many_records_tell_more_effects(drops: int, sensors: int, most: int) -> None:
     point = Point([Model(np.zeros((sensors, 8)))] * drops)
     assert reasons(point, Candidate(effects=(EFFECT,) * most)) == []
     assert reasons(point, Candidate(effects=(EFFECT,) * (most + 1)))
+
+
+@pytest.mark.parametrize(
+    ("drops", "sensors", "many", "anything"),
+    [(1, 1, 2, False), (1, 1, 3, True), (3, 1, 5, True), (11, 1, 5, True), (4, 3, 5, False)],
+)
+def test_more_effects_than_few_records_tell_would_fit_anything(
+    drops: int, sensors: int, many: int, anything: bool
+) -> None:
+    point: Any = Point([Model(np.zeros((sensors, 8)))] * drops)
+    found: Any = Candidate(effects=(EFFECT,) * many)
+    assert would_fit_anything(point, found) is anything

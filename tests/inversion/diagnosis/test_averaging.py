@@ -44,7 +44,7 @@ class GivenSet:
         problem = SimpleNamespace(device=[None] * self.device, own=[[Unknown(RATIO)]])
         covariance = np.diag([9.0] * self.device + [(self.deviation / SPAN) ** 2])
         known = Discrepancy(0.0, 0.0, self.independent, covariance)
-        self.fit = SimpleNamespace(problem=problem, own=([0.4],), known=known)
+        self.fit = SimpleNamespace(problem=problem, own=([0.4],), known=known, at_bound=list)
 
     @property
     def names(self) -> frozenset[str]:
@@ -255,3 +255,13 @@ def test_what_is_not_known_is_told_as_a_factor_of_twenty(deviation: float) -> No
 def test_what_the_best_left_is_handed_on() -> None:
     best = GivenSet()
     assert averaged(best, apart(0.0)).discrepancy is best.fit.known
+
+
+def test_what_would_go_on_past_its_bounds_does_not_count() -> None:
+    best, other = GivenSet(), apart(0.0)
+    assert averaged(best, other).interval != averaged(best).interval
+    other.fit.at_bound = lambda: [Unknown(RATIO, B)]
+    assert averaged(best, other).interval == pytest.approx(averaged(best).interval)
+    # A bound of the ground's own is none of an effect.
+    other.fit.at_bound = lambda: [Unknown(RATIO, None)]
+    assert averaged(best, other).interval != averaged(best).interval

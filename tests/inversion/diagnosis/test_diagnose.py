@@ -1,6 +1,8 @@
 """The diagnosis of points, and on drops of finite elements whose effects nobody declared."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,14 @@ from scipy.stats import norm
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
 from inversion.diagnosis.averaging import Averaged
-from inversion.diagnosis.diagnose import _interval, _modulus, _state, _warnings
+from inversion.diagnosis.diagnose import (
+    _accepted,
+    _interval,
+    _model_error,
+    _modulus,
+    _state,
+    _warnings,
+)
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import FoundEffect
 from inversion.diagnosis.fit import Fit
@@ -128,6 +137,71 @@ def test_an_interval_holds_95_percent_and_the_models_own_error(model_error: floa
     assert _interval(4e7, np.inf, model_error) == (0.0, np.inf)
 
 
+def test_calibration_is_in_every_interval() -> None:
+    point: Any = point_of_heights(8000.0)
+    assert _model_error(point, ended(point, modulus_ratio=2.0)) == pytest.approx(0.02)
+    layered = SimpleNamespace(model_error=lambda _: 0.015)
+    problem = SimpleNamespace(values=lambda *_: [(layered, {})])
+    of_layers: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem, device=None, own=[None]))
+    assert _model_error(point, of_layers) == pytest.approx(0.025)
+
+
+# --- which set of effects is told -----------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class Tried:
+    """A set with what speaks against it, and whether it takes most of the residual away."""
+
+    score: float
+    effects: tuple[Effect, ...] = (BY_NAME["bedrock"],)
+    against: tuple[str, ...] = ()
+    worth: bool = True
+    told: bool = True
+
+
+def accepted(monkeypatch: pytest.MonkeyPatch, best: Tried, *tried: Tried) -> Any:
+    name = "inversion.diagnosis.diagnose."
+    monkeypatch.setattr(name + "reasons_to_reject", lambda _, found: list(found.against))
+    monkeypatch.setattr(name + "is_worth_reporting", lambda _, base, found: found.worth)
+    monkeypatch.setattr(name + "can_be_told", lambda _, found: found.told)
+    base = Tried(1000.0, (), ("much is left",))
+    search = SimpleNamespace(fitted=[base, best, *tried], base=lambda: base)
+    arguments: Any = (None, search, base, best)
+    return _accepted(*arguments)[0]
+
+
+def test_the_best_set_is_told_when_nothing_speaks_against_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best = Tried(10.0)
+    assert accepted(monkeypatch, best, Tried(5.0)) is best
+
+
+def test_a_smaller_set_that_explains_goes_before_a_better_one_that_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best = Tried(10.0, against=("too many effects",))
+    second, third = Tried(30.0), Tried(20.0)
+    assert accepted(monkeypatch, best, second, third) is third
+
+
+def test_where_none_explains_the_best_that_takes_most_away_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    against = ("much is left",)
+    best, other = Tried(10.0, against=against), Tried(20.0, against=against)
+    assert accepted(monkeypatch, best, other) is best
+    best.worth = False
+    assert accepted(monkeypatch, best, other) is other
+    # In the place of the best one none that has more effects than can be told.
+    other.told = False
+    third = Tried(40.0, against=against)
+    assert accepted(monkeypatch, best, other, third) is third
+    third.worth = False
+    assert accepted(monkeypatch, best, other, third).effects == ()
+
+
 # --- what is told of a set of effects ------------------------------------------------------------
 
 AREA = np.pi * RADIUS**2
@@ -151,7 +225,8 @@ def ended(point: ToyPoint, *effects: Effect, **values: float) -> Candidate:
     )
 
 
-STRESS = {"exponent": 0.4, "within": 0.7}
+# Hardly any stress at rest: then the modulus is a power of the stress.
+STRESS = {"exponent": 0.4, "rest_stress": 500.0, "within": 0.0}
 
 
 def test_the_modulus_is_the_secant_one_under_the_last_drop() -> None:
@@ -191,8 +266,12 @@ def test_effects_that_cannot_be_told_apart_count_in_full() -> None:
     found = ended(point, modulus_ratio=2.0)
     averaged = told((1.9, 2.1))
     assert _state(point, found, (), averaged).modulus_interval == pytest.approx((1.9, 2.1))
-    assert _state(point, found, (1.5, 2.0), averaged).modulus_interval == pytest.approx((1.5, 2.1))
-    assert _state(point, found, (3.0,), averaged).modulus_interval == pytest.approx((1.9, 3.0))
+    # What they say is known no better than the calibration.
+    wide = 1.02
+    low, high = _state(point, found, (1.5, 2.0), averaged).modulus_interval
+    assert (low, high) == pytest.approx((1.5 / wide, 2.1))
+    low, high = _state(point, found, (3.0,), averaged).modulus_interval
+    assert (low, high) == pytest.approx((1.9, 3.0 * wide))
     # The modulus itself lies in it, whatever the others say.
     low, high = _state(point, found, (), told((2.2, 2.4))).modulus_interval
     assert (low, high) == pytest.approx((2.0, 2.4))
