@@ -11,7 +11,7 @@ from pfwd.results import Result, Results
 from pfwd.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import without_nan
-from pfwd_survey.exporting.rows import Row, rows_of
+from pfwd_survey.exporting.rows import Order, Row
 from pfwd_survey.files.reading import survey_content
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Survey(Shown):
 
     @cached_property
     def _rows(self) -> list[Row]:
-        return list(rows_of(self._content))
+        return Order(self._content).rows
 
     def __repr__(self) -> str:
         name = text_of(os.path.basename(os.path.normpath(self.path)))

@@ -1,6 +1,7 @@
 """Where the journal of a survey has a drop, so that another process finds it too."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.peaks import Peaks
@@ -15,7 +16,8 @@ from pfwd_device.recording.framing import Frame, Kind
 from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
-from pfwd_device.recording.payload import decode_payload_unless
+from pfwd_device.recording.payload import Array, decode_payload, decode_payload_unless
+from pfwd_device.recording.record import DropRecord
 
 
 class DropPlace(NamedTuple):
@@ -41,14 +43,23 @@ class DropPlace(NamedTuple):
         data, found = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
         expected = (self.number, self.point, self.drop)
         if not isinstance(found, Peaks):
-            record = drop_from_parts({**data, "rebounds": []}, found)
-            refuse_another(expected, data.get("number"), record.point, record.drop.number)
-            return facts_of(record)
+            return facts_of(self._record(data, found))
         refuse_another(expected, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
             raise RecordingError(f"expected what is known of drop {self.number}, came others")
         return DropFacts(declared, metadata, found, None)
+
+    def read_traces(self) -> DropRecord:
+        """As :meth:`SurveyDrop.read_traces`, from the journal alone; raises as `read_facts`."""
+        frame = drop_frame(self.layout, self.entry, self.number)
+        return self._record(*decode_payload(frame.payload, is_trace))
+
+    def _record(self, data: dict[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
+        record = drop_from_parts({**data, "rebounds": []}, arrays)
+        expected = (self.number, self.point, self.drop)
+        refuse_another(expected, data.get("number"), record.point, record.drop.number)
+        return record
 
 
 def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:

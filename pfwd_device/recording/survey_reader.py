@@ -12,7 +12,6 @@ from pfwd_device.recording.drop_payload import (
     DropFacts,
     drop_from_parts,
     facts_of,
-    is_trace,
     rebound_from_payload,
     with_rebounds,
 )
@@ -111,10 +110,10 @@ class Survey:
 
     def read_traces(self, number: int) -> DropRecord:
         """As :meth:`read_drop`, without rebounds and without what the converter gave."""
-        entry = self._index.drops.get(number)
-        if entry is not None:
+        place = self.place_of(number)
+        if place is not None:
             try:
-                return self._from_journal(entry, traces=True)
+                return place.read_traces()
             except RecordingError:
                 pass  # damaged since the survey was opened
         return replace(self.read_drop(number), counts=None, rebounds=())
@@ -302,13 +301,8 @@ class Survey:
             except RecordingError:
                 continue
 
-    def _from_journal(self, entry: DropEntry, *, traces: bool = False) -> DropRecord:
-        payload = self._frame(entry).payload
-        if traces:
-            data, arrays = decode_payload(payload, is_trace)
-            data = {**data, "rebounds": []}
-        else:
-            data, arrays = decode_payload(payload)
+    def _from_journal(self, entry: DropEntry) -> DropRecord:
+        data, arrays = decode_payload(self._frame(entry).payload)
         record = drop_from_parts(data, arrays)
         expected = (entry.number, entry.point, entry.drop)
         refuse_another(expected, data.get("number"), record.point, record.drop.number)

@@ -22,14 +22,15 @@ from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.layout import Layout
+from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.survey_content import (
     Result,
-    SurveyContent,
     SurveyDrop,
     SurveyPoint,
     read_result,
 )
-from pfwd_survey.exporting.rows import JudgedValues, Order, Row, row_of
+from pfwd_survey.exporting.rows import Order, Row, point_rows_of
+from pfwd_survey.judging import Job
 from pfwd_survey.spawning import worker_pool
 
 LARGE_LEDGER = 600_000
@@ -37,12 +38,13 @@ LARGE_LEDGER = 600_000
 rows of so many are made."""
 
 DROPS_AT_ONCE = 250
-"""In a part: some 50 ms, for which one process may have to wait for the other in the end."""
+"""In a part, or more where its last point has them: some 100 ms, for which one process may have to
+wait for the other in the end."""
 
 Texts = Callable[[Iterable[Row]], Iterator[str]]
 """Makes the text of each row, one after the other; a function that a module has by its name."""
 
-Drops = Sequence[tuple[SurveyPoint, SurveyDrop]]
+Points = Sequence[SurveyPoint]
 
 
 class Part(NamedTuple):
@@ -64,20 +66,14 @@ class SecondProcess:
         self._pool.submit(_load)
 
     def make(
-        self,
-        content: SurveyContent,
-        texts: Texts,
-        parts: Sequence[Drops],
-        judged: JudgedValues,
+        self, survey_id: str, job: Job, texts: Texts, parts: Sequence[Points]
     ) -> Sequence[Asked | None]:
         """Ask for these parts; the last one is made first. None: the process has ended."""
         asked: list[Asked | None] = [None] * len(parts)
         with contextlib.suppress(BrokenProcessPool):
             for number in reversed(range(len(parts))):
-                drops = _DropsElsewhere(parts[number])
-                names = {point.name for point, _ in parts[number]}
-                known = {name: judged[name] for name in names if name in judged}
-                asked[number] = self._pool.submit(_part, texts, content.survey_id, drops, known)
+                points = _PointsElsewhere(parts[number], job)
+                asked[number] = self._pool.submit(_part, texts, survey_id, points)
         return asked
 
     def close(self) -> None:
@@ -130,11 +126,10 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
         Is told how many drops have a result.
     texts : callable
     """
-    drops = [(point, drop) for point in order.content.points for drop in point.drops]
-    parts = [drops[at : at + DROPS_AT_ONCE] for at in range(0, len(drops), DROPS_AT_ONCE)]
+    parts = parts_of(order.content.points)
     asked: Sequence[Asked | None] = [None] * len(parts)
     if order.second is not None and order.inverted is None:
-        asked = order.second.make(order.content, texts, parts, order.judged)
+        asked = order.second.make(order.content.survey_id, order.job, texts, parts)
     count = 0
     for part, future in zip(parts, asked, strict=True):
         made = None if future is None else _made(future)
@@ -142,11 +137,27 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
             count += made.results
             yield made.text
             continue
-        for point, drop in part:
-            row = row_of(order.content.survey_id, point, drop, order.inverted, order.judged)
-            count += row.has_result
-            yield from texts([row])
+        for point in part:
+            rows = order.point(point).rows
+            count += sum(row.has_result for row in rows)
+            yield from texts(rows)
     vars(order)["results"] = count  # where `cached_property` keeps it
+
+
+def parts_of(points: Points) -> list[Points]:
+    """Points in parts of some drops each, without those that have none; a point is never parted."""
+    parts: list[Points] = []
+    part: list[SurveyPoint] = []
+    drops = 0
+    for point in points:
+        if not point.drops:
+            continue
+        part.append(point)
+        drops += len(point.drops)
+        if drops >= DROPS_AT_ONCE:
+            parts.append(part)
+            part, drops = [], 0
+    return [*parts, part] if part else parts
 
 
 def _made(asked: Asked) -> Part | None:
@@ -157,28 +168,32 @@ def _made(asked: Asked) -> Part | None:
     return None if asked.exception() is not None else asked.result()
 
 
-class _DropsElsewhere:
-    """Drops as they are sent to the other process, which reads them itself.
+class _PointsElsewhere:
+    """Points as they are sent to the other process, which reads and judges them itself.
 
     They are made ready when they are sent, and most of those that the first process makes are not.
     """
 
-    def __init__(self, drops: Drops) -> None:
-        self._drops = drops
+    def __init__(self, points: Points, job: Job) -> None:
+        self._points, self._job = points, job
 
     def __reduce__(self) -> tuple[Any, ...]:
-        points: dict[str, SurveyPoint] = {}  # sent once, not with every drop
-        sent = []
-        for point, drop in self._drops:
-            place, result = drop.place, drop.last_result
-            if place is None:
-                raise RecordingError(f"drop {drop.number} is not in the journal")
-            if point.name not in points:
-                points[point.name] = replace(point, drops=())
-            said = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
-            path = None if result is None else os.fspath(result)
-            sent.append((points[point.name], place, path, *said))
-        return _drops_here, (sent,)
+        sent = [(replace(point, drops=()), list(map(_sent, point.drops))) for point in self._points]
+        stations = [self._job.station(point.title) for point in self._points]
+        # Nothing else of it is looked at, and a job may have very many stations.
+        job = replace(self._job, stations=tuple(filter(None, stations)), changes=())
+        return _points_here, (job, sent)
+
+
+def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
+    place = drop.place
+    if place is None:
+        raise RecordingError(f"drop {drop.number} is not in the journal")
+    diagnosis = None
+    with contextlib.suppress(RecordingError):  # as nobody had asked for it
+        diagnosis = drop.read_diagnosis()
+    said = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
+    return (place, tuple(map(os.fspath, drop.results)), diagnosis, *said)
 
 
 # In the second process.
@@ -192,13 +207,15 @@ def _load() -> None:
     """Nothing: what the other functions need has been imported for it."""
 
 
-def _drops_here(sent: list[tuple[Any, ...]]) -> Drops:
-    return [(point, _drop(*drop)) for point, *drop in sent]
+def _points_here(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job, Points]:
+    points = [replace(point, drops=tuple(_drop(*drop) for drop in drops)) for point, drops in sent]
+    return job, points
 
 
 def _drop(
     place: DropPlace,
-    result: str | None,
+    results: tuple[str, ...],
+    diagnosis: Result | None,
     discarded: bool,
     notes: tuple[str, ...],
     position: Any,
@@ -215,22 +232,25 @@ def _drop(
         target=target,
         edits=edits,
         source="journal",
-        _origin=_Elsewhere(place, None if result is None else Path(result)),
+        _origin=_Elsewhere(place, tuple(map(Path, results)), diagnosis),
     )
 
 
 class _Elsewhere:
-    """The survey of one drop, of which a row needs the facts and the last result alone."""
+    """The survey of one drop, as far as its row and the verdict of its point need it."""
 
-    def __init__(self, place: DropPlace, result: Path | None) -> None:
+    def __init__(
+        self, place: DropPlace, results: tuple[Path, ...], diagnosis: Result | None
+    ) -> None:
         self._place = place
-        self._result = result
+        self._results = results
+        self._diagnosis = diagnosis
 
     def place_of(self, _number: int) -> DropPlace:
         return self._place
 
     def last_result_of(self, _number: int) -> Path | None:
-        return self._result
+        return self._results[-1] if self._results else None
 
     def read_facts(self, _number: int) -> DropFacts:
         try:
@@ -238,16 +258,25 @@ class _Elsewhere:
         except RecordingError as err:
             raise _NotThere(str(err)) from err
 
+    def read_traces(self, _number: int) -> DropRecord:
+        try:
+            return self._place.read_traces()
+        except RecordingError as err:
+            raise _NotThere(str(err)) from err
+
     def read_last_result(self, _number: int) -> Result | None:
-        return None if self._result is None else read_result(self._result)
+        return read_result(self._results[-1]) if self._results else None
+
+    def results_of(self, _number: int) -> tuple[Path, ...]:
+        return self._results
+
+    def result_count_of(self, _number: int) -> int:
+        return len(self._results)
+
+    def read_results(self, _number: int) -> tuple[Result, ...]:
+        return tuple(map(read_result, self._results))
 
     def key_of(self, number: int) -> NoReturn:
-        _refuse(number)
-
-    def results_of(self, number: int) -> NoReturn:
-        _refuse(number)
-
-    def result_count_of(self, number: int) -> NoReturn:
         _refuse(number)
 
     def file_of(self, number: int) -> NoReturn:
@@ -259,22 +288,17 @@ class _Elsewhere:
     def read_drop(self, number: int) -> NoReturn:
         _refuse(number)
 
-    def read_traces(self, number: int) -> NoReturn:
-        _refuse(number)
-
-    def read_results(self, number: int) -> NoReturn:
-        _refuse(number)
-
-    def read_diagnosis(self, number: int) -> NoReturn:
-        _refuse(number)
+    def read_diagnosis(self, _number: int) -> Result | None:
+        return self._diagnosis
 
 
 def _refuse(number: int) -> NoReturn:
     raise _NotThere(f"of drop {number} a row needs nothing else")
 
 
-def _part(texts: Texts, survey_id: str, drops: Any, judged: JudgedValues) -> Part:
-    """The drops were `_DropsElsewhere` when they were sent."""
+def _part(texts: Texts, survey_id: str, sent: Any) -> Part:
+    """What was sent were `_PointsElsewhere`."""
+    job, points = sent
     with no_collections():
-        rows = [row_of(survey_id, point, drop, None, judged) for point, drop in drops]
+        rows = [row for point in points for row in point_rows_of(survey_id, job, point).rows]
         return Part("".join(texts(rows)), sum(row.has_result for row in rows))

@@ -9,7 +9,8 @@ from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import ResultColumn
 from pfwd_survey.exporting.places import Place, number
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
-from pfwd_survey.exporting.standing import Standing, standings
+from pfwd_survey.exporting.standing import Standing, standing_of
+from pfwd_survey.judging import Job
 from pfwd_survey.judging.stations import chainage_of
 from pfwd_survey.procedures import Quantity
 
@@ -59,19 +60,13 @@ class PointRow:
 
 def point_rows(order: Order) -> list[PointRow]:
     """The rows of all points of a survey, in their order."""
-    content = order.content
-    # By the name that drops carry: titles of two points may be alike.
-    of_point: dict[str, list[Row]] = {}
-    for row in order.rows:
-        of_point.setdefault(row.point.name, []).append(row)
-    judged = standings(content, order.inverted)
     return [
-        _row(point, of_point.get(point.name, []), standing)
-        for point, standing in zip(content.points, judged, strict=True)
+        _row(found.point, found.rows, standing_of(order.job, found), order.job)
+        for found in order.points
     ]
 
 
-def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing) -> PointRow:
+def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing, job: Job) -> PointRow:
     used = set(standing.progress.used)
     counted = [row for row in drops if row.drop.drop in used] or list(drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
@@ -85,22 +80,22 @@ def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing) -> PointR
         "time_local": _first(row.time_local for row in counted),
         "discarded": point.discarded,
         "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
-        **_judged(standing, discarded=point.discarded),
+        **_judged(standing, job.quantity, discarded=point.discarded),
     }
     return PointRow(point, place, values)
 
 
-def _judged(standing: Standing, *, discarded: bool) -> dict[str, Any]:
+def _judged(standing: Standing, quantity: Quantity, *, discarded: bool) -> dict[str, Any]:
     progress, mean = standing.progress, standing.modulus
     value = progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
     found: dict[str, Any] = {
         "procedure": standing.procedure,
-        "quantity": None if value is None else str(value.quantity),
+        "quantity": str(quantity),
         "value": None if value is None else number(value.value),
         "interval_low": number(low),
         "interval_high": number(high),
-        "unit": None if value is None else unit_of(value.quantity),
+        "unit": unit_of(quantity),
         "target": number(progress.target),
         "verdict": "none" if discarded else str(progress.verdict),
         "drops_measured": len(progress.used),

@@ -19,15 +19,14 @@ from pfwd_survey.exporting.places import Place, local_time_of, number, place_of,
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
-from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
-from pfwd_survey.judging import job_of, judge_point, measured_point
-from pfwd_survey.judging.contents import said_later, setup_now
+from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_point
+from pfwd_survey.judging.contents import KeptDrop, kept_drops
 from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
-from pfwd_survey.procedures import unit_of
+from pfwd_survey.procedures import PointProgress, unit_of
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
@@ -50,18 +49,6 @@ SAME = 1e-9
 """Relative difference up to which two declared values are one."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointColumns:
-    """How a point stands, as columns of the rows of its drops."""
-
-    values: Mapping[str, Any]
-    kinds: Mapping[int, str]
-    """What each drop counts as, by its number: seating, measured, rejected or discarded."""
-
-
-JudgedValues = Mapping[str, PointColumns]
-"""By the name of the point."""
-
 Results = Mapping[tuple[str, int], DropResult]
 """By title of the point and number of the drop within it."""
 
@@ -83,7 +70,7 @@ class Row:
     """By the names of ``COLUMNS``; None: not known."""
     counts_as: str = ""
     """What it counts as beside the other drops of its point: seating, measured, rejected or
-    discarded; empty: the points were not judged."""
+    discarded."""
     time_local: str | None = None
     """When, by the clock of the place, ISO 8601; None: nobody said."""
 
@@ -104,13 +91,13 @@ class RowMaker(Protocol):
 
     def make(
         self,
-        content: SurveyContent,
+        survey_id: str,
+        job: Job,
         texts: Callable[[Iterable[Row]], Iterator[str]],
-        parts: Sequence[Any],
-        judged: JudgedValues,
+        parts: Sequence[Sequence[SurveyPoint]],
         /,
     ) -> Sequence[Any]:
-        """Ask for parts of the drops; None stands for one that nobody makes."""
+        """Ask for parts of the points; None stands for one that nobody makes."""
         ...
 
 
@@ -133,15 +120,30 @@ class Order:
     """Decimal sign of a text."""
 
     @cached_property
-    def rows(self) -> list[Row]:
-        """All drops, point by point; read once."""
-        with no_collections():
-            return list(rows_of(self.content, self.inverted, self.judged))
+    def job(self) -> Job:
+        """What the survey is measured by.
+
+        Raises
+        ------
+        SurveyError
+            If the procedure that the survey keeps cannot be read.
+        """
+        return job_of(self.content)
 
     @cached_property
-    def judged(self) -> JudgedValues:
-        """How the points stand; judged once."""
-        return judged_values(self.content, self.inverted)
+    def points(self) -> list["PointRows"]:
+        """All points with their rows; read and judged once."""
+        with no_collections():
+            return [self.point(point) for point in self.content.points]
+
+    def point(self, point: SurveyPoint) -> "PointRows":
+        """One point with its rows; read anew with every call."""
+        return point_rows_of(self.content.survey_id, self.job, point, self.inverted)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """All drops, point by point; read once."""
+        return [row for point in self.points for row in point.rows]
 
     @cached_property
     def results(self) -> int:
@@ -149,100 +151,109 @@ class Order:
         return sum(row.has_result for row in self.rows)
 
 
-def rows_of(
-    content: SurveyContent,
-    inverted: Results | None = None,
-    judged: JudgedValues | None = None,
-) -> Iterator[Row]:
-    """Rows of all drops, point by point.
+@dataclass(frozen=True, eq=False, slots=True)
+class PointRows:
+    """A point with how it stands and the rows of its drops."""
+
+    point: SurveyPoint
+    measured: MeasuredPoint
+    progress: PointProgress
+    rows: tuple[Row, ...]
+
+
+def point_rows_of(
+    survey_id: str, job: Job, point: SurveyPoint, inverted: Results | None = None
+) -> PointRows:
+    """A point of a survey, every drop of it read once: for the verdict and for its row.
 
     Parameters
     ----------
-    content : SurveyContent
+    survey_id : str
+    job : Job
+        What the survey is measured by.
+    point : SurveyPoint
     inverted : mapping, optional
         Results in place of the stored ones.
-    judged : mapping, optional
-        How the points stand, see `judged_values`.
     """
-    for point in content.points:
-        for drop in point.drops:
-            yield row_of(content.survey_id, point, drop, inverted, judged)
+    kept_drops_ = tuple(kept_drops(point))
+    measured = measured_point(point, kept_drops_)
+    if inverted is not None:
+        drops = tuple(
+            drop.with_result(inverted.get((point.title, drop.facts.number)))
+            for drop in measured.drops
+        )
+        # What was diagnosed was the fit of another result.
+        measured = replace(measured, drops=drops, diagnosis=None)
+    progress = judge_point(job, measured)
+    stands = _point_columns(job, progress)
+    kinds = {number_: kind.value for number_, kind in progress.kinds}
+    rows = tuple(
+        _row(survey_id, point, kept, inverted, stands, kinds.get(kept.drop.drop, ""))
+        for kept in kept_drops_
+    )
+    return PointRows(point, measured, progress, rows)
 
 
-def judged_values(content: SurveyContent, inverted: Results | None = None) -> JudgedValues:
-    """How the points of a survey stand, as columns, by name.
-
-    Raises
-    ------
-    SurveyError
-        If the procedure that the survey keeps cannot be read.
-    """
-    job = job_of(content)
-    found = {}
-    for point in content.points:
-        measured = measured_point(point)
-        if inverted is not None:
-            drops = [
-                drop.with_result(inverted.get((point.title, drop.facts.number)))
-                for drop in measured.drops
-            ]
-            measured = replace(measured, drops=drops)
-        progress = judge_point(job, measured)
-        value = progress.value
-        low, high = (None, None) if value is None or value.interval is None else value.interval
-        values = {
-            "procedure": job.procedure_in_force.name,
-            "quantity": job.quantity.value,
-            "value": value and value.value,
-            "interval_low": low,
-            "interval_high": high,
-            "unit": unit_of(job.quantity),
-            "target": progress.target,
-            "verdict": progress.verdict.value,
-        }
-        kinds = {number: kind.value for number, kind in progress.kinds}
-        found[point.name] = PointColumns(values, kinds)
-    return found
+def _point_columns(job: Job, progress: PointProgress) -> dict[str, Any]:
+    """How a point stands, as columns of the rows of its drops."""
+    value = progress.value
+    low, high = (None, None) if value is None or value.interval is None else value.interval
+    return {
+        "procedure": job.procedure_in_force.name,
+        "quantity": job.quantity.value,
+        "value": value and value.value,
+        "interval_low": low,
+        "interval_high": high,
+        "unit": unit_of(job.quantity),
+        "target": progress.target,
+        "verdict": progress.verdict.value,
+    }
 
 
-def _corrected(
-    drop: SurveyDrop, point: SurveyPoint, record: DropFacts | None, result: DropResult | None
-) -> float | None:
+def _corrected(kept: KeptDrop, result: DropResult | None) -> float | None:
     """The peak of the centre with the response taken out that is declared now, m."""
-    if record is None:
+    record, setup = kept.record, kept.setup
+    if record is None or setup is None:
         return None
+    found = kept.measured.facts.peak_deflection
+    if found is not None:
+        return found
     try:
-        setup = setup_now(record.declared, said_later(point), point.title)
-        kept = stored_facts(drop.drop, setup, record.metadata, result)
-        if kept is not None:
-            return kept[0].peak_deflection
-        traces = record.drop if record.drop is not None else drop.read_traces().drop
+        # One that is rejected for its point has a peak all the same.
+        facts = stored_facts(kept.drop.drop, setup, record.metadata, result)
+        if facts is not None:
+            return facts[0].peak_deflection
+        traces = record.drop if record.drop is not None else kept.drop.read_traces().drop
         return corrected_deflection(traces, setup)
     except (RecordingError, SurveyError):
         return None
 
 
-def row_of(
+def _row(
     survey_id: str,
     point: SurveyPoint,
-    drop: SurveyDrop,
+    kept: KeptDrop,
     inverted: Results | None,
-    judged: JudgedValues | None = None,
+    stands: Mapping[str, Any],
+    kind: str,
 ) -> Row:
-    """The row of a drop; as :func:`rows_of`."""
-    record, fault = None, None
-    result: DropResult | None = None
-    try:
-        record = drop.read_facts()
-    except RecordingError as err:
-        fault = f"damaged: {err}"
-    try:
-        if inverted is not None:
-            result = inverted.get((point.title, drop.drop))
-        elif record is not None:
-            result = result_that_counts(drop)
-    except RecordingError as err:
-        fault = f"damaged: {err}"
+    """The row of a drop.
+
+    Parameters
+    ----------
+    survey_id : str
+    point : SurveyPoint
+    kept : KeptDrop
+    inverted : mapping, optional
+        Results in place of the stored ones.
+    stands : mapping
+        How the point stands, as columns.
+    kind : str
+        What the drop counts as.
+    """
+    drop, record = kept.drop, kept.record
+    fault = None if kept.fault is None else f"damaged: {kept.fault}"
+    result = kept.last if inverted is None else inverted.get((point.title, drop.drop))
     place = place_of(point, drop, record)
     peaks = None
     if record is not None:
@@ -255,12 +266,9 @@ def row_of(
         "altitude_m": place and place.altitude,
         "peak_load_n": peaks and peaks.load,
         "deflection_recorded_m": peaks and peaks.centre,
-        "deflection_corrected_m": _corrected(drop, point, record, result),
+        "deflection_corrected_m": _corrected(kept, result),
     }
-    stands = (judged or {}).get(point.name)
-    kind = "" if stands is None else stands.kinds.get(drop.drop, "")
-    if stands is not None:
-        values |= stands.values
+    values |= stands
     if record is not None and (reason := _never(point, record)) is not None:
         values |= {"status": "rejected", "reason": reason, "warnings": []}
     elif result is None:

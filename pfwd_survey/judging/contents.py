@@ -1,7 +1,7 @@
 """The points of a survey that is read, judged: from what is stored, nothing is inverted."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from pfwd_survey.files.header import Declaration, PointSetup, setup_from
 from pfwd_survey.files.moving import moved_to
 from pfwd_survey.inverting.diagnosis.holding import last_diagnosis
 from pfwd_survey.inverting.drop_facts import stored_facts
+from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
@@ -56,6 +57,14 @@ class KeptDrop:
     measured: MeasuredDrop
     result: DropResult | None
     """That counts; None: there is none that rests on what is declared now."""
+    record: DropFacts | None = None
+    """As it was recorded; None: it is damaged."""
+    setup: PointSetup | None = None
+    """What is declared of it now; None: it is damaged, or a value is outside of its range."""
+    last: DropResult | None = None
+    """The last one that is no trial, whatever it rests on."""
+    fault: str | None = None
+    """What is damaged, its record or its results; None: nothing."""
 
 
 def judged_points(survey: SurveyContent, job: Job | None = None) -> Iterator[JudgedPoint]:
@@ -78,11 +87,18 @@ def judged_points(survey: SurveyContent, job: Job | None = None) -> Iterator[Jud
         yield JudgedPoint(point.title, judge_point(job, measured), point.discarded)
 
 
-def measured_point(point: SurveyPoint) -> MeasuredPoint:
-    """A point of a survey, ready to be judged."""
+def measured_point(point: SurveyPoint, kept: Iterable[KeptDrop] | None = None) -> MeasuredPoint:
+    """A point of a survey, ready to be judged.
+
+    Parameters
+    ----------
+    point : SurveyPoint
+    kept : iterable of KeptDrop, optional
+        Its drops as `kept_drops` has them, where they were read before.
+    """
     return MeasuredPoint(
         name=point.title,
-        drops=tuple(kept.measured for kept in kept_drops(point)),
+        drops=tuple(drop.measured for drop in (kept_drops(point) if kept is None else kept)),
         target=target_of_point(point),
         discarded=point.discarded,
         diagnosis=last_diagnosis(point),
@@ -92,11 +108,15 @@ def measured_point(point: SurveyPoint) -> MeasuredPoint:
 def kept_drops(point: SurveyPoint) -> Iterator[KeptDrop]:
     """The drops of a point in the order they fell."""
     later = said_later(point)
+    before = None
     for drop in point.drops:
-        yield kept_drop(drop, later)
+        before = kept_drop(drop, later, before)
+        yield before
 
 
-def kept_drop(drop: SurveyDrop, later: Mapping[str, Any]) -> KeptDrop:
+def kept_drop(
+    drop: SurveyDrop, later: Mapping[str, Any], before: KeptDrop | None = None
+) -> KeptDrop:
     """One drop; a damaged one is rejected.
 
     Parameters
@@ -104,17 +124,37 @@ def kept_drop(drop: SurveyDrop, later: Mapping[str, Any]) -> KeptDrop:
     drop : SurveyDrop
     later : mapping
         What was declared of its point after it was measured, see `said_later`.
+    before : KeptDrop, optional
+        Another one of its point. Nearly always the same is declared of both, and looked at once.
     """
     try:
         record = drop.read_facts()
-        setup = setup_now(record.declared, later, drop.point)
-        result = last_sound(drop)
+    except RecordingError as err:
+        return KeptDrop(drop, _damaged(drop, err), None, fault=str(err))
+    last, fault = None, None
+    try:
+        last = result_that_counts(drop)
+    except (RecordingError, SurveyError) as err:
+        fault = str(err)
+    setup = None
+    try:
+        if before is not None and before.record and before.record.declared == record.declared:
+            setup = before.setup
+        if setup is None:
+            setup = setup_now(record.declared, later, drop.point)
+        result = last
+        if fault is not None or (last is not None and not is_sound(last)):
+            result = last_sound(drop)  # an earlier one may be whole
         measured = measured_now(drop, record, setup, result)
     except (RecordingError, SurveyError) as err:
-        facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
-        return KeptDrop(drop, MeasuredDrop(facts, 0.0, _NO_SETUP), None)
+        return KeptDrop(drop, _damaged(drop, err), None, record, setup, last, fault)
     counts = result if result is not None and rests_on(result, setup) else None
-    return KeptDrop(drop, measured.with_result(counts), counts)
+    return KeptDrop(drop, measured.with_result(counts), counts, record, setup, last, fault)
+
+
+def _damaged(drop: SurveyDrop, err: Exception) -> MeasuredDrop:
+    facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
+    return MeasuredDrop(facts, 0.0, _NO_SETUP)
 
 
 def measured_now(

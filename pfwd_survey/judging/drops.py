@@ -35,9 +35,12 @@ class MeasuredDrop:
 
     def with_result(self, result: DropResult | None) -> "MeasuredDrop":
         """The same with the modulus of the result that counts."""
-        bare = dataclasses.replace(self.facts, modulus=None, modulus_interval=None)
-        facts = bare if result is None else with_modulus(bare, result)
-        return dataclasses.replace(self, facts=facts)
+        facts = self.facts
+        if facts.modulus is not None or facts.modulus_interval is not None:
+            facts = dataclasses.replace(facts, modulus=None, modulus_interval=None)
+        if result is not None:
+            facts = with_modulus(facts, result)
+        return self if facts is self.facts else dataclasses.replace(self, facts=facts)
 
     def with_discarding(self, reason: str | None) -> "MeasuredDrop":
         """The same as a person discarded it; None: nobody did."""

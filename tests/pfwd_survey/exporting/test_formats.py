@@ -372,5 +372,5 @@ def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
     for module in (survey_reader, drop_place):
         monkeypatch.setattr(module, "read_record", noted)
     export_survey(survey, "table", tmp_path / "t.csv")
-    assert read.count(Kind.DROP) == 2 * 4, "for the verdict of its point, and for its row"
+    assert read.count(Kind.DROP) == 4, "once for the verdict of its point and for its row"
     assert Kind.REBOUND not in read

@@ -1,5 +1,6 @@
 """Two processes make the same rows as one, whatever becomes of the second."""
 
+import pickle
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -17,11 +18,13 @@ from pfwd_survey.exporting.parts import (
     Part,
     SecondProcess,
     is_large,
+    parts_of,
     row_texts,
     second_process,
 )
-from pfwd_survey.exporting.rows import Order, judged_values
+from pfwd_survey.exporting.rows import Order
 from pfwd_survey.exporting.tables import jsonl_texts, table_texts
+from pfwd_survey.judging import job_of
 
 TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
 
@@ -34,7 +37,7 @@ def second() -> Iterator[SecondProcess]:
 
 
 @pytest.fixture(autouse=True)
-def _a_drop_is_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def _a_point_is_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parts, "DROPS_AT_ONCE", 1)
 
 
@@ -46,9 +49,9 @@ class Told:
         self.sizes: list[int] = []
 
     def make(
-        self, _content: object, _texts: object, drops: Sequence[Any], _judged: object
+        self, _survey: object, _job: object, _texts: object, points: Sequence[Any]
     ) -> list[Future[Part]]:
-        self.sizes = list(map(len, drops))
+        self.sizes = list(map(len, points))
         futures: list[Future[Part]] = []
         for said in self.made:
             futures.append(future := Future())
@@ -60,12 +63,17 @@ class Told:
 
 
 def asked(second: SecondProcess, content: SurveyContent, texts: Any) -> list[Future[Part]]:
-    drops = [[(point, drop)] for point in content.points for drop in point.drops]
-    judged = judged_values(content)
-    made = second.make(content, texts, drops, judged)
+    points = parts_of(content.points)
+    made = second.make(content.survey_id, job_of(content), texts, points)
     futures = [future for future in made if future is not None]
-    assert len(futures) == len(drops)
+    assert len(futures) == len(points) == 2
     return futures
+
+
+def lines_of(order: Order, texts: Any = table_texts) -> list[str]:
+    """The texts of the rows of each point."""
+    (*lines,) = row_texts(order, texts)
+    return ["".join(lines[:3]), "".join(lines[3:])]
 
 
 @pytest.mark.parametrize("texts", [table_texts, jsonl_texts])
@@ -76,8 +84,8 @@ def test_the_second_process_makes_what_the_first_would(
     content = read_survey(survey)
     made = [future.result(TIMEOUT) for future in asked(second, content, texts)]
     order = Order(content)
-    assert [part.text for part in made] == list(row_texts(order, texts))
-    assert "damaged: " in made[1].text
+    assert [part.text for part in made] == lines_of(order, texts)
+    assert "damaged: " in made[0].text
     assert sum(part.results for part in made) == order.results == 1
 
 
@@ -115,11 +123,15 @@ def test_a_drop_that_the_journal_has_lost_is_left_to_the_first_process(
 
 def test_what_the_second_process_has_made_is_taken_in_its_place(survey: Path) -> None:
     content = read_survey(survey)
-    lines = list(row_texts(Order(content), table_texts))
-    told = Told(Part("a\n", 1), BrokenProcessPool("killed"), Part("c\n", 7), ValueError("?"))
+    (*first, last) = row_texts(Order(content), table_texts)
+    told = Told(Part("a\n", 7), BrokenProcessPool("killed"))
     order = Order(content, second=told)  # type: ignore[arg-type]
-    assert list(row_texts(order, table_texts)) == ["a\n", lines[1], "c\n", lines[3]]
-    assert order.results == 1 + 1 + 7 + 0
+    assert list(row_texts(order, table_texts)) == ["a\n", last]
+    assert order.results == 7 + 0
+    told = Told(ValueError("?"), Part("c\n", 5))
+    order = Order(content, second=told)  # type: ignore[arg-type]
+    assert list(row_texts(order, table_texts)) == [*first, "c\n"]
+    assert order.results == 2 + 5
 
 
 def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
@@ -133,13 +145,39 @@ def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
         second.close()
 
 
-def test_a_part_has_250_drops(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_has_250_drops_or_those_of_one_point(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.undo()
+    point = read_survey(survey).points[0]
+    counts = (100, 149, 0, 1, 400, 0, 100, 0)
+    points = [replace(point, drops=point.drops[:1] * count) for count in counts]
+    parts_ = parts_of(points)
+    assert [sum(len(point.drops) for point in part) for part in parts_] == [250, 400, 100]
+    assert [len(part) for part in parts_] == [3, 1, 1]
+    assert parts_of(()) == []
+
+
+def test_stations_and_a_diagnosis_go_with_the_points(
+    survey: Path, second: SecondProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a verdict rests on besides the drops."""
+    from pfwd_survey.judging import JobRequest, Station
+
     content = read_survey(survey)
-    (point, *_), told = content.points, Told(Part("", 0), Part("", 0), Part("", 0))
-    content.points = (replace(point, drops=point.drops[:1] * 501),)
-    list(row_texts(Order(content, second=told), table_texts))  # type: ignore[arg-type]
-    assert told.sizes == [250, 250, 1]
+    stations = (Station("A 1", target=50e6), Station(content.points[1].title, target=30e6))
+    job = job_of(content).with_request(JobRequest(stations=stations))
+    (*made,) = second.make(content.survey_id, job, table_texts, parts_of(content.points))
+    order = Order(content)
+    vars(order)["job"] = job
+    assert [part.result(TIMEOUT).text for part in made if part] == lines_of(order)
+    assert "30000000.0" in lines_of(order)[1]
+    said = {"verdict": "clean", "drops": [1]}
+    monkeypatch.setattr(type(content), "read_diagnosis", lambda *_: said)
+    job, (sent, other) = pickle.loads(pickle.dumps(parts._PointsElsewhere(content.points, job)))
+    assert [drop.read_diagnosis() for drop in sent.drops] == [said] * 3
+    assert [len(sent.drops), len(other.drops)] == [3, 1]
+    assert job.stations == stations[1:]
 
 
 @pytest.mark.parametrize(("size", "large"), [(599_999, False), (600_000, True)])
@@ -196,7 +234,7 @@ def test_an_export_by_two_processes_is_that_by_one(
     alone, told_alone = export("alone", 1)
     assert made == []
     both, told_both = export("both", 2)
-    assert len(made) == told_both.drops
+    assert len(made) == told_both.points
     assert both == alone
     assert (told_both.results, told_both.notes) == (told_alone.results, told_alone.notes)
     assert told_alone.results == 2
