@@ -634,13 +634,16 @@ def _add_report(commands: "Commands") -> None:
         "--procedure", metavar="NAME", help="judge by this one (default: the one measured by)"
     )
     report.add_argument(
-        "--target", type=number, metavar="MPA", help="of points that have none, MPa"
+        "--target",
+        type=number,
+        metavar="V",
+        help="of points that have none, in the unit of what the procedure judges (MPa or mm)",
     )
     report.add_argument(
         "--target-deflection",
         type=number,
         metavar="MM",
-        help="the same for a procedure that judges deflections, mm",
+        help="the same, only for a procedure that judges deflections",
     )
     _add_layers(report, "given: all is inverted anew; default: what the survey holds")
     report.add_argument("--refit", action="store_true", help="invert anew, whatever is stored")

@@ -154,7 +154,10 @@ def judged_by(report: Report, texts: Texts) -> str:
         return f"{texts['modulus_full']}; {texts['no_procedure']}"
     name = report.procedure.quantity
     what = texts["modulus_full"] if name is Quantity.MODULUS else shown.name_of(name, texts)
-    return f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
+    text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
+    if report.own_procedure is None:
+        return text
+    return f"{text}; {texts.say('own_procedure', name=report.own_procedure)}"
 
 
 def points_table(report: Report, texts: Texts) -> Table:

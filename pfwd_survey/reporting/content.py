@@ -90,3 +90,7 @@ class Report:
     """Of the inversion, for what was found for this report."""
     command: str
     """That makes this report again."""
+    own_procedure: str | None = None
+    """Name of the survey's, where the report was asked to judge by another."""
+    otherwise: tuple[str, ...] = ()
+    """Where it was asked for another judgement than the survey's own, a sentence each."""

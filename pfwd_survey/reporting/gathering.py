@@ -5,6 +5,7 @@ import hashlib
 import importlib.metadata
 import json
 import shlex
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,6 +42,7 @@ from pfwd_survey.judging.contents import (
     target_of_point,
 )
 from pfwd_survey.judging.drops import compared
+from pfwd_survey.judging.job import target_text
 from pfwd_survey.judging.verdicts import diagnosis_now
 from pfwd_survey.peaks.basin import Basin, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
@@ -58,6 +60,9 @@ from pfwd_survey.spawning import worker_pool
 
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
 """Whose versions a report names: they made its numbers and pictures."""
+
+GIVEN = "given with the report"
+"""Where a target is from that the survey does not have."""
 
 Progress = Callable[[str], None]
 Diagnoses = Mapping[tuple[str, int], DiagnosisResult]
@@ -81,9 +86,7 @@ class ReportOptions:
     procedure: str | None = None
     """Name or file to judge by; None: what the drops were measured by."""
     target: float | None = None
-    """Of points that have none, Pa."""
-    target_deflection: float | None = None
-    """The same for a procedure that judges deflections, m."""
+    """Of points that have none, Pa, or m for a procedure that judges deflections."""
     refit: bool = False
     """Invert anew, whatever is stored."""
     diagnose: bool = False
@@ -109,11 +112,8 @@ class ReportOptions:
         self.analysis  # noqa: B018 - refuses layers that cannot be
         if self.jobs < 1:
             raise OptionError(refusal("--jobs", "a whole number from 1", str(self.jobs)))
-        for name in ("target", "target_deflection"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < float("inf"):
-                option = "--" + name.replace("_", "-")
-                raise OptionError(refusal(option, "a number > 0", f"{value:g}"))
+        if self.target is not None and not 0 < self.target < float("inf"):
+            raise OptionError(refusal("--target", "a number > 0", f"{self.target:g}"))
 
     @property
     def analysis(self) -> AnalysisOptions:
@@ -125,11 +125,10 @@ class ReportOptions:
         """
         return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
 
-    def fallback(self, job: Job) -> tuple[float, str] | None:
+    @property
+    def fallback(self) -> tuple[float, str] | None:
         """Target of points for which the survey has none, and where it is from."""
-        deflection = job.quantity is Quantity.DEFLECTION
-        value = self.target_deflection if deflection else self.target
-        return None if value is None else (value, "given with the report")
+        return None if self.target is None else (self.target, GIVEN)
 
     @property
     def anew(self) -> bool:
@@ -166,6 +165,8 @@ def gather(
         hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
     job = _job(survey, options)
+    own = None if options.procedure is None else _own_procedure(survey)
+    own = None if own == job.procedure_in_force.name else own
     new = _diagnosed(survey, options, tell) if options.diagnose else {}
     found = _Gatherer(survey, options, job, new, tell)
     points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
@@ -194,7 +195,40 @@ def gather(
             "seed": options.seed,
         },
         command=_command(str(folder), options),
+        own_procedure=own,
+        otherwise=_said_otherwise(own, job.procedure_in_force, options.target, points),
     )
+
+
+def _own_procedure(survey: Survey) -> str:
+    """Name of what the survey itself is measured by."""
+    try:
+        return job_of(survey).procedure_in_force.name
+    except SurveyError:
+        return "cannot be read"
+
+
+def _said_otherwise(
+    own: str | None, procedure: Procedure, target: float | None, points: Sequence[ReportPoint]
+) -> tuple[str, ...]:
+    """Where the report was asked for another judgement than the survey's own, a sentence each."""
+    said = []
+    if own is not None:
+        said.append(f"judged by {procedure.name}; the procedure of the survey is another: {own}")
+    names = {point.name for point in points}
+    others = {p.name: p.progress for p in points if p.progress.target_source != GIVEN}
+    if target is not None and others:
+        kept = Counter(f"{_of(progress)} {progress.target_source}" for progress in others.values())
+        listed = ", ".join(f"{count} x {text.strip()}" for text, count in kept.most_common(3))
+        said.append(
+            f"the target {target_text(target)} counts for {len(names) - len(others)} of "
+            f"{len(names)} points; the others have their own: {listed}"
+        )
+    return tuple(said)
+
+
+def _of(progress: PointProgress) -> str:
+    return "none" if progress.target is None else target_text(progress.target)
 
 
 def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[ReportPoint]]:
@@ -287,9 +321,7 @@ def _command(folder: str, options: ReportOptions) -> str:
         if value is not None and (name, value) != ("language", "en"):
             words += [f"--{name}", str(value)]
     if options.target is not None:
-        words += ["--target", f"{options.target / 1e6:g}"]
-    if options.target_deflection is not None:
-        words += ["--target-deflection", f"{options.target_deflection * 1e3:g}"]
+        words += ["--target", target_text(options.target).split()[0]]
     for name, said in _layer_settings(options).items():
         words += [f"--{name}", str(said)]
     words += ["--refit"] if options.refit else []
@@ -340,7 +372,7 @@ class _Gatherer:
             point.discarded,
             self._diagnosis(point),
         )
-        progress = judge_point(self.job, whole, fallback=self.options.fallback(self.job))
+        progress = judge_point(self.job, whole, fallback=self.options.fallback)
         facts = {fact.number: fact for fact in compared(measured)}
         return [
             self._point(

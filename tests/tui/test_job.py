@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -105,3 +106,53 @@ def test_live_for_machines_keeps_the_usual_procedure(tmp_path: Path) -> None:
     assert (point["target"], point["verdict"]) == (40e6, "undecided"), "nothing was inverted"
     job = json.loads(pfwd("job", tmp_path / "s", "--json").stdout)
     assert (job["procedure"], job["target"]) == ("plain", 40e6)
+
+
+def reported(survey: str, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[Any, str]:
+    """The line of the only point, and what was said besides."""
+    capsys.readouterr()
+    out = str(Path(survey).parent / "r.html")
+    assert main(["report", survey, "-o", out, "--json", *options]) == 0
+    said = capsys.readouterr()
+    return json.loads(said.out), said.err
+
+
+def test_the_target_of_a_report_is_in_the_unit_of_its_procedure(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["job", survey, "--procedure", "astm-e2835"])
+    for option in ("--target", "--target-deflection"):
+        point, said = reported(survey, capsys, option, "0.6")
+        assert (point["target"], point["verdict"]) == (pytest.approx(6e-4), "pass")
+        assert "report: " not in said, "nothing differs from the survey"
+    point, said = reported(survey, capsys, "--procedure", "tp-bf-stb-b8.3", "--target", "45")
+    assert (point["target"], point["value"]["unit"]) == (45e6, "Pa")
+    assert "judged by tp-bf-stb-b8.3; the procedure of the survey is another: astm-e2835" in said
+    page = (Path(survey).parent / "r.html").read_text(encoding="utf-8")
+    assert "own procedure is astm-e2835" in page
+
+
+def test_a_target_of_a_report_that_does_not_count_is_said(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["job", survey, "--target", "40"])
+    point, said = reported(survey, capsys, "--target", "50")
+    assert point["target"] == 40e6
+    expected = "counts for 0 of 1 points; the others have their own: 1 x 40 MPa of the survey"
+    assert f"report: the target 50 MPa {expected}" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--target", "0"], "--target: expected a number > 0, in MPa, came 0"),
+        (["--target-deflection", "1"], "a procedure that judges deflections, came none, which"),
+        (["--target", "1", "--target-deflection", "1"], "expected one of them, came both"),
+        (["--procedure", "mndot", "--target", "1000"], "a deflection below 1000 mm, came 1000"),
+    ],
+)
+def test_a_target_that_no_report_can_have_is_wrong_usage(
+    survey: str, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", survey, "-o", str(Path(survey).parent / "r.html"), *options]) == 2
+    assert message in capsys.readouterr().err

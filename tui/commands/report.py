@@ -5,14 +5,32 @@ import time
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.editing import target_pa
 from tui.output import clean, say
 from tui.progress import telling
 from tui.report_settings import load_report_settings
 
 
-def _metres(millimetres: float | None) -> float | None:
-    return None if millimetres is None else millimetres / 1e3
+def _target(args: argparse.Namespace) -> float | None:
+    """Pa, or m: typed in the unit of what the report judges."""
+    from pfwd_survey.files.folders import refuse_no_survey
+    from pfwd_survey.judging import target_si
+    from pfwd_survey.procedures import Quantity, find_procedure
+    from tui.measuring_options import kept_job
+
+    if args.target is None and args.target_deflection is None:
+        return None
+    if args.target is not None and args.target_deflection is not None:
+        raise OptionError(refusal("--target and --target-deflection", "one of them", "both"))
+    refuse_no_survey(args.survey)
+    chosen = None if args.procedure is None else find_procedure(args.procedure)
+    procedure = chosen or kept_job(args.survey).procedure_in_force
+    if args.target is not None:
+        return target_si(args.target, procedure)
+    if procedure.quantity is not Quantity.DEFLECTION:
+        came = f"{procedure.name}, which judges {procedure.quantity}"
+        expected = "a procedure that judges deflections"
+        raise OptionError(refusal("--target-deflection", expected, came, "--target, in MPa"))
+    return target_si(args.target_deflection, procedure, "--target-deflection")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,8 +44,7 @@ def run(args: argparse.Namespace) -> int:
         language=args.language,
         title=args.title,
         procedure=args.procedure,
-        target=None if args.target is None else target_pa(args.target),
-        target_deflection=_metres(args.target_deflection),
+        target=_target(args),
         refit=args.refit,
         diagnose=args.diagnose,
         store=not args.no_store,
@@ -42,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
     begun = time.monotonic()
     with telling() as tell:
         report = write_report(args.survey, args.output, options, progress=tell)
+    for text in report.otherwise:
+        say(f"report: {text}")
     for point in report.points:
         progress = point.progress
         if args.json:
