@@ -100,6 +100,8 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     # Behind all others: parts of before end here.
     (NUMBER.name, "int64"),
     *((column.name, "float64") for column in LAYER_COLUMNS),
+    ("deflection_recorded_m", "float64"),
+    ("deflection_corrected_m", "float64"),
 )
 """Names with the SI unit at their end, and types."""
 
@@ -124,8 +126,9 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
 )
 """``same_as``: the file with the same content that has the rows."""
 
-FIRST_COLUMNS = 48
-"""Of a result in parts that were written before there were layers; the others are null in them."""
+EARLIER_COLUMNS = (48, 49 + len(LAYER_COLUMNS))
+"""Of a result in parts that were written before there were layers, and before there were
+deflections; the others are null in them."""
 
 DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -370,7 +373,7 @@ def _unpacked(file: Any, schema: Any) -> Any:
     if about.num_rows > MOST_ROWS or about.num_row_groups > MOST_ROWS or announced > LARGEST_PART:
         raise ValueError(f"{about.num_rows} rows of {announced} bytes")
     there = len(file.schema_arrow)
-    old = there == FIRST_COLUMNS < len(schema)
+    old = there in EARLIER_COLUMNS and there < len(schema)
     written = pyarrow.schema(list(schema)[:there]) if old else schema
     if not file.schema_arrow.equals(written):
         raise ValueError("other columns")

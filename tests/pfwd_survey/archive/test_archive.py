@@ -12,7 +12,7 @@ import pytest
 
 from pfwd_survey.archive import dataset
 from pfwd_survey.archive import run as running
-from pfwd_survey.archive.dataset import FIRST_COLUMNS, RESULT_COLUMNS, result_row
+from pfwd_survey.archive.dataset import EARLIER_COLUMNS, RESULT_COLUMNS, result_row
 from pfwd_survey.archive.ledger import Ledger
 from pfwd_survey.archive.run import invert_archive, invert_stream
 from pfwd_survey.archive.sources import find_sources, pieces_of
@@ -40,6 +40,7 @@ def test_results_are_those_of_plain_inverting(
     assert summary.failed_in_all == 0
     for row, record in zip(rows(tmp_path / "out"), plain, strict=True):
         same = ("file", "drop", "status", "modulus_pa", "r_squared", "at_bound", "plate", "point")
+        same += ("deflection_recorded_m", "deflection_corrected_m")
         assert {key: row[key] for key in same} == {key: record[key] for key in same}
         low, high = record["modulus_interval_pa"]
         assert (row["modulus_interval_low_pa"], row["modulus_interval_high_pa"]) == (low, high)
@@ -59,7 +60,6 @@ def test_what_plain_inverting_says_has_a_column(
     parted = {"modulus_interval_pa", "bedrock_depth_interval_m", "half_sine"}
     parted |= {"effective_modulus_interval_pa"}
     without = {"half_sine_equal_area", "contact_end_s", "window_end_s", "facts"}
-    without |= {"deflection_recorded_m", "deflection_corrected_m"}
     # What a run was asked, and by what, is told once for all of its rows.
     without |= {"question", "software", "settings", "priors"}
     assert set(plain.results[0].to_json()) - columns == parted | without
@@ -67,7 +67,10 @@ def test_what_plain_inverting_says_has_a_column(
 
 def test_layers_stand_behind_the_columns_of_before() -> None:
     names = [name for name, _ in RESULT_COLUMNS]
-    assert names[FIRST_COLUMNS - 1 : FIRST_COLUMNS + 1] == ["warnings", "layers"]
+    first, second = EARLIER_COLUMNS
+    assert names[first - 1 : first + 1] == ["warnings", "layers"]
+    deflections = ["deflection_recorded_m", "deflection_corrected_m"]
+    assert names[second - 1 :] == ["effective_depth_m", *deflections]
     layers = (
         LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3),
         LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7)),
@@ -78,8 +81,9 @@ def test_layers_stand_behind_the_columns_of_before() -> None:
     assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
 
 
-def test_a_part_of_before_there_were_layers_is_read(
-    drops: Path, tmp_path: Path, options: AnalysisOptions
+@pytest.mark.parametrize("count", EARLIER_COLUMNS)
+def test_a_part_of_before_there_were_layers_or_deflections_is_read(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int
 ) -> None:
     from pyarrow import parquet
 
@@ -88,13 +92,14 @@ def test_a_part_of_before_there_were_layers_is_read(
     part = out / "results" / f"run={run}" / "part-000001.parquet"
     table = parquet.read_table(part, partitioning=None)
     known = table.column("modulus_pa").to_pylist()
-    parquet.write_table(table.select(range(FIRST_COLUMNS)), part)
+    parquet.write_table(table.select(range(count)), part)
     with parquet.ParquetFile(part) as file:
         found = dataset._unpacked(file, dataset._schema("results"))
     assert found.schema.equals(dataset._schema("results"))
     assert found.column("modulus_pa").to_pylist() == known
+    assert set(found.column("deflection_corrected_m").to_pylist()) == {None}
     assert set(found.column("layers").to_pylist()) == {None}
-    parquet.write_table(table.select(range(FIRST_COLUMNS - 1)), part)
+    parquet.write_table(table.select(range(count - 1)), part)
     with (
         parquet.ParquetFile(part) as file,
         pytest.raises(ValueError, match="other columns"),
