@@ -18,6 +18,7 @@ from pfwd_survey.exporting.output import new_file
 from pfwd_survey.exporting.places import Place
 from pfwd_survey.exporting.point_rows import PointRow, point_rows
 from pfwd_survey.exporting.rows import Order, Row
+from pfwd_survey.judging.job import target_text
 
 NAMESPACE = "http://www.topografix.com/GPX/1/1"
 SCHEMA = f"{NAMESPACE} {NAMESPACE}/gpx.xsd"
@@ -161,7 +162,8 @@ def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None
     if moment is not None:
         _add(point, "time", moment)
     _add(point, "name", rows[0].point.title)
-    _add(point, "desc", "; ".join(f"drop {row.drop.drop}: {_result_words(row)}" for row in rows))
+    drops = [f"drop {row.drop.drop}: {_result_words(row)}" for row in rows]
+    _add(point, "desc", "; ".join([_verdict_words(rows[0]), *drops]))
     _add(point, "type", "PFWD test point")
 
 
@@ -180,6 +182,22 @@ def _moment(row: Row) -> str | None:
 def _add(parent: ElementTree.Element, name: str, text: str) -> None:
     # XML has no letter for a control character, not even escaped.
     ElementTree.SubElement(parent, name).text = clean(text, limit=100_000)
+
+
+def _verdict_words(row: Row) -> str:
+    """How the point of a drop stands on one line, units shown."""
+    values = row.values
+    unit, scale = ("mm", 1e3) if values["unit"] == "m" else ("MPa", 1e-6)
+    parts = []
+    if values["value"] is not None:
+        parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
+    if values["interval_low"] is not None:
+        low, high = values["interval_low"] * scale, values["interval_high"] * scale
+        parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
+    if values["target"] is not None:
+        parts.append(f"target {target_text(values['target'])}")
+    parts.append(f"procedure {values['procedure']}")
+    return f"verdict {values['verdict']} ({', '.join(parts)})"
 
 
 def _result_words(row: Row) -> str:

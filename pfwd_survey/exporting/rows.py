@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
@@ -161,6 +161,14 @@ class PointRows:
     rows: tuple[Row, ...]
 
 
+class _Counted(NamedTuple):
+    """What a drop counts as beside the others of its point."""
+
+    kind: str
+    reason: str | None
+    """Why it takes no part; None: it does, or nobody said."""
+
+
 def point_rows_of(
     survey_id: str, job: Job, point: SurveyPoint, inverted: Results | None = None
 ) -> PointRows:
@@ -175,8 +183,8 @@ def point_rows_of(
     inverted : mapping, optional
         Results in place of the stored ones.
     """
-    kept_drops_ = tuple(kept_drops(point))
-    measured = measured_point(point, kept_drops_)
+    found = tuple(kept_drops(point))
+    measured = measured_point(point, found)
     if inverted is not None:
         drops = tuple(
             drop.with_result(inverted.get((point.title, drop.facts.number)))
@@ -187,9 +195,11 @@ def point_rows_of(
     progress = judge_point(job, measured)
     stands = _point_columns(job, progress)
     kinds = {number_: kind.value for number_, kind in progress.kinds}
+    reasons = {fact.number: fact.reason for fact in progress.excluded}
+    counted = [_Counted(kinds.get(d.drop.drop, ""), reasons.get(d.drop.drop)) for d in found]
     rows = tuple(
-        _row(survey_id, point, kept, inverted, stands, kinds.get(kept.drop.drop, ""))
-        for kept in kept_drops_
+        _row(survey_id, point, kept, inverted, stands, counts)
+        for kept, counts in zip(found, counted, strict=True)
     )
     return PointRows(point, measured, progress, rows)
 
@@ -235,7 +245,7 @@ def _row(
     kept: KeptDrop,
     inverted: Results | None,
     stands: Mapping[str, Any],
-    kind: str,
+    counted: _Counted,
 ) -> Row:
     """The row of a drop.
 
@@ -248,8 +258,7 @@ def _row(
         Results in place of the stored ones.
     stands : mapping
         How the point stands, as columns.
-    kind : str
-        What the drop counts as.
+    counted : _Counted
     """
     drop, record = kept.drop, kept.record
     fault = None if kept.fault is None else f"damaged: {kept.fault}"
@@ -280,10 +289,14 @@ def _row(
     if record is not None:
         values |= _peak_values(point, drop, record, values)
     declared = None if record is None else record.declared
-    if kind in ("seating", "measured") and values["status"] in ("seating", "measured"):
-        values["status"] = kind  # as the procedure counts now, whatever it was when it was inverted
+    if values["status"] in ("seating", "measured"):
+        # As the procedure counts now, whatever it was when it was inverted.
+        if counted.kind in ("seating", "measured"):
+            values["status"] = counted.kind
+        elif counted.kind == "rejected" and not drop.discarded:
+            values |= {"status": counted.kind, "reason": counted.reason}
     local = _text(local_time_of(record))
-    return Row(point, drop, declared, place, peaks, result, values, kind, local)
+    return Row(point, drop, declared, place, peaks, result, values, counted.kind, local)
 
 
 def _never(point: SurveyPoint, record: DropFacts) -> str | None:

@@ -29,7 +29,7 @@ from pfwd_survey.measuring.events import (
     PointKnown,
     SessionEvent,
 )
-from pfwd_survey.procedures import PointProgress
+from pfwd_survey.procedures import PointProgress, PointValue
 
 
 @dataclass(slots=True)
@@ -196,6 +196,9 @@ def _counts(result: DropResult, drop: MeasuredDrop) -> bool:
 class CompletePoints:
     """Says of a point how it stands when it is complete, and again when that changes.
 
+    A point that was told and is not complete any more is told again, as what it is by now; one
+    whose value alone has changed is told again in the end, so that what was said of it last holds.
+
     Parameters
     ----------
     tell : callable
@@ -208,7 +211,7 @@ class CompletePoints:
         self._tell = tell
         self._analysed = analysed
         self._standing = Standing()
-        self._told: dict[str, tuple[object, ...]] = {}
+        self._told: dict[str, _Told] = {}
         self._waiting: dict[str, set[int]] = {}
 
     def take(self, event: SessionEvent) -> None:
@@ -230,14 +233,22 @@ class CompletePoints:
         """Nothing more comes: say of every point what was not said for a search under way."""
         self._waiting.clear()
         for name in self._standing.names:
-            self._say(name)
+            self._say(name, last=True)
 
-    def _say(self, name: str) -> None:
+    def _say(self, name: str, *, last: bool = False) -> None:
         point = self._standing.judged(name)
-        progress = point.progress
-        if not progress.complete or self._waiting.get(name):
+        progress, told = point.progress, self._told.get(name)
+        if self._waiting.get(name) or not (progress.complete or told):
             return
-        now = (progress.verdict, progress.target)
-        if self._told.get(name) != now:
+        now = _Told((progress.complete, progress.verdict, progress.target), progress.value)
+        if told is None or told.stands != now.stands or (last and told.value != now.value):
             self._told[name] = now
             self._tell(point)
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What was said of a point last."""
+
+    stands: tuple[object, ...]
+    value: PointValue | None

@@ -29,7 +29,7 @@ from pfwd_survey.reporting.drawing import (
     with_curves,
 )
 from pfwd_survey.reporting.fonts import Letters
-from pfwd_survey.reporting.point_facts import mean_modulus, time_of, used_drops, verdict_of
+from pfwd_survey.reporting.point_facts import modulus_text, time_of, used_drops, verdict_of
 from pfwd_survey.reporting.texts import Texts
 
 MOST_ROWS = 16
@@ -192,7 +192,7 @@ def points_table(report: Report, texts: Texts) -> Table:
         ]
         cells += [shown.value_of(progress.value, texts)] if judged else []
         cells += [
-            mean_modulus(point, texts),
+            modulus_text(point, report.procedure.quantity, texts),
             shown.target_of(progress.target, report.procedure.quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]

@@ -28,7 +28,7 @@ from pfwd_survey.reporting.point_facts import (
     all_warnings,
     effective_result,
     first_result,
-    mean_modulus,
+    modulus_text,
     time_of,
     used_drops,
     verdict_of,
@@ -122,7 +122,8 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
     rows += [
         (
             texts["modulus"],
-            f"{mean_modulus(point, texts)}; {shown.basis_of(first_result(point))}",
+            f"{modulus_text(point, report.procedure.quantity, texts)}; "
+            f"{shown.basis_of(first_result(point))}",
         ),
         (
             texts["effective"],

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pfwd_survey.files.header import IMPORTED
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.procedures import NO_PROCEDURE, Verdict, judge
+from pfwd_survey.procedures import NO_PROCEDURE, Quantity, Verdict, judge
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.content import ReportDrop, ReportPoint
 from pfwd_survey.reporting.texts import Texts
@@ -46,10 +46,13 @@ def effective_result(point: ReportPoint) -> DropResult:
     return DropResult()
 
 
-def mean_modulus(point: ReportPoint, texts: Texts) -> str:
-    """Mean modulus of the inversion over the averaged drops, whatever the procedure judges."""
-    facts = [drop.facts for drop in used_drops(point)]
-    value = judge(NO_PROCEDURE, facts, plate_radius=point.setup.plate_radius).value
+def modulus_text(point: ReportPoint, quantity: Quantity, texts: Texts) -> str:
+    """Modulus of the inversion: what is judged where the procedure judges it, which may be that of
+    the diagnosis; else the mean of the fits of the averaged drops."""
+    value = point.progress.value
+    if quantity is not Quantity.MODULUS or value is None:
+        facts = [drop.facts for drop in used_drops(point)]
+        value = judge(NO_PROCEDURE, facts, plate_radius=point.setup.plate_radius).value
     return shown.NOTHING if value is None else shown.value_of(value, texts)
 
 

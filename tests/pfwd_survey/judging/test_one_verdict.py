@@ -2,206 +2,364 @@
 
 import csv
 import json
+import os
+import pickle
 import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings
 
-from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_device.recording import read_survey
+from pfwd_survey.exporting import parts
 from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.files.header import declared_values
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import screen_next
-from pfwd_survey.judging import JobRequest, JudgedPoint, job_of, judged_points
-from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn, JobKnown
+from pfwd_survey.exporting.maps import NAMESPACE
+from pfwd_survey.exporting.registry import OWN
+from pfwd_survey.exporting.tables import jsonl_texts
+from pfwd_survey.files.reading import survey_content
+from pfwd_survey.judging import JudgedPoint, job_of, judged_points
+from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.measure import replay
-from pfwd_survey.measuring.setup_file import setup_of
-from pfwd_survey.measuring.standing import CompletePoints, Standing
-from pfwd_survey.measuring.survey_job import point_known
-from pfwd_survey.procedures import find_procedure, plain_procedure
-from pfwd_survey.reporting import gathering
-from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
-from tui.screen.session.screen_events import SessionBegan
+from pfwd_survey.measuring.standing import CompletePoints
+from pfwd_survey.reporting import gathering, shown
+from pfwd_survey.reporting.blocks import Mark
+from pfwd_survey.reporting.certificate_blocks import points_table
+from pfwd_survey.reporting.point_facts import verdict_of
+from pfwd_survey.reporting.template import point_values
+from pfwd_survey.reporting.texts import load_texts
+from tests.pfwd_survey.judging import stories
+from tests.pfwd_survey.judging.stories import TITLES, Told, whole
+from tui.screen.opened.rows import OpenedSurvey
 from tui.screen.session.state import SessionState
 
-PROCEDURES = (
-    plain_procedure(1, 2),
-    plain_procedure(0, 1),
-    *map(find_procedure, ("mndot", "mchw-885", "tp-bf-stb-b8.3", "paper")),
-)
-DECLARED = declared_values(SETUP)
+LINE = ("value", "target", "verdict", "complete")
+"""What the line of a complete point and the survey have to say alike. Which drops take part, and
+why, may change with a later drop while these stay: then there is no new line."""
 
-numbers = st.integers(1, 7)
-targets = st.sampled_from((30e6, 44e6, 60e6, 4e-4, 6e-4))
-drops = st.tuples(
-    st.just("drop"),
-    # A knock, a rebound beside the others, two heights.
-    st.sampled_from((900.0, 1600.0, 6000.0, 8000.0, 8100.0, 9000.0)),
-    st.sampled_from((None, 40e6, 45e6, 45.5e6)),
-)
-edits = st.one_of(
-    st.tuples(st.sampled_from(("discard", "restore")), numbers, st.none()),
-    st.tuples(st.sampled_from(("discard", "restore")), st.none(), st.none()),
-    st.tuples(st.just("target"), st.none(), targets),
-    st.tuples(st.just("name"), st.none(), st.sampled_from(("12+300", "left"))),
-    st.tuples(st.just("job"), st.none(), st.builds(JobRequest, target=targets)),
-    st.tuples(
-        st.just("job"), st.none(), st.builds(JobRequest, procedure=st.sampled_from(PROCEDURES))
-    ),
-)
-stories = st.lists(drops | edits, min_size=1, max_size=14).map(
-    lambda story: [("drop", 8000.0, 45e6), *story]
-)
+WITHOUT_VERDICT = {
+    "csv": "a folder of trace files, which other programs read",
+}
+"""Formats that have no room for a verdict, and why."""
 
 
-class Told:
-    """Writes a survey, and tells what a session would tell while it is written."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.standing = Standing()
-        self.state = SessionState()
-        self.state.take(SessionBegan(None, "1"))
-        self._largest = 0.0
-
-    def play(self, writer: SurveyWriter, story: list[Any]) -> None:
-        self.tell(JobKnown(job_of(writer.contents())))
-        for what, first, second in story:
-            match what:
-                case "drop":
-                    self._drop(writer, first, second)
-                case "job":
-                    news = second.news(job_of(writer.contents()))
-                    for event in news.events():
-                        writer.note_event(*event)
-                    self.tell(JobKnown(job_of(writer.contents())))
-                case _:
-                    self._edit(writer, what, first, second)
-
-    def tell(self, event: Any) -> None:
-        self.standing.take(event)
-        self.state.take(event)
-
-    def _drop(self, writer: SurveyWriter, peak: float, modulus: float | None) -> None:
-        number = writer.next_number("1")
-        drop = half_sine_drop(number, peak)
-        record = writer.save_drop(DropRecord("1", drop, None, DECLARED, {}))
-        setup = setup_of(DECLARED, "test")
-        screening, self._largest = screen_next(drop, setup, self._largest)
-        handed = HandedOn("1", number, record, "", drop, setup, screening)
-        self.tell(DropSaved(handed, ()))
-        if screening.status == "rejected" or modulus is None:
-            return
-        result = DropResult.from_json(result_of(number, modulus))
-        writer.save_result(record, result.to_json())
-        self.tell(DropAnalysed(handed, None, result, None, True, True))
-
-    def _edit(self, writer: SurveyWriter, what: str, number: int | None, value: Any) -> None:
-        if number is not None:
-            if number > writer.drops_acknowledged:
-                return
-            writer.edit(what, value, number=number)
-            self.tell(Edited(what, value, None, number))
-        else:
-            if not writer.points:
-                return
-            writer.edit(what, value, point="1")
-            self.tell(Edited(what, value, "1", None))
-
-    def begin_again(self) -> None:
-        """Another program start: what the survey holds is told, as a session does."""
-        self.standing, self.state, self._largest = Standing(), SessionState(), 0.0
-        self.state.take(SessionBegan(None, "1"))
-        for point in read_survey(self.folder).points:
-            known = point_known(point)
-            self.tell(known)
-            self._largest = max(drop.pulse_peak for drop in known.measured.drops)
-
-
-def shown(point: JudgedPoint) -> tuple[Any, ...]:
-    progress = point.progress
-    value = progress.value
-    return (
-        value and (value.quantity, value.value, value.interval, value.drops),
-        progress.target,
-        progress.verdict,
-        progress.verdict_reason,
-        progress.used,
-        progress.complete,
-    )
-
-
-@settings(max_examples=max(10, settings.default.max_examples // 10))
-@given(stories, st.integers(0, 14))
-def test_live_resumed_and_read_it_is_one_verdict(story: list[Any], cut: int) -> None:
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place) / "s"
-        told = Told(folder)
-        with SurveyWriter.open(folder, publish=False) as writer:
-            told.play(writer, story[:cut])
-        (*_, read) = [None, *judged_points(read_survey(folder))]
-        if read is not None:
-            assert shown(told.standing.judged("1")) == shown(read), "live"
-            told.begin_again()
-        with SurveyWriter.open(folder, publish=False) as writer:
-            told.play(writer, story[cut:])
-        (read,) = judged_points(read_survey(folder))
-        assert shown(told.standing.judged("1")) == shown(read), "resumed"
-        assert told.state.progress == read.progress, "on the screen"
-
-
-@settings(max_examples=max(6, settings.default.max_examples // 20))
-@given(stories)
-def test_replayed_reported_and_exported_it_is_the_same(story: list[Any]) -> None:
+@contextmanager
+def surveys() -> Iterator[Path]:
+    """A place for a survey; what pages keep of it goes there, too."""
     with tempfile.TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
-        folder = Path(place) / "s"
-        # Every drop has its result: a report inverts what has none, and keeps it with the survey.
-        whole = [(what, a, b or 45e6) if what == "drop" else (what, a, b) for what, a, b in story]
-        with SurveyWriter.open(folder, publish=False) as writer:
-            Told(folder).play(writer, whole)
-        survey = read_survey(folder)
-        (read,) = judged_points(survey)
+        patch.setenv("PFWD_CACHE", os.path.join(place, "cache"))
+        yield Path(place)
+
+
+def read(folder: Path) -> dict[str, JudgedPoint]:
+    """The points of a survey as they are judged when it is read, by the name of their drops."""
+    survey = read_survey(folder)
+    return dict(zip((p.name for p in survey.points), judged_points(survey), strict=True))
+
+
+# The live session, the log, sessions that go on, the replay and `pfwd open`.
+
+
+def check_sessions(story: list[Any], cut: int) -> None:
+    """Play a story as two sessions, the second going on with what the first left."""
+    with surveys() as place:
+        told = Told(place / "s")
+        told.play(story[:cut])
+        check_session(told)
+        told.begin_again()
+        told.play(story[cut:])
+        check_session(told)
+        known = read(told.folder)
+        check_replay(told.folder, known)
+        check_opened(told.folder, known)
+
+
+def check_session(told: Told) -> None:
+    """What was told while it was measured is what is read afterwards."""
+    known = read(told.folder)
+    for name, point in known.items():
+        assert stories.shown(told.standing.judged(name)) == stories.shown(point), "live"
+        assert told.state.standing.progress_of(name) == point.progress, "on the screen"
+        if point.progress.complete:
+            assert name in told.last_lines
+    for name, line in told.last_lines.items():
+        said = known[name].as_json()
+        assert {key: line[key] for key in LINE} == {key: said[key] for key in LINE}, "log"
+
+
+def check_replay(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+    """Of a replay: the points, the lines and the screen of ``replay --live``."""
+    said: list[JudgedPoint] = []
+    complete, state = CompletePoints(said.append, analysed=False), SessionState()
+
+    def listen(event: Any) -> None:
+        complete.take(event)
+        state.take(event)
+
+    replay(folder, listen)
+    complete.rest()
+    lines = {TITLES[point.name]: point.as_json() for point in said}
+    measured = {point.name for point in read_survey(folder).points if point.drops}
+    for name, point in known.items():
+        if name not in measured:  # a replay has nothing to begin it with
+            continue
+        assert state.standing.progress_of(name) == point.progress, "replay --live"
+        assert (name in lines) >= point.progress.complete
+        if name in lines:
+            line, expected = lines[name], point.as_json()
+            assert {key: line[key] for key in LINE} == {key: expected[key] for key in LINE}
+
+
+def check_opened(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+    """Of ``pfwd open``: as it judges the points, and as it keeps them for the next time."""
+    opened, again = OpenedSurvey(folder), OpenedSurvey(folder)
+    opened.read()
+    opened.judge(lambda _rows: None)
+    kept = again.from_cache()
+    assert kept is not None
+    for rows in (opened.rows, kept):
+        assert [row.name for row in rows] == list(known)
+        for row in rows:
+            progress = known[row.name].progress
+            value = progress.value
+            assert (row.verdict, row.target) == (progress.verdict, progress.target), "opened"
+            assert row.value == (value and value.value)
+            assert (row.low, row.high) == ((value and value.interval) or (None, None))
+            assert row.measured == len(progress.used)
+
+
+# Reports and exports.
+
+
+def check_documents(story: list[Any]) -> None:
+    """Measure a survey, then look into everything that can be made of it."""
+    with surveys() as place:
+        told = Told(place / "s")
+        told.play(whole(story))
+        known = read(told.folder)
+        check_report(told.folder, known)
+        checked = {name for name in OWN if name not in WITHOUT_VERDICT}
+        assert checked == set(EXPORTS), "a new format is compared, or says why it cannot be"
+        for form, check in EXPORTS.items():
+            if form in NEEDING_DROPS and not any_counts(told.folder):
+                continue
+            made = place / f"made.{form}"
+            export_survey(told.folder, form, made)
+            check(made, known)
+        check_second_process(told.folder, known)
+        check_notebook(told.folder, known)
+
+
+def check_report(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+    """Of a report: ``--json``, the table of its first page, and a workbook that is filled."""
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gathering, "curves_of", lambda *_: None)  # takes long, and judges nothing
         patch.setattr(gathering, "analyse_drop", _refuse)
-        (reported,) = gathering.gather(folder).points
-        assert reported.progress == read.progress, "reported"
-        last, lines = Standing(), []
-        complete = CompletePoints(lines.append, analysed=False)
-
-        def listen(event: Any) -> None:
-            last.take(event)
-            complete.take(event)
-
-        replay(folder, listen)
-        assert shown(last.judged("1")) == shown(read), "replayed"
-        if lines and lines[-1].progress.complete == read.progress.complete:
-            said, expected = lines[-1].as_json(), read.as_json()
-            assert (said["target"], said["verdict"]) == (expected["target"], expected["verdict"])
-        _compare_exports(folder, Path(place), read)
+        report = gathering.gather(folder)
+    texts = load_texts("en")
+    table = points_table(report, texts)
+    by_title = {point.name: point for point in known.values()}
+    for point, cells in zip(report.points, table.rows, strict=True):
+        progress = by_title[point.name].progress
+        assert point.progress == progress, "reported"
+        assert point.progress.as_dict() == progress.as_dict()
+        (mark,) = (cell for cell in cells if isinstance(cell, Mark))
+        assert mark.kind == progress.verdict == verdict_of(point)
+        assert shown.value_of(progress.value, texts) in cells
+        assert shown.target_of(progress.target, report.procedure.quantity) in cells
+        _same(point_values(point, report), progress, "a filled workbook")
 
 
 def _refuse(*_: Any) -> Any:
     raise AssertionError("a stored result was there")
 
 
-def _compare_exports(folder: Path, place: Path, read: JudgedPoint) -> None:
-    value, verdict = read.progress.value, read.progress.verdict.value
-    export_survey(folder, "table", place / "t.csv")
-    with (place / "t.csv").open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    kinds = dict(read.progress.kinds)
+def _same(said: Mapping[str, Any], progress: Any, where: str) -> None:
+    """Verdict, value with its interval, and target as numbers or as their texts."""
+    value = progress.value
+    low, high = (None, None) if value is None or value.interval is None else value.interval
+    expected = {
+        "verdict": progress.verdict.value,
+        "value": value and value.value,
+        "interval_low": low,
+        "interval_high": high,
+        "target": progress.target,
+    }
+    found = {key: _number(said[key]) if key != "verdict" else said[key] for key in expected}
+    assert found == expected, where
+
+
+def _number(value: Any) -> float | None:
+    return None if value in ("", None) else float(value)
+
+
+def _by_point(rows: Any, known: Mapping[str, JudgedPoint], where: str) -> None:
+    by_title = {point.name: point.progress for point in known.values()}
     for row in rows:
-        assert row["verdict"] == verdict
-        assert row["value"] == ("" if value is None else repr(value.value))
-        if row["status"] in ("seating", "measured") and kinds[int(row["drop"])] != "discarded":
-            assert row["status"] in (kinds[int(row["drop"])], "measured", "seating")
-    export_survey(folder, "jsonl", place / "t.jsonl")
-    for line in (place / "t.jsonl").read_text(encoding="utf-8").splitlines():
-        said = json.loads(line)
-        assert (said["verdict"], said["target"]) == (verdict, read.progress.target)
-    if any(row["discarded"] == "false" for row in rows):
-        export_survey(folder, "pddx", place / "t.pddx")
-        assert f"PointVerdict = {verdict}\n" in (place / "t.pddx").read_text(encoding="utf-8")
+        _same(row, by_title[str(row["point"])], where)
+
+
+def _csv(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _check_table(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    rows = _csv(path)
+    _by_point(rows, known, "table")
+    kinds = {point.name: dict(point.progress.kinds) for point in known.values()}
+    for row in rows:
+        if row["status"] in ("seating", "measured") and row["discarded"] == "false":
+            assert row["status"] == kinds[row["point"]][int(row["drop"])]
+
+
+def _check_points(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    rows = _csv(path)
+    assert [row["point"] for row in rows] == [point.name for point in known.values()]
+    _by_point(rows, known, "points")
+
+
+def _check_jsonl(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    _by_point(map(json.loads, lines), known, "jsonl")
+
+
+def _check_parquet(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    _by_point(parquet.read_table(path).to_pylist(), known, "parquet")
+
+
+def _check_geojson(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    features = json.loads(path.read_text(encoding="utf-8"))["features"]
+    _by_point((feature["properties"] for feature in features), known, path.suffix)
+
+
+def _check_xlsx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.load_workbook(path, read_only=True)
+    for sheet in ("points", "drops"):
+        names, *rows = book[sheet].iter_rows(values_only=True)
+        # Of a row that ends with empty cells these are not there.
+        empty = dict.fromkeys(names)
+        said = (empty | dict(zip(names, row, strict=False)) for row in rows)
+        _by_point(said, known, f"xlsx, {sheet}")
+    book.close()
+
+
+def _check_gpkg(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    raw = pytest.importorskip("pyogrio.raw")
+    about, _, _, columns = raw.read(path)
+    values = zip(*(column.tolist() for column in columns), strict=True)
+    rows = (dict(zip(about["fields"].tolist(), row, strict=True)) for row in values)
+    without_nan = ({k: None if v != v else v for k, v in row.items()} for row in rows)
+    _by_point(without_nan, known, "gpkg")
+
+
+def _check_gpx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    by_title = {point.name: point.progress for point in known.values()}
+    for point in ElementTree.parse(path).iter(f"{{{NAMESPACE}}}wpt"):
+        progress = by_title[str(point.findtext(f"{{{NAMESPACE}}}name"))]
+        words = str(point.findtext(f"{{{NAMESPACE}}}desc"))
+        assert words.startswith(f"verdict {progress.verdict} ("), "gpx"
+        if progress.target is not None:
+            assert f"target {target_text(progress.target)}" in words
+        if progress.value is not None:
+            scale = 1e3 if progress.value.unit == "m" else 1e-6
+            assert f" = {progress.value.value * scale:.4g} " in words
+
+
+def _check_pddx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    by_title = {point.name: point.progress for point in known.values()}
+    for section in path.read_text(encoding="utf-8").split("[Test Location")[1:]:
+        said = dict(line.split(" = ", 1) for line in section.splitlines() if " = " in line)
+        progress = by_title[said["TestComment"]]
+        assert said["PointVerdict"] == progress.verdict, "pddx"
+        value, target = progress.value, progress.target
+        scale = 1e-3 if said.get("PointQuantity") != "deflection" else 1e6
+        assert said.get("PointValue") == (None if value is None else f"{value.value * scale:.2f}")
+        assert said.get("PointTarget") == (None if target is None else f"{target * scale:.2f}")
+
+
+def _check_h5(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+    for point, expected in zip(judged_points(survey_content(path)), known.values(), strict=True):
+        assert point.progress == expected.progress, "exported whole"
+
+
+EXPORTS = {
+    "h5": _check_h5,
+    "table": _check_table,
+    "points": _check_points,
+    "jsonl": _check_jsonl,
+    "parquet": _check_parquet,
+    "geojson": _check_geojson,
+    "points-geojson": _check_geojson,
+    "xlsx": _check_xlsx,
+    "gpkg": _check_gpkg,
+    "gpx": _check_gpx,
+    "pddx": _check_pddx,
+}
+NEEDING_DROPS = ("pddx",)
+"""Refused where every drop is discarded."""
+
+
+def any_counts(folder: Path) -> bool:
+    """Whether a drop of the survey is not discarded."""
+    points = read_survey(folder).points
+    return any(not d.discarded for point in points if not point.discarded for d in point.drops)
+
+
+def check_second_process(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+    """Of a part of the rows that another process makes, from what is sent to it."""
+    content = read_survey(folder)
+    for part in parts.parts_of(content.points):
+        sent = pickle.loads(pickle.dumps(parts._PointsElsewhere(part, job_of(content))))
+        made = parts._part(jsonl_texts, content.survey_id, sent)
+        _by_point(map(json.loads, made.text.splitlines()), known, "the second process")
+
+
+def check_notebook(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+    """Of what a script has: ``pfwd.open(SURVEY).to_dict()``."""
+    import pfwd
+
+    _by_point(pfwd.open(str(folder)).to_dict()["drops"], known, "pfwd.open")
+
+
+# Everyday some examples; many more in the slow run, and new ones with the profile `explore`.
+
+
+def test_live_logged_resumed_replayed_and_opened_it_is_one_verdict() -> None:
+    _sessions(SOME)
+
+
+def test_reported_and_exported_it_is_the_same() -> None:
+    _documents(SOME)
+
+
+@pytest.mark.slow
+def test_many_sessions_have_one_verdict() -> None:
+    _sessions(MANY)
+
+
+@pytest.mark.slow
+def test_many_reports_and_exports_have_the_same() -> None:
+    _documents(MANY)
+
+
+SOME, MANY = 7, 150
+
+
+def _settings(count: int) -> settings:
+    # A story is short enough to be read as it came; to look for a shorter one takes minutes.
+    phases = (Phase.explicit, Phase.reuse, Phase.generate)
+    return settings(max_examples=count, phases=phases, report_multiple_bugs=False)
+
+
+def _sessions(count: int) -> None:
+    _settings(count)(given(stories.stories, stories.cuts)(check_sessions))()
+
+
+def _documents(count: int) -> None:
+    _settings(count)(given(stories.stories)(check_documents))()
