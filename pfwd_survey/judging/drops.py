@@ -32,6 +32,8 @@ class MeasuredDrop:
     """By which it is compared with them, N; 0: it is not."""
     setup: PointSetup
     """What is declared of it now."""
+    unmoved: "MeasuredDrop | None" = None
+    """As it was before it was moved to another point, for who restores it; None: it was not."""
 
     def with_result(self, result: DropResult | None) -> "MeasuredDrop":
         """The same with the modulus of the result that counts."""
@@ -40,10 +42,15 @@ class MeasuredDrop:
             facts = dataclasses.replace(facts, modulus=None, modulus_interval=None)
         if result is not None:
             facts = with_modulus(facts, result)
-        return self if facts is self.facts else dataclasses.replace(self, facts=facts)
+        unmoved = None if self.unmoved is None else self.unmoved.with_result(result)
+        if facts is self.facts and unmoved is None:
+            return self
+        return dataclasses.replace(self, facts=facts, unmoved=unmoved)
 
     def with_discarding(self, reason: str | None) -> "MeasuredDrop":
         """The same as a person discarded it; None: nobody did."""
+        if self.unmoved is not None:
+            return self.unmoved.with_discarding(reason)
         kind = self.facts.kind
         if kind is Kind.REJECTED:  # it stays what it is
             return self
@@ -54,7 +61,7 @@ class MeasuredDrop:
     def with_move(self, where: str) -> "MeasuredDrop":
         """The same as it was moved to another point: here it did not fall."""
         facts = PointDrop(self.facts.number, Kind.REJECTED, reason=where)
-        return MeasuredDrop(facts, 0.0, self.setup)
+        return MeasuredDrop(facts, 0.0, self.setup, self.unmoved or self)
 
 
 def measured_drop(

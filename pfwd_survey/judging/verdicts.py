@@ -75,7 +75,7 @@ def diagnosis_now(point: MeasuredPoint) -> DiagnosisResult | None:
     if point.diagnosis is None or not point.drops:
         return None
     left_out = (Kind.DISCARDED, Kind.REJECTED)
-    numbers = [drop.facts.number for drop in point.drops if drop.facts.kind not in left_out]
+    numbers = [fact.number for fact in compared(point.drops) if fact.kind not in left_out]
     return point.diagnosis if holds(point.diagnosis, point.drops[-1].setup, numbers) else None
 
 

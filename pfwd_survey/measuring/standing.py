@@ -140,9 +140,8 @@ class Standing:
     def _saved(self, handed: HandedOn) -> None:
         point = self._of(handed.point)
         known = point.known.get(handed.number)
-        point.drops[handed.number] = known or measured_drop(
-            handed.drop, handed.setup, handed.screening
-        )
+        # By its own record: what it is beside the others may change when one of them is moved.
+        point.drops[handed.number] = known or measured_drop(handed.drop, handed.setup)
         if handed.record is not None:
             point.records[handed.record] = handed.number
         point.version += 1

@@ -42,6 +42,9 @@ TITLES = {"1": "1", "12+300": "1", "left": "1", "2": "2", "3": "2"}
 
 DECLARED = declared_values(SETUP)
 
+PLACE = {"position": {"latitude": 48.1, "longitude": 11.5}}
+"""Without one a point is not on the map."""
+
 points = st.sampled_from(POINTS)
 numbers = st.integers(1, 9)
 targets = st.sampled_from((30e6, 44e6, 60e6, 4e-4, 6e-4))
@@ -70,8 +73,31 @@ edits = st.one_of(
         st.just("job"), st.just(""), st.builds(JobRequest, procedure=st.sampled_from(PROCEDURES))
     ),
 )
-stories = st.lists(drops | edits, min_size=1, max_size=14).map(
-    lambda story: [("drop", "1", 8000.0, 45e6), *story]
+
+
+def measured(target: float | None, count: int = 7) -> list[Any]:
+    """A point with so many good drops and its target."""
+    heights = (8000.0, 8100.0)
+    moduli = (45e6, 45.5e6)
+    fallen = [("drop", "1", heights[n % 2], moduli[n % 2]) for n in range(count)]
+    return [*fallen, ("target", "1", target)]
+
+
+beginnings = st.one_of(
+    st.just([("drop", "1", 8000.0, 45e6)]),
+    # Points that pass, fail, and are not decided: few stories of random parts come to that.
+    st.builds(measured, targets),
+    st.builds(
+        lambda procedure, target: [("job", "", procedure), *measured(target)],
+        st.builds(JobRequest, procedure=st.sampled_from(PROCEDURES), target=targets),
+        targets | st.none(),
+    ),
+    st.just([*measured(44e6), ("diagnosis", "1", 41e6)]),
+)
+stories = st.builds(
+    lambda beginning, rest: [*beginning, *rest],
+    beginnings,
+    st.lists(drops | edits, max_size=14),
 )
 
 
@@ -139,7 +165,7 @@ class Told:
     def _drop(self, writer: SurveyWriter, point: str, peak: float, modulus: float | None) -> None:
         number = writer.next_number(point)
         drop = half_sine_drop(number, peak)
-        record = writer.save_drop(DropRecord(point, drop, None, DECLARED, {}))
+        record = writer.save_drop(DropRecord(point, drop, None, DECLARED, PLACE))
         setup = setup_of(DECLARED, "test")
         screening, self._largest[point] = screen_next(drop, setup, self._largest[point])
         handed = HandedOn(point, number, record, "", drop, setup, screening)
@@ -218,7 +244,7 @@ def shown(point: JudgedPoint) -> tuple[Any, ...]:
     )
 
 
-cuts = st.integers(0, 14)
+cuts = st.integers(0, 20)
 """Where a story is cut into two sessions."""
 
 
