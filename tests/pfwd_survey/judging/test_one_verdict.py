@@ -21,7 +21,7 @@ from pfwd_survey.exporting.maps import NAMESPACE
 from pfwd_survey.exporting.registry import OWN
 from pfwd_survey.exporting.tables import jsonl_texts
 from pfwd_survey.files.reading import survey_content
-from pfwd_survey.judging import JudgedPoint, job_of, judged_points
+from pfwd_survey.judging import JobRequest, JudgedPoint, job_of, judged_points
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.standing import CompletePoints
@@ -342,6 +342,45 @@ def check_notebook(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
     import pfwd
 
     _by_point(pfwd.open(str(folder)).to_dict()["drops"], known, "pfwd.open")
+
+
+PLAIN = JobRequest(procedure=stories.PROCEDURES[0])
+DIFFERED = {
+    "a drop is restored where it was moved from": [
+        *(("job", "", PLAIN), ("drop", "1", 8000.0, 45e6), ("drop", "1", 8100.0, 45e6)),
+        *(("move", 1, "2"), ("restore", 1, None), ("drop", "1", 8000.0, 45e6)),
+    ],
+    "what a rebound is one of is moved away": [
+        *(("job", "", PLAIN), ("drop", "1", 9000.0, 45e6), ("drop", "1", 1600.0, 40e6)),
+        *(("drop", "1", 1600.0, 40e6), ("move", 1, "2"), ("drop", "1", 1600.0, 40e6)),
+    ],
+    "a rebound after the diagnosis": [
+        *stories.measured(44e6),
+        *(("diagnosis", "1", 41e6), ("drop", "1", 1600.0, None)),
+    ],
+    "a point that is not complete any more": [
+        *(("job", "", PLAIN), *stories.measured(30e6, 3), ("drop", "1", 80000.0, 45e6)),
+    ],
+    "a value that changes alone": [*stories.measured(30e6), ("drop", "1", 8000.0, 45.5e6)],
+    "a point judged by its diagnosis": [*stories.measured(44e6), ("diagnosis", "1", 41e6)],
+    "a small drop before a large one": [("drop", "1", 1600.0, 45e6), ("drop", "1", 9000.0, 45e6)],
+}
+"""Stories that were told in two ways before they were found."""
+
+
+@pytest.mark.parametrize("story", DIFFERED.values(), ids=DIFFERED.keys())
+def test_what_once_differed(story: list[Any]) -> None:
+    check_sessions(story, len(story))
+    check_documents(story)
+
+
+def test_a_rebound_does_not_end_a_diagnosis() -> None:
+    with surveys() as place:
+        told = Told(place / "s")
+        told.play(DIFFERED["a rebound after the diagnosis"])
+        value = read(told.folder)["1"].progress.value
+    assert value is not None
+    assert value.value == 41e6
 
 
 # Everyday some examples; many more in the slow run, and new ones with the profile `explore`.
