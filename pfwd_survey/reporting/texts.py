@@ -18,6 +18,10 @@ _CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """Of a language, as HTML has them (BCP 47)."""
 
 
+_LINE = re.compile(r"(\.\w+, )line( \{\})")
+"""Of a file, behind its name."""
+
+
 class Texts:
     """Texts by key.
 
@@ -66,16 +70,18 @@ class Texts:
         word = pattern.replace(GAP, "").strip(" ,")
         if word in ("drop", "drops"):  # and their numbers
             return fill(pattern.replace(word, self[word]), numbers)
-        for part in ("; ", ": "):
-            # What a file or a procedure is called stands before what is said of it.
-            head, sign, rest = pattern.partition(part)
-            gaps = head.count(GAP)
-            known = self._messages.get(rest), self._messages.get(head)
-            if sign and any(known):
+        for part in ("; ", ": ", ", "):
+            # What a file or a procedure is called stands before what is said of it; of several
+            # things one after the other each is said by itself.
+            for at in re.finditer(re.escape(part), pattern):
+                head, rest = pattern[: at.start()], pattern[at.end() :]
+                if rest not in self._messages and head not in self._messages:
+                    continue
+                gaps = head.count(GAP)
                 said = [self.grouped_message(head, numbers[:gaps])]
                 said.append(self.grouped_message(rest, numbers[gaps:]))
                 return part.join(said)
-        return fill(pattern, numbers)
+        return fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
 
     def say(self, key: str, **values: object) -> str:
         """A text with its words in braces filled in."""

@@ -321,9 +321,10 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:
     if abs(rate - said) <= RATE_TOLERANCE * rate:
         return []
     count = "" if facts.samples is None else f" and {facts.samples} samples"
-    database = _short(facts.where).rpartition(", ")[2]
+    file, _, database = _short(facts.where).rpartition(", ")
+    # Without the member of the archive, which is another for every point: it is said once.
     return [
-        f"{_short(where)}: {rate:g} Hz and {samples} samples, in {database} {said:g} Hz{count}; "
+        f"{file}: {rate:g} Hz and {samples} samples, in {database} {said:g} Hz{count}; "
         "the traces' own were taken"
     ]
 

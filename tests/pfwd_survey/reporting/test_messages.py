@@ -1,5 +1,6 @@
 """What the program says in English, in the language of a report."""
 
+import re
 import tomllib
 from dataclasses import replace
 from importlib import resources
@@ -102,3 +103,34 @@ def test_several_processes_find_the_same(survey: Path) -> None:
         p.progress.as_dict() for p in alone.points
     ]
     assert shared.instruments == alone.instruments
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        # What real files and worn instruments bring with them; names stand before some.
+        "big-endian.dynz, database.json: the stored traces of all 3 drops are the same, number for "
+        "number: one drop was stored in place of each",
+        "old.mpvz: 15000 Hz and 750 samples, in database.json 30000 Hz and 1500 samples; the "
+        "traces' own were taken",
+        "a.fwd, line 3: the plate is 0 there, 0.15 m in radius was assumed; plate_radius_m in "
+        "--header says another",
+        "rig.dynz, database.xml, line 35: & is not escaped, as at 2 more places, and was read as "
+        "text",
+        "bad sensor: displacement at 0.3 m: it ends far from rest, unlike the others, it moves "
+        "more than the sensors nearer to the plate; left out of the inversion",
+        "dead extra channel: velocity at 0.6 m, constant at 0; left out",
+        "clipped samples: displacement at 0.3 m, 12 in flat tops",
+        "incomplete record: 3 of 800 samples are missing, the first at 12.5 ms; the unbroken part "
+        "was used",
+        "the modulus is the diagnosed one, 41 MPa; that of the fits is 45 MPa",
+        "residual not explained: 7.5 times the noise is left",
+        "density of the ground sits on a bound",
+    ],
+)
+def test_warnings_are_whole_in_every_language(said: str) -> None:
+    english = re.compile(r"\b(the|is|are|of|was|line|left|from|moves|missing|bound|samples)\b")
+    assert english.search(said)
+    for texts in (DE, ZH):
+        assert not english.search(texts.message(said)), texts.message(said)
+    assert EN.message(said) == said

@@ -115,7 +115,7 @@ def test_the_traces_own_rate_is_believed(read: Callable[..., list[TracePoint]]) 
     (point,) = read(member(database, stored(DROPS["1F"], rate=15_000.0)), "a.mpvz")
     assert point.drops[0].sampling_rate == pytest.approx(15_000.0)
     said = (
-        "a.mpvz, rawdata/1f: 15000 Hz and 300 samples, in database.json 30000 Hz and 300 samples; "
+        "a.mpvz: 15000 Hz and 300 samples, in database.json 30000 Hz and 300 samples; "
         "the traces' own were taken"
     )
     assert said in remarks(point)
