@@ -575,6 +575,12 @@ def _add_job(commands: "Commands") -> None:
         "--procedure", metavar="NAME", help="a name of pfwd procedures, or a TOML file"
     )
     _add_job_options(job)
+    job.add_argument(
+        "--time-zone",
+        metavar="+HH:MM",
+        help="of local times that say no zone, as imported ones: exports have UTC then (west of "
+        "Greenwich: --time-zone=-05:00)",
+    )
     job.add_argument("--json", action="store_true", help="one JSON object, SI units")
 
 

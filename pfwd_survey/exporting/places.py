@@ -1,5 +1,6 @@
 """Where and when a drop fell, as far as anybody said so."""
 
+import datetime
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -57,6 +58,36 @@ def local_time_of(record: DropFacts | None) -> str | None:
         if isinstance(said, str) and said:
             return said
     return None
+
+
+def utc_of(record: DropFacts | None, zone: str | None) -> str | None:
+    """When a drop fell in UTC: as it was recorded, else from its local time.
+
+    Parameters
+    ----------
+    record : DropFacts or None
+    zone : str or None
+        Offset of the local time, ``+02:00``, where the time does not say its own; None: nobody
+        said, and the local time is not taken for UTC.
+
+    Returns
+    -------
+    str or None
+        ISO 8601.
+    """
+    said = time_of(record)
+    local = None if said is not None else local_time_of(record)
+    if local is None:
+        return said
+    try:
+        moment = datetime.datetime.fromisoformat(local)
+        if moment.tzinfo is None:
+            if zone is None:
+                return None
+            moment = moment.replace(tzinfo=datetime.datetime.strptime(zone, "%z").tzinfo)
+        return moment.astimezone(datetime.UTC).isoformat()
+    except (ValueError, OverflowError):  # what another program wrote, or the first of all days
+        return None
 
 
 def _place(said: Any) -> Place | None:

@@ -15,7 +15,7 @@ from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
-from pfwd_survey.exporting.places import Place, local_time_of, number, place_of, time_of
+from pfwd_survey.exporting.places import Place, local_time_of, number, place_of, utc_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
@@ -198,7 +198,7 @@ def point_rows_of(
     reasons = {fact.number: fact.reason for fact in progress.excluded}
     counted = [_Counted(kinds.get(d.drop.drop, ""), reasons.get(d.drop.drop)) for d in found]
     rows = tuple(
-        _row(survey_id, point, kept, inverted, stands, counts)
+        _row(survey_id, job, point, kept, inverted, stands, counts)
         for kept, counts in zip(found, counted, strict=True)
     )
     return PointRows(point, measured, progress, rows)
@@ -241,6 +241,7 @@ def _corrected(kept: KeptDrop, result: DropResult | None) -> float | None:
 
 def _row(
     survey_id: str,
+    job: Job,
     point: SurveyPoint,
     kept: KeptDrop,
     inverted: Results | None,
@@ -252,6 +253,7 @@ def _row(
     Parameters
     ----------
     survey_id : str
+    job : Job
     point : SurveyPoint
     kept : KeptDrop
     inverted : mapping, optional
@@ -268,7 +270,7 @@ def _row(
     if record is not None:
         peaks = record.peaks if record.drop is None else peaks_of(record.drop)
     values: dict[str, Any] = dict(_EMPTY)
-    values |= _facts(survey_id, point, drop, record)
+    values |= _facts(survey_id, point, drop, record, job.time_zone)
     values |= {
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
@@ -351,7 +353,11 @@ def _peak_values(
 
 
 def _facts(
-    survey_id: str, point: SurveyPoint, drop: SurveyDrop, record: DropFacts | None
+    survey_id: str,
+    point: SurveyPoint,
+    drop: SurveyDrop,
+    record: DropFacts | None,
+    zone: str | None,
 ) -> dict[str, Any]:
     declared = {**(record.declared if record else {}), **point.declared}
     # Said of the point later, wins over what was recorded with the drop.
@@ -366,7 +372,7 @@ def _facts(
         "drop": drop.drop,
         "record": drop.number,
         "discarded": point.discarded or drop.discarded,
-        "time_utc": _text(time_of(record)),
+        "time_utc": _text(utc_of(record, zone)),
         "site": _text(declared.get("site")),
         "operator": _text([*operators, metadata.get("operator"), declared.get("operator")]),
         "device": _text([declared.get("device"), serial]),

@@ -8,6 +8,7 @@ Targets of single points are edits of these points.
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -262,6 +263,33 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
         hint = f"the procedure {procedure.name} judges a deflection"
         raise OptionError(refusal(where, "a deflection below 1000 mm", f"{shown:g}", hint))
     return value
+
+
+def time_zone_of(said: str, where: str = "--time-zone") -> str:
+    """An offset of local time as a job keeps it: ``+02:00``.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+
+    Examples
+    --------
+    >>> time_zone_of("+2:00"), time_zone_of("Z"), time_zone_of("-0330")
+    ('+02:00', '+00:00', '-03:30')
+    """
+    found = _OFFSET.fullmatch(said.strip())
+    if said.strip().upper() in ("Z", "UTC"):
+        return "+00:00"
+    if found is None or int(found[2]) > MOST_HOURS or int(found[3] or 0) > 59:
+        hint = "winter and summer differ where clocks are changed"
+        raise OptionError(refusal(where, "an offset such as +02:00, or UTC", quote(said), hint))
+    return f"{found[1]}{int(found[2]):02d}:{int(found[3] or 0):02d}"
+
+
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?", re.ASCII)
+MOST_HOURS = 14
+"""Of an offset; that of the Line Islands."""
 
 
 def target_text(target: float) -> str:

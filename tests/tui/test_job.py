@@ -1,5 +1,6 @@
 """``pfwd job``, and the same options at ``pfwd log``."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -156,3 +157,39 @@ def test_a_target_that_no_report_can_have_is_wrong_usage(
 ) -> None:
     assert main(["report", survey, "-o", str(Path(survey).parent / "r.html"), *options]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("zone", "said", "expected"),
+    [
+        ([], "2024-05-06T08:01:00", ""),
+        (["--time-zone=-03:30"], "2024-05-06T22:01:00", "2024-05-07T01:31:00+00:00"),
+        (["--time-zone", "+2"], "2024-05-06T08:01:00", "2024-05-06T06:01:00+00:00"),
+        (["--time-zone", "+2"], "2024-05-06T08:01:00+05:00", "2024-05-06T03:01:00+00:00"),
+        ([], "2024-05-06T08:01:00+05:00", "2024-05-06T03:01:00+00:00"),
+        (["--time-zone", "UTC"], "in the morning", ""),
+        (["--time-zone", "+2"], "0001-01-01T00:00:00", ""),
+    ],
+)
+def test_exports_have_utc_where_the_zone_is_known(
+    tmp_path: Path, zone: list[str], said: str, expected: str
+) -> None:
+    known = declared_values(SETUP) | {"imported": {"time_local": said}}
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        writer.save_drop(DropRecord("1", half_sine_drop(1, 8000.0), None, known, {}))
+    if zone:
+        assert main(["job", str(tmp_path / "s"), *zone]) == 0
+    for form in ("points", "table"):
+        made = tmp_path / f"{form}.csv"
+        assert main(["export", str(tmp_path / "s"), "--format", form, "-o", str(made)]) == 0
+        (row,) = csv.DictReader(made.read_text(encoding="utf-8").splitlines())
+        assert row["time_utc"] == expected
+        assert row.get("time_local", said) == said
+
+
+@pytest.mark.parametrize("zone", ["Europe/Berlin", "+15", "+02:60", "2"])
+def test_what_is_no_time_zone_is_wrong_usage(
+    survey: str, zone: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["job", survey, "--time-zone", zone]) == 2
+    assert "expected an offset such as +02:00, or UTC, came" in capsys.readouterr().err

@@ -6,6 +6,7 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.jobs import keep_events
 from pfwd_survey.judging import JobRequest
+from pfwd_survey.judging.job import time_zone_of
 from pfwd_survey.procedures import find_procedure
 from tui.job_lines import job_lines
 from tui.measuring_options import job_request, kept_job
@@ -19,6 +20,8 @@ def run(args: argparse.Namespace) -> int:
     request = job_request(args, args.survey, chosen)
     if chosen is not None:
         request = JobRequest(procedure=chosen).over(request)
+    if args.time_zone is not None:
+        request = JobRequest(time_zone=time_zone_of(args.time_zone)).over(request)
     if request:
         before = kept_job(args.survey, chosen)
         news = request.news(before)
