@@ -1,5 +1,6 @@
 """The first page: what a test report after a procedure has to say, and where it is signed."""
 
+import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -8,7 +9,7 @@ from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.matplotlib_start import start_matplotlib
-from pfwd_survey.procedures import Quantity, Verdict
+from pfwd_survey.procedures import Procedure, Quantity, Verdict
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import (
     Block,
@@ -22,7 +23,7 @@ from pfwd_survey.reporting.blocks import (
 )
 from pfwd_survey.reporting.content import Report, ReportPoint
 from pfwd_survey.reporting.drawing import (
-    curve_rows,
+    curves_height,
     draw_curves,
     draw_logo,
     draw_signatures,
@@ -37,9 +38,6 @@ MOST_ROWS = 16
 
 _LOGO_HEIGHT, _SIGNATURES_HEIGHT = 16.0, 20.0
 """mm."""
-
-_ONE_POINT, _ROW_OF_CURVES, _BELOW_CURVES = 62.0, 33.0, 6.0
-"""mm; of the picture of the curves."""
 
 
 def certificate_blocks(
@@ -74,10 +72,8 @@ def certificate_blocks(
         blocks.append(points_table(report, texts))
     drawn = [point for point in kept if with_curves(point)]
     if drawn:
-        rows = curve_rows(drawn)
-        height = _ONE_POINT if len(drawn) == 1 else rows * _ROW_OF_CURVES + _BELOW_CURVES
         draw = partial(draw_curves, points=drawn, texts=texts, letters=letters)
-        blocks.append(Picture(draw, height, texts["curves_note"], texts["curves"]))
+        blocks.append(Picture(draw, curves_height(drawn), texts["curves_note"], texts["curves"]))
     labels = [texts[name] for name in ("sign_place", "sign_operator", "sign_checked")]
     signatures = Picture(
         partial(draw_signatures, labels=labels), _SIGNATURES_HEIGHT, "", texts["signatures"]
@@ -118,9 +114,70 @@ def _rows(report: Report, kept: Sequence[ReportPoint], texts: Texts) -> tuple[tu
         (texts["calibrated"], _calibration(report.instruments, texts)),
         (texts["plate_diameter"], ", ".join(radii)),
         (texts["judged_by"], judged_by(report, texts)),
+        (texts["formula"], _formula(report.procedure)),
+        (texts["drops_asked"], _drops_asked(report, texts)),
+        (texts["load"], _loads(kept)),
+        (texts["conditions"], _conditions(kept, texts)),
         (texts["points"], points),
         (texts["verdict"], verdicts),
     )
+
+
+def _formula(procedure: Procedure) -> str:
+    """How what is judged follows from the settlement; empty: by no formula."""
+    factor, nominal = procedure.factor, procedure.nominal_pressure
+    if factor is None or procedure.quantity not in (Quantity.E_VD, Quantity.E_LWD):
+        return ""
+    name, mean = procedure.quantity.value, "s\N{COMBINING MACRON}"
+    if procedure.quantity is Quantity.E_VD:
+        pressure = "" if nominal is None else f", σ = {nominal.value / 1e6:g} MPa"
+        return f"{name} = {factor.value:.3g} r σ / {mean}{pressure}"
+    ratio = procedure.poisson_ratio
+    said = "" if ratio is None else f", ν = {ratio.value:g}"
+    return f"{name} = {factor.value:.3g} (1 - ν²) r σ / {mean}, σ = F / (π r²){said}"
+
+
+def _drops_asked(report: Report, texts: Texts) -> str:
+    """How many drops of each kind the procedure wants at a point; empty: it does not say."""
+    if not report.chosen or report.procedure.measured_drops is None:
+        return ""
+    wanted = (
+        (report.procedure.seating_drops, "seating"),
+        (report.procedure.measured_drops, "measured"),
+    )
+    return " + ".join(f"{count} ({texts[kind]})" for count, kind in wanted if count)
+
+
+def _loads(kept: Sequence[ReportPoint]) -> str:
+    """Peak loads of the averaged drops, and the mean pressures below the plate."""
+    loads = [
+        (load, load / (math.pi * radius**2))
+        for point in kept
+        for drop in used_drops(point)
+        if (load := drop.facts.peak_load) is not None and (radius := point.setup.plate_radius)
+    ]
+    if not loads:
+        return ""
+    forces, pressures = zip(*loads, strict=True)
+    return f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
+
+
+def _range(values: Sequence[float], scale: float) -> str:
+    ends = (shown.digits(value * scale) for value in (min(values), max(values)))
+    return " – ".join(dict.fromkeys(ends))
+
+
+def _conditions(kept: Sequence[ReportPoint], texts: Texts) -> str:
+    """Material, moisture and temperature, where anybody said them."""
+    found = []
+    materials = _each(point.setup.material for point in kept)
+    if materials:
+        found.append(f"{texts['material']}: {materials}")
+    for key, unit in (("moisture", "%"), ("temperature", "°C")):
+        values = [v for point in kept if (v := getattr(point.setup, key)) is not None]
+        if values:
+            found.append(f"{texts[key]}: {_range(values, 1.0)} {unit}")
+    return "; ".join(found)
 
 
 def _each(values: Any) -> str:
@@ -161,43 +218,51 @@ def judged_by(report: Report, texts: Texts) -> str:
 
 
 def points_table(report: Report, texts: Texts) -> Table:
-    """Every point in one line: settlements, s/v, what is judged, modulus, target, verdict."""
-    judged = report.procedure.quantity is not Quantity.MODULUS
-    columns = [
-        texts["point"],
-        texts["time"],
-        "s, mm",
-        "s\N{COMBINING MACRON}, mm",
-        "v, mm/s",
-        "s/v, ms",
-    ]
-    columns += [f"{shown.name_of(report.procedure.quantity, texts)}"] if judged else []
+    """Every point in one line: settlements, s/v or load, what is judged, target, verdict."""
+    quantity = report.procedure.quantity
+    # What the documents of the procedures ask for: s and v of the light drop weight tester, peak
+    # loads of devices with a load cell. A mean settlement that is judged has its own column.
+    speeds = not report.chosen or quantity is Quantity.E_VD
+    judged = quantity is not Quantity.MODULUS
+    mean = quantity is not Quantity.DEFLECTION
+    columns = [texts["point"], texts["time"], "s, mm"]
+    columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
+    columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
+    right = tuple(range(3, len(columns)))
+    columns += [shown.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]
     rows = []
     for point in report.points:
         progress = point.progress
-        used = used_drops(point)
-        settled = [drop.facts.peak_deflection for drop in used]
-        depths = [value * 1e3 for value in settled if value is not None]
-        speeds = [v * 1e3 for drop in used if (v := drop.facts.peak_velocity) is not None]
+        facts = [drop.facts for drop in used_drops(point)]
+        depths = [s * 1e3 for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.name,
             time_of(point)[:16],
             " / ".join(f"{value:.3f}" for value in depths[:MOST_DEPTHS])
             + (" …" if len(depths) > MOST_DEPTHS else ""),
-            f"{sum(depths) / len(depths):.3f}" if depths else shown.NOTHING,
-            shown.digits(sum(speeds) / len(speeds)) if speeds else shown.NOTHING,
-            shown.scaled(progress.s_over_v, 1e3, ""),
         ]
+        cells += [f"{sum(depths) / len(depths):.3f}" if depths else shown.NOTHING] if mean else []
+        if speeds:
+            cells += [
+                _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
+                shown.scaled(progress.s_over_v, 1e3, ""),
+            ]
+        else:
+            cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
         cells += [shown.value_of(progress.value, texts)] if judged else []
         cells += [
-            modulus_text(point, report.procedure.quantity, texts),
-            shown.target_of(progress.target, report.procedure.quantity),
+            modulus_text(point, quantity, texts),
+            shown.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
-    return Table(tuple(columns), tuple(rows), (3, 4, 5))
+    return Table(tuple(columns), tuple(rows), right)
+
+
+def _mean(values: Sequence[float]) -> str:
+    return shown.digits(sum(values) / len(values)) if values else shown.NOTHING
 
 
 MOST_DEPTHS = 3

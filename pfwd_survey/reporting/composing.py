@@ -52,7 +52,8 @@ def compose(
     list of Block
         The first heading is that of the report.
     """
-    blocks = certificate_blocks(report, texts, letters, company, logo)
+    certificate = certificate_blocks(report, texts, letters, company, logo)
+    blocks = [*certificate]
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MOST_ROWS:  # their table has no room on the first page, the map has
         blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
@@ -68,6 +69,8 @@ def compose(
         blocks.append(Paragraph(texts["messages_note"], "note"))
     common = common_warnings(report)
     keep = {texts[name] for name in _AS_THEY_ARE}
+    # Names of documents (TP BF-StB part B 8.3) have dots that are no decimal signs.
+    keep |= {block.text for block in certificate if isinstance(block, Paragraph)}
     pages = [Together(tuple(point_blocks(p, report, texts, common))) for p in report.points]
     found = localised(blocks, texts, keep)
     found += procedure_blocks(report.procedure, texts) if report.chosen else []

@@ -6,7 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pfwd_survey.inverting.drop_facts import PEAK_WITHIN
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import Quantity, Verdict
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
@@ -401,7 +403,10 @@ MOST_CURVES = 12
 _CURVES_IN_ROW = 4
 
 _CURVE_PART = 1.25
-"""Window of the fit that the curves of the first page show; the peak is well within."""
+"""Window of the fit that the curves of the first page show at least."""
+
+_ONE_POINT, _ROW_OF_CURVES, _BELOW_CURVES = 62.0, 33.0, 8.0
+"""mm; of the picture of the curves. Below the lowest stand their numbers and unit."""
 
 
 def curve_rows(points: Sequence[ReportPoint]) -> int:
@@ -409,16 +414,22 @@ def curve_rows(points: Sequence[ReportPoint]) -> int:
     return math.ceil(min(len(points), MOST_CURVES) / _CURVES_IN_ROW)
 
 
+def curves_height(points: Sequence[ReportPoint]) -> float:
+    """Height of the picture of :func:`draw_curves`, mm."""
+    return _ONE_POINT if len(points) == 1 else curve_rows(points) * _ROW_OF_CURVES + _BELOW_CURVES
+
+
 def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letters: Letters) -> None:
     """The deflection curves of the averaged drops of each point, all to one scale."""
     shown = list(points)[:MOST_CURVES]
     columns, rows = min(len(shown), _CURVES_IN_ROW), curve_rows(shown)
-    wide, high = 0.93 / columns, 0.9 / rows
+    base = _BELOW_CURVES / curves_height(shown)
+    wide, high = 0.93 / columns, (1.0 - base) / rows
     depth, end = _deepest(shown), 0.0
     drawn = []
     for number, point in enumerate(shown):
         row, column = divmod(number, columns)
-        left, bottom = 0.07 + column * wide, 0.1 + (rows - 1 - row) * high
+        left, bottom = 0.07 + column * wide, base + (rows - 1 - row) * high
         axes = figure.add_axes((left, bottom, wide * 0.9, high * 0.74))
         drawn.append(axes)
         for index, drop in enumerate(with_curves(point)):
@@ -447,9 +458,7 @@ def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
     curves = drop.curves
     if curves is None:
         return 0.0
-    start = float(curves.time[0])
-    until = start + _CURVE_PART * (curves.window_end - start)
-    part = np.flatnonzero(curves.time <= until)
+    part = _curve_part(drop, curves)
     few = part[:: max(1, part.size // MOST_DOTS)]
     axes.plot(
         curves.time[few] * 1e3,
@@ -458,7 +467,21 @@ def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
         linewidth=0.9,
         label=str(drop.number),
     )
-    return until * 1e3
+    return float(curves.time[part[-1]]) * 1e3
+
+
+def _curve_part(drop: ReportDrop, curves: Curves) -> NDArray[np.intp]:
+    """Which samples the first page shows: the pulse, and the deflection past its peak."""
+    time = curves.time
+    until = time[0] + _CURVE_PART * (curves.window_end - time[0])
+    duration = drop.facts.pulse_duration
+    if duration is not None:
+        # On soft ground the plate is lowest when the load has gone.
+        top = time[int(curves.load.argmax())]
+        pulse = np.flatnonzero(time <= top + (PEAK_WITHIN - 0.5) * duration)
+        lowest = time[pulse[int(curves.observed[0][pulse].argmax())]]
+        until = max(until, lowest + duration / 2)
+    return np.flatnonzero(time <= until)
 
 
 def with_curves(point: ReportPoint) -> list[ReportDrop]:
@@ -475,7 +498,7 @@ far leaves the picture, and the others stay readable."""
 def _deepest(points: Sequence[ReportPoint]) -> float:
     """Largest deflection of the curves that is shown, mm."""
     peaks = [
-        float(drop.curves.observed[0][drop.curves.time <= drop.curves.window_end].max()) * 1e3
+        float(drop.curves.observed[0][_curve_part(drop, drop.curves)].max()) * 1e3
         for point in points
         for drop in with_curves(point)
         if drop.curves is not None
@@ -585,7 +608,22 @@ def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
     def show(value: float, _place: Any) -> str:
         places = axis.get_majorticklocs()
         step = min((b - a for a, b in pairwise(places)), default=1.0)
-        decimals = max(0, -math.floor(math.log10(step) + 1e-9)) if step > 0 else 0
-        return f"{value:.{decimals}f}".replace(".", decimal)
+        return f"{value:.{decimals_of(step)}f}".replace(".", decimal)
 
     return show
+
+
+MOST_DECIMALS = 6
+"""Of the numbers of an axis."""
+
+
+def decimals_of(step: float) -> int:
+    """Decimals without which the steps of an axis would not be what stands beside them.
+
+    Examples
+    --------
+    >>> [decimals_of(step) for step in (50.0, 2.0, 0.5, 0.25, 0.025, 0.0)]
+    [0, 0, 1, 2, 3, 0]
+    """
+    exact = (d for d in range(MOST_DECIMALS) if abs(round(step, d) - step) <= 1e-6 * step)
+    return next(exact, MOST_DECIMALS)

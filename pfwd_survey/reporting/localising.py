@@ -28,7 +28,7 @@ def localised(blocks: Iterable[Block], texts: Texts, keep: Collection[str] = ())
     blocks : iterable of Block
     texts : Texts
     keep : collection of str
-        Labels of pairs whose values stay: names, paths, commands.
+        Labels of pairs whose values stay (names, paths, commands), and paragraphs that stay.
     """
     if texts.decimal == ".":
         return list(blocks)
@@ -51,7 +51,7 @@ def _block(block: Block, texts: Texts, keep: Collection[str]) -> Block:
 
     match block:
         case Paragraph(text):
-            return replace(block, text=said(text))
+            return block if text in keep else replace(block, text=said(text))
         case Pairs(rows):
             return Pairs(tuple((k, v if k in keep else said(v)) for k, v in rows))
         case Table(columns, rows, right):
