@@ -37,7 +37,7 @@ def rows_of(report: Report) -> dict[str, str]:
         (
             "mchw-885",
             "E_LWD = 2 (1 - ν²) r σ / s̄, σ = F / (π r²), ν = 0.35",
-            "3 (measured)",
+            "3 (seating) + 3 (measured)",
             ["s, mm", "s̄, mm", "F, kN", "E_LWD", "Modulus E"],
         ),
         (
