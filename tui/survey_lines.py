@@ -62,7 +62,8 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
     rejected = [(r, r.reason or NOTHING) for r in results if r.status == "rejected"]
     order = list(dict.fromkeys(name for name, _ in points))
     lines += _said(results, order, "rejected", rejected)
-    warned = [(result, text) for result in results for text in result.warnings or ()]
+    # What a drop is rejected for was said.
+    warned = [(r, text) for r in results for text in r.warnings or () if text != r.reason]
     return lines + _said(results, order, "warning", warned)
 
 

@@ -84,10 +84,36 @@ def utc_of(record: DropFacts | None, zone: str | None) -> str | None:
         if moment.tzinfo is None:
             if zone is None:
                 return None
-            moment = moment.replace(tzinfo=datetime.datetime.strptime(zone, "%z").tzinfo)
+            moment = moment.replace(tzinfo=_zone(zone))
         return moment.astimezone(datetime.UTC).isoformat()
     except (ValueError, OverflowError):  # what another program wrote, or the first of all days
         return None
+
+
+def local_of(record: DropFacts | None, zone: str | None) -> str | None:
+    """When a drop fell by the clock of the place: as it was recorded, else from UTC.
+
+    Parameters
+    ----------
+    record : DropFacts or None
+    zone : str or None
+        Offset of the local time; None: nobody said.
+    """
+    said = local_time_of(record)
+    utc = None if said is not None or zone is None else time_of(record)
+    if utc is None or zone is None:
+        return said
+    try:
+        moment = datetime.datetime.fromisoformat(utc)
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=datetime.UTC)
+        return moment.astimezone(_zone(zone)).isoformat()
+    except (ValueError, OverflowError):
+        return None
+
+
+def _zone(offset: str) -> datetime.tzinfo | None:
+    return datetime.datetime.strptime(offset, "%z").tzinfo
 
 
 def _place(said: Any) -> Place | None:

@@ -15,7 +15,7 @@ from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS, Kind
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
-from pfwd_survey.exporting.places import Place, local_time_of, number, place_of, utc_of
+from pfwd_survey.exporting.places import Place, local_of, number, place_of, utc_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
@@ -297,7 +297,7 @@ def _row(
             values["status"] = counted.kind
         elif counted.kind == "rejected" and not drop.discarded:
             values |= {"status": counted.kind, "reason": counted.reason}
-    local = _text(local_time_of(record))
+    local = _text(local_of(record, job.time_zone))
     return Row(point, drop, declared, place, peaks, result, values, counted.kind, local)
 
 

@@ -187,6 +187,25 @@ def test_exports_have_utc_where_the_zone_is_known(
         assert row.get("time_local", said) == said
 
 
+@pytest.mark.parametrize(
+    ("zone", "expected"), [(None, ""), ("+2", "2024-05-06T10:01:00+02:00"), ("UTC", None)]
+)
+def test_exports_have_local_time_where_the_zone_is_known(
+    tmp_path: Path, zone: str | None, expected: str | None
+) -> None:
+    metadata = {"time_utc": "2024-05-06T08:01:00+00:00"}
+    with SurveyWriter.open(tmp_path / "s", publish=False) as writer:
+        known = declared_values(SETUP)
+        writer.save_drop(DropRecord("1", half_sine_drop(1, 8000.0), None, known, metadata))
+    if zone is not None:
+        assert main(["job", str(tmp_path / "s"), "--time-zone", zone]) == 0
+    made = tmp_path / "points.csv"
+    assert main(["export", str(tmp_path / "s"), "--format", "points", "-o", str(made)]) == 0
+    (row,) = csv.DictReader(made.read_text(encoding="utf-8").splitlines())
+    assert row["time_utc"] == metadata["time_utc"]
+    assert row["time_local"] == (metadata["time_utc"] if expected is None else expected)
+
+
 @pytest.mark.parametrize("zone", ["Europe/Berlin", "+15", "+02:60", "2"])
 def test_what_is_no_time_zone_is_wrong_usage(
     survey: str, zone: str, capsys: pytest.CaptureFixture[str]

@@ -125,3 +125,12 @@ def test_layers_of_a_survey_name_their_point() -> None:
     lines = result_lines([replace(layered, point="A"), replace(layered, point="B")])
     assert any(line.startswith("  A, drop 1: one modulus for all") for line in lines)
     assert any(line.startswith("  B, drop 1: one modulus for all") for line in lines)
+
+
+def test_what_a_drop_is_rejected_for_is_no_warning_too() -> None:
+    said = "stiffness test: there is no modulus"
+    found = [replace(r, status="rejected", reason=said) for r in survey(2, drops=1)]
+    lines = result_lines([replace(r, warnings=(said, "raw channels")) for r in found])
+    assert [line for line in lines if said in line] == [lines[1]]
+    assert lines[1].startswith("  rejected")
+    assert lines[2].startswith("  warning, ")
