@@ -34,6 +34,8 @@ class _Point:
     setup: PointSetup
     drops: dict[int, Drop] = field(default_factory=dict)
     records: dict[int, int | None] = field(default_factory=dict)
+    measured: set[int] = field(default_factory=set)
+    """Those that neither seat the plate nor are rejected: without one there is nothing to ask."""
     asked: int | None = None
     """Number of the task that waits or is under way."""
 
@@ -73,14 +75,17 @@ class PointDiagnoses:
         return len(self._asked)
 
     def ask(self, handed: HandedOn) -> None:
-        """A drop is safe: have its point diagnosed with it, unless it was none."""
+        """A drop is safe: have its point diagnosed with it, unless it seats or was rejected."""
         point = self._points.get(handed.point)
         if point is None or point.setup != handed.setup:
             point = self._points[handed.point] = _Point(handed.setup)
             for record, drop in self._earlier(handed.point, handed.number):
                 point.drops[drop.number], point.records[drop.number] = drop, record
+                if drop.number > handed.setup.seating_drops:
+                    point.measured.add(drop.number)
         point.drops[handed.number], point.records[handed.number] = handed.drop, handed.record
-        if handed.screening.status != "rejected":
+        if handed.screening.status == "measured":
+            point.measured.add(handed.number)
             self._ask(handed.point, point)
 
     def discard(self, record: int) -> None:
@@ -89,7 +94,8 @@ class PointDiagnoses:
             gone = [number for number, known in point.records.items() if known == record]
             for number in gone:
                 del point.drops[number], point.records[number]
-            if gone and point.drops:
+                point.measured.discard(number)
+            if gone and point.measured:
                 self._ask(name, point)
 
     def _ask(self, name: str, point: _Point) -> None:

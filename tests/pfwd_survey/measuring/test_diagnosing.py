@@ -124,6 +124,15 @@ def test_a_rejected_drop_asks_nothing(session: Session) -> None:
     assert not session.worker.tasks
 
 
+def test_nothing_is_asked_before_a_drop_is_measured(session: Session) -> None:
+    session.drop("A", 1, 11, "seating")
+    assert not session.worker.tasks, "there is nothing to diagnose: it would be called unexplained"
+    session.drop("A", 2, 12)
+    assert session.drops_of(1) == [1, 2]
+    session.diagnoses.discard(12)
+    assert list(session.worker.tasks) == [1], "the seating drop alone"
+
+
 def test_a_discarded_drop_counts_no_more(session: Session) -> None:
     session.drop("A", 1, 11)
     session.drop("A", 2, 12)

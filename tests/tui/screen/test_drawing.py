@@ -155,3 +155,4 @@ def test_ascii_letters_take_as_many_columns() -> None:
     text = "▶ ± µ ─│┤ ■□ ● ² \N{REPLACEMENT CHARACTER}"
     assert len(ASCII.shown(text)) == len(text)
     assert ASCII.shown(text).isascii()
+    assert ASCII.shown("→ lift the plate") == "> lift the plate"

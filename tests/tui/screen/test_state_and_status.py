@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, MeasuredPoint
 from pfwd_survey.measuring.contents import DropContents, PointContents
@@ -17,6 +18,7 @@ from pfwd_survey.measuring.events import (
     JobKnown,
     Notice,
     PointBegan,
+    PointDiagnosed,
     PointKnown,
     Ready,
     Rebounded,
@@ -40,6 +42,8 @@ from tests.tui.screen.scripted import (
 from tui.screen.session.screen_events import ContentsRead, SessionBegan, SessionEnded
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import SAFE_SHOWN, status_of
+from tui.screen.session.verdicts import verdict_text
+from tui.screen.units import SI
 
 
 class Clock:
@@ -299,3 +303,21 @@ def test_samples_change_nothing_that_is_kept() -> None:
 
 def test_a_survey_in_a_folder_that_is_none_is_no_state(tmp_path: Path) -> None:
     assert state_after().drop_of_record(5) is None
+
+
+def test_what_the_diagnosis_of_a_measured_point_found_is_advised() -> None:
+    state = SessionState()
+    effect = EffectResult(name="rough_contact", scope="point", evidence=20.0)
+    found = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
+    for event in (ready(), saved(), PointDiagnosed("7", found)):
+        state.take(event)
+    assert [text for text in state.advice(state.last) if "clear stones" in text]
+    state.take(PointDiagnosed("7", dataclasses.replace(found, effects=())))
+    assert state.advice(state.last) == [], "with further drops it is not found any more"
+
+
+def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
+    none = DiagnosisResult(
+        drops=(), verdict="unexplained", warnings=("no measured drop to diagnose",)
+    )
+    assert verdict_text(none, SI) == "not made: no measured drop to diagnose"

@@ -33,6 +33,7 @@ _ASCII = str.maketrans(
         "○": "o",
         "▶": ">",
         "▲": "^",
+        "→": ">",
         "\N{REPLACEMENT CHARACTER}": "?",
     }
 )

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging import Job, value_of_drop
 from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
 from pfwd_survey.measuring.events import (
@@ -99,6 +100,8 @@ class SessionState:
         self.setup: Any = None
         self.diagnoses: dict[str, DiagnosisDone] = {}
         """By file."""
+        self.diagnosed: dict[str, DiagnosisResult] = {}
+        """By point: what was found while it is measured, with the drops that it had then."""
         self.session: Any = None
         """The session that runs; None: none does."""
         self.ended: SessionEnded | None = None
@@ -163,12 +166,17 @@ class SessionState:
         progress = self.progress_of(point)
         if progress.complete:
             found += advice_on_point(progress)
+        asked = [
+            known
+            for done in self.diagnoses.values()
+            for known in done.results
+            if str(known.point) in (point.name, point.shown_name)
+        ]
+        live = self.diagnosed.get(point.name)
         diagnosed = [
             text
-            for done in self.diagnoses.values()
-            for result_ in done.results
-            if str(result_.point) in (point.name, point.shown_name)
-            for effect in result_.effects or ()
+            for known in (asked if live is None else [*asked, live])
+            for effect in known.effects or ()
             if (text := of_effect(str(effect.name))) is not None
         ]
         return list(dict.fromkeys([*(advice.text for advice in found), *diagnosed]))
@@ -284,8 +292,8 @@ class SessionState:
                 self._on_notice(Notice(event.text, serious=True))
             case DropAnalysed():
                 self._on_analysed(event)
-            case PointDiagnosed():
-                pass  # how the point stands is told anew, like after every event that judges
+            case PointDiagnosed(name, result):
+                self.diagnosed[name] = result
             case Rebounded():
                 self._on_rebound(event)
             case PointBegan(name):
