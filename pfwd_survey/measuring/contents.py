@@ -24,6 +24,7 @@ from pfwd_survey.inverting.screening.signals import (
 )
 from pfwd_survey.judging.contents import last_sound, target_of_point
 from pfwd_survey.measuring.events import HandedOn, PointKnown
+from pfwd_survey.measuring.position import place_in
 from pfwd_survey.measuring.setup_file import setup_of
 from pfwd_survey.measuring.survey_job import point_known
 
@@ -98,13 +99,23 @@ def _point(point: SurveyPoint, *, judged: bool) -> PointContents:
 
 
 def position_of(point: SurveyPoint) -> tuple[float, float] | None:
-    """Where a point is, degrees; None: nobody said, or nowhere on the earth."""
-    said = point.position if isinstance(point.position, Mapping) else point.declared
-    try:
-        place = float(said["latitude"]), float(said["longitude"])
-    except (KeyError, TypeError, ValueError):
-        return None
-    return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
+    """Where a point is, degrees; None: nobody said, or nowhere on the earth.
+
+    What a person said wins over the receiver at its first drop that had a fix, and that over what
+    was declared.
+    """
+    if isinstance(point.position, Mapping):
+        return place_in(point.position)
+    for drop in point.drops:
+        try:
+            received = drop.read_facts().metadata.get("position")
+        except RecordingError:
+            continue  # a damaged drop is told of where it is judged
+        if received is None:
+            break  # no receiver was there: the other drops need not be read for it
+        if (place := place_in(received)) is not None:
+            return place
+    return place_in(point.declared)
 
 
 def _drop(drop: SurveyDrop) -> DropContents:

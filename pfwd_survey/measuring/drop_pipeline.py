@@ -22,6 +22,7 @@ from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.diagnosing import PointDiagnoses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
+from pfwd_survey.measuring.position import place_in
 from pfwd_survey.measuring.setup_file import setup_of
 from pfwd_survey.measuring.survey_recorder import SurveyRecorder
 
@@ -182,6 +183,7 @@ class DropPipeline:
             screening,
             spare=None if spare is None else str(spare),
             received=coming.received,
+            place=place_in(record.metadata.get("position")),
         )
         self.acknowledged += 1
         marks = tuple(map(str, record.metadata.get("marks", ())))

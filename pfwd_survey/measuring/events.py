@@ -100,6 +100,8 @@ class HandedOn:
     """Folder that keeps it because the survey's own does not take it; None: it is at home."""
     received: float | None = None
     """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
+    place: tuple[float, float] | None = None
+    """Latitude and longitude that the receiver gave, degrees; None: no receiver, or no fix."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -130,7 +130,9 @@ class Session:
         self._differences = agreed.differences
         self._known_points: set[str] = set()
         known = writer.points if writer is not None else ()
-        self._point = self._plan.named_point or (known[-1] if known else FIRST_POINT)
+        stations = self.job.stations
+        first = stations[0].name if stations else FIRST_POINT
+        self._point = self._plan.named_point or (known[-1] if known else first)
         self._pipeline = DropPipeline(self._tell, self._plan.options, writer, live=feed.live)
         self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
         self._stop = False

@@ -57,6 +57,7 @@ from tui.screen.session.screen_events import (
 )
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
+from tui.screen.session.stations import Whereabouts
 from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings, save_settings
@@ -182,21 +183,22 @@ class PfwdApp(App[int]):
         """What is going on."""
         now = time.monotonic()
         at = self.runner.pulse_at
-        return status_of(self.state, now, None if at is None else now - at)
+        return status_of(self.state, now, None if at is None else now - at, self.here())
 
-    def position(self) -> tuple[str, bool] | None:
+    def position(self) -> Whereabouts | None:
         """Where the instrument stands and how sure that is, for the head; None: no receiver."""
         receiver = self.source.plan.position
         if not isinstance(receiver, PositionReceiver):
             return None
         fix = receiver.latest()
         if fix is None:
-            return f"GPS no fix: {receiver.record().get('fault')}", False
+            return Whereabouts(f"GPS no fix: {receiver.record().get('fault')}", "", good=False)
         seen = "" if fix.satellites is None else f" {fix.satellites} sat"
         good = receiver.warning() is None
         poor = "" if good else f" HDOP {fix.hdop:g}"
         quality = FIX_NAMES.get(fix.quality, "fix")
-        return f"GPS {quality}{seen}{poor} {fix.latitude:.5f}, {fix.longitude:.5f}", good
+        place = f"{fix.latitude:.5f}, {fix.longitude:.5f}"
+        return Whereabouts(f"GPS {quality}{seen}{poor}", place, good)
 
     def here(self) -> tuple[float, float] | None:
         """Latitude and longitude now, degrees; None: not known."""

@@ -7,7 +7,7 @@ import pytest
 
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError
-from pfwd_survey.judging import JobRequest, job_of, judged_points
+from pfwd_survey.judging import JobRequest, Station, job_of, judged_points
 from pfwd_survey.measuring.events import DropSaved, JobKnown, SessionEvent
 from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.plan import SessionPlan
@@ -54,6 +54,14 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
     assert log.of(JobKnown)[0].differences == ()
     events = [event for event in read_survey(folder).events if event["event"] == "procedure"]
     assert len(events) == 1, "what is kept already is not said again"
+
+
+def test_a_list_of_stations_begins_with_its_first(tmp_path: Path) -> None:
+    asked = JobRequest(stations=(Station("12+300", 12_300.0), Station("12+320", 12_320.0)))
+    log = session(tmp_path / "s", (8000.0,), job=asked)
+    assert log.of(DropSaved)[0].handed.point == "12+300"
+    log = session(tmp_path / "s", (8000.0,), 2, point="12+320")
+    assert log.of(DropSaved)[0].handed.point == "12+320", "what is named counts"
 
 
 def test_another_procedure_is_said_and_dated(tmp_path: Path) -> None:

@@ -209,6 +209,28 @@ def test_a_survey_that_is_written_takes_no_result_from_outside(tmp_path: Path) -
         add_result(tmp_path / "s", 1, {})
 
 
+def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    said: list[dict[str, Any]] = [
+        {"source": "nmea", "fault": "the receiver has no fix"},
+        {"source": "nmea", "latitude": 48.2, "longitude": 11.6},
+    ]
+
+    class Receiver:
+        def record(self) -> dict[str, Any]:
+            return said.pop(0)
+
+    log = Log()
+    with SurveyWriter.open(folder, publish=False) as writer:
+        feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
+        Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
+    assert [event.handed.place for event in log.of(DropSaved)] == [None, (48.2, 11.6)]
+    assert survey_contents(folder)[0].position == (48.2, 11.6)
+    with SurveyWriter.open(folder) as writer:
+        writer.edit("position", {"latitude": 1.0, "longitude": 2.0}, point="1")
+    assert survey_contents(folder)[0].position == (1.0, 2.0)
+
+
 def test_positions_are_read_or_are_none(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     place = {"latitude": 48.1, "longitude": 11.5}

@@ -297,10 +297,13 @@ async def told(app: App, pilot: Any, *events: Any) -> None:
     await pilot.pause()
 
 
-def whole_point() -> list[Any]:
+def whole_point(point: str = "7") -> list[Any]:
     """Three seating and three measured drops."""
     events: list[Any] = [ready(), status()]
     for number in range(1, 7):
         kind = "seating" if number <= 3 else "measured"
-        events += [saved(number, status=kind), analysed(number, modulus=47e6 + 1e5 * number)]
+        events += [
+            saved(number, point, status=kind),
+            analysed(number, point, modulus=47e6 + 1e5 * number),
+        ]
     return events

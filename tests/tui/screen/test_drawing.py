@@ -156,3 +156,11 @@ def test_ascii_letters_take_as_many_columns() -> None:
     assert len(ASCII.shown(text)) == len(text)
     assert ASCII.shown(text).isascii()
     assert ASCII.shown("→ lift the plate") == "> lift the plate"
+
+
+def test_bars_become_narrower_before_a_point_is_left_out() -> None:
+    bars = [Bar(f"km 12+{300 + 25 * n}", 40.0 + n, chosen=n == 20) for n in range(24)]
+    rows = [text_of(one) for one in profile_lines(bars, 80, 14, "modulus, MPa")]
+    assert len(rows[-2].rpartition("┤")[2].split()) == 24
+    assert "km 12+800" in rows[-1], "the chosen one has its name"
+    assert max(map(len, rows)) <= 80

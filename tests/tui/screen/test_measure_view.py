@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pfwd_survey.judging import Job, Station
+from pfwd_survey.measuring.events import JobKnown
 from pfwd_survey.measuring.live_trace import Envelope
+from pfwd_survey.procedures import plain_procedure
 from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
@@ -15,6 +18,7 @@ from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.measure_view import MeasureView, measure_lines
 from tui.screen.session.screen_events import SessionBegan
 from tui.screen.session.state import SessionState
+from tui.screen.session.stations import Whereabouts
 from tui.screen.session.status import status_of
 from tui.screen.units import SI, US, Units
 
@@ -151,3 +155,31 @@ def test_next_action_and_keys_are_always_there() -> None:
             lines = text(view(*case), size).splitlines()
             assert "n next point" in lines[-1]
             assert any("▶" in one for one in lines[:4])
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_the_receiver_and_the_lot_are_seen_on_small_terminals_too(size: tuple[int, int]) -> None:
+    stations = tuple(Station(f"12+3{n}0", 12_300.0 + 10 * n) for n in range(4))
+    job = Job(procedure=plain_procedure(), target=45e6, stations=stations)
+    where = Whereabouts("GPS RTK fixed 11 sat", "48.13740, 11.57550", good=True)
+    shown = text(view(JobKnown(job), ready(), status(), position=where), size)
+    assert "GPS RTK fixed 11 sat" in shown
+    assert "0 of 4 stations" in shown, "the point that is measured is not done yet"
+    assert "lost 0" in shown
+
+
+def test_nothing_measured_has_no_verdict() -> None:
+    shown = text(view(ready()), (120, 40))
+    assert "nothing measured yet" in shown
+    assert "UNDECIDED" not in shown
+
+
+def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> None:
+    shown = text(view(*whole_point(), message="a sentence that is longer " * 9), (80, 24))
+    (row, *_) = [one for one in shown.split("\n") if one.startswith(" ████")]
+    assert len(row) > 60, "PASS, and the modulus beside it"
+
+
+def test_a_high_terminal_shows_what_every_drop_says() -> None:
+    assert "modulus of each drop, MPa" in text(view(*whole_point(), chosen=6), (200, 60))
+    assert "modulus of each drop, MPa" not in text(view(*whole_point(), chosen=6), (120, 40))

@@ -1,5 +1,6 @@
 """Every page, driven by keys, with events of a session that is not there."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,14 @@ from textual.widgets import Input, Label, Select
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
-from pfwd_survey.measuring.events import DropNotSaved, Notice, PointBegan, Ready
+from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Notice, PointBegan, Ready
 from pfwd_survey.measuring.pace import Pace
 from tests.tui.screen.scripted import (
     App,
     QuietSource,
     analysed,
     curves,
+    handed_on,
     play,
     ready,
     result,
@@ -412,7 +414,8 @@ def test_every_page_has_its_help_with_its_keys(key: str) -> None:
         await told(app, pilot, *whole_point(), Notice("the instrument started anew"))
         await pilot.press(key)
         await pilot.pause()
-        own = [one.description for _, one, _, _ in app.screen.active_bindings.values()]
+        own = {one.description for _, one, _, _ in app.screen.active_bindings.values()}
+        toolkit = {"Focus Next", "Focus Previous", "Copy selected text"}
         await pilot.press("question_mark")
         await pilot.pause()
         seen = ""
@@ -420,8 +423,9 @@ def test_every_page_has_its_help_with_its_keys(key: str) -> None:
             seen += app.text
             await pilot.press("pagedown")
             await pilot.pause()
-        for text in own:
+        for text in own - toolkit:
             assert text in seen
+        assert not [text for text in toolkit if text in seen], "ctrl+c leaves, it copies nothing"
         assert "the instrument started anew" in seen
         await pilot.press("escape")
         assert app.screen.NAME != "help"  # type: ignore[attr-defined]
@@ -509,3 +513,31 @@ def test_leaving_asks_when_a_drop_is_only_in_memory() -> None:
         await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
 
     play(App(), script)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_what_is_said_is_whole_on_every_page(size: tuple[int, int]) -> None:
+    said = "diagnosis: EXPLAINED by geophone response and bedrock: 55.2 → 47.3 MPa, residual 0.4 %"
+
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        for key in "234":
+            await pilot.press(key)
+            app.say(said)
+            app.redraw()
+            await pilot.pause()
+            assert said in " ".join(app.text.split()), f"page {key}"
+
+    play(App(), script, size)
+
+
+def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        here = dataclasses.replace(handed_on(7), place=(48.1374, 11.5755))
+        await told(app, pilot, *whole_point(), DropSaved(here, ()))
+        await pilot.press("2")
+        await pilot.pause()
+        assert "48.137400, 11.575500" in app.text
+        assert sum("measured" in row for row in app.text.split("\n")) >= 4, "the drops of the point"
+
+    play(App(), script, (120, 40))

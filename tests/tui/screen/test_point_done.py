@@ -25,7 +25,9 @@ from tests.tui.screen.scripted import (
 )
 from tui.screen.app import SOUNDS
 from tui.screen.session.names import next_name
+from tui.screen.session.state import SessionState
 from tui.screen.session.stations import lot_progress, next_station
+from tui.screen.session.status import status_of
 from tui.screen.settings import ScreenSettings
 from tui.screen.show import leaving_lines
 
@@ -169,6 +171,19 @@ def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
     everything = {station.name for station in LOT.stations}
     assert next_station(LOT, everything) is None
     assert lot_progress(LOT, {"12+300"}) == "1 of 3 stations"
+
+
+def test_a_point_that_is_done_says_where_the_next_one_is() -> None:
+    state = SessionState(clock=lambda: 1.0)
+    for event in (JobKnown(LOT), *whole_point(point="12+300")):
+        state.take(event)
+    assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
+    near = status_of(state, 100.0, here=(48.1, 11.50058))
+    assert near.action == "next: 12+340, 1 m ahead; there press n"
+    state.take(JobKnown(Job(procedure=E_LWD, step_m=20.0)))
+    assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
+    state.take(JobKnown(Job(procedure=E_LWD)))
+    assert status_of(state, 100.0).action == "walk to the next point and press n"
 
 
 def test_the_step_between_stations() -> None:

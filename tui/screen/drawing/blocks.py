@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tui.screen.drawing.lines import Cell, Line, TextRole, pad, shorten, width_of
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line, pad, shorten, width_of, wrap
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +96,13 @@ def beside(
         other = right[row] if row < len(right) else ()
         lines.append((*pad(shown, left_width), Cell(gap, "axis"), *other))
     return lines
+
+
+def headed(head: Line, said: str, width: int) -> list[Line]:
+    """A head with what was said beside it; a sentence is never cut, it takes lines of its own."""
+    if width_of([*head, Cell(said)]) + 2 <= width:
+        return [(*head, Cell(f"  {said}", "warn"))] if said else [head]
+    return [head, *[line(" ", cell(text, "warn")) for text in wrap(said, width - 2)[:3]]]
 
 
 def exactly(lines: Sequence[Line], rows: int) -> list[Line]:

@@ -34,7 +34,7 @@ _FORMS = {
 ROWS = 5
 
 
-SIZES: tuple[tuple[int, int], ...] = ((8, 4), (6, 3), (4, 2), (2, 1), (1, 1))
+SIZES: tuple[tuple[int, int], ...] = ((8, 4), (6, 3), (4, 2), (3, 2), (2, 1), (1, 1))
 """Columns and rows of a block, largest first; a cell is about twice as high as wide."""
 
 

@@ -7,6 +7,9 @@ from tui.screen.drawing.axes import tick_text, ticks
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
 from tui.screen.units import figures
 
+NARROWEST = 2
+"""Columns of a bar with the gap beside it."""
+
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
@@ -49,6 +52,8 @@ def profile_lines(
     room = width - gutter
     widest = max([3, *(len(bar.name) for bar in bars)])
     step = max(4, min(widest + 1, 12))
+    if len(bars) * step > room:  # narrower bars rather than a part of the points
+        step = max(NARROWEST, min(step, room // len(bars)))
     most = max(1, room // step)
     chosen = next((place for place, bar in enumerate(bars) if bar.chosen), len(bars) - 1)
     first = min(max(0, chosen - most // 2), max(0, len(bars) - most))
@@ -72,12 +77,29 @@ def profile_lines(
             role: TextRole = bar.role if letter != " " else "warn"
             cells += [Cell(body, role), Cell(empty, "warn")]
         lines.append(tuple(cells))
-    names = [Cell(" " * gutter)]
-    for bar in shown:
-        text = bar.name if len(bar.name) < step else bar.name[-(step - 1) :]
-        names.append(Cell(text.center(step - 1), "cursor" if bar.chosen else "text"))
-        names.append(Cell(" "))
-    return [*lines, tuple(names)]
+    return [*lines, (Cell(" " * gutter), *_names(shown, step, widest, room))]
+
+
+def _names(bars: Sequence[Bar], step: int, widest: int, room: int) -> list[Cell]:
+    """Names below the bars; where they are too long, the chosen one's and some of the others'."""
+    cells: list[Cell] = []
+    if widest < step or step >= 12:
+        for bar in bars:
+            text = bar.name if len(bar.name) < step else bar.name[-(step - 1) :]
+            cells += [Cell(text.center(step - 1), "cursor" if bar.chosen else "text"), Cell(" ")]
+        return cells
+    chosen = next((place for place, bar in enumerate(bars) if bar.chosen), 0)
+    every = -(-(widest + 1) // step)
+    used = 0
+    for place, bar in enumerate(bars):
+        if (place - chosen) % every:
+            continue
+        start = max(used, min(place * step, room - len(bar.name)))
+        cells.append(Cell(" " * (start - used)))
+        cells.append(Cell(bar.name, "cursor" if bar.chosen else "text"))
+        used = start + len(bar.name) + 1
+        cells.append(Cell(" "))
+    return cells
 
 
 def _block(bar: Bar, row: int, rows: int, top: float, *, whole_blocks: bool) -> str:

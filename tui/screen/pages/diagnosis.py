@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from tui.diagnosis_lines import diagnosis_lines
-from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, table_lines, window
+from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
 from tui.screen.drawing.lines import Line, TextRole, cell, line, shorten, wrap
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
@@ -68,9 +68,9 @@ class DiagnosisPage(Page):
         """The page."""
         app = self.pfwd
         busy = app.busy_text()
-        title = line(cell(" Diagnosis ", "title"), cell(f"  {busy or app.message}", "warn"))
-        body = self._body(width, height - 2)
-        return [title, *exactly(body, height - 2), key_line(self.KEYS, width)]
+        head = headed(line(cell(" Diagnosis ", "title")), busy or app.message, width)
+        room = height - len(head) - 1
+        return [*head, *exactly(self._body(width, room), room), key_line(self.KEYS, width)]
 
     def _body(self, width: int, room: int) -> list[Line]:
         results = self.results

@@ -238,7 +238,7 @@ def point_summary(state: SessionState, point: PointState, units: Units, width: i
         if own.quantity is not Quantity.MODULUS and mean.modulus is not None:
             modulus = units.with_unit("modulus", mean.modulus)
             pieces.append(piece(2, cell(f"modulus {modulus}")))
-    if progress.verdict in VERDICTS:
+    if own is not None and progress.verdict in VERDICTS:  # nothing measured is no verdict
         word, role = VERDICTS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))
         pieces.append(piece(3, cell(progress.verdict_reason)))

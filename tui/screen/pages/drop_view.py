@@ -11,7 +11,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.signals import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.axes import plot_lines, stacked_plots
-from tui.screen.drawing.blocks import beside, exactly
+from tui.screen.drawing.blocks import beside, exactly, headed
 from tui.screen.drawing.drop_figures import (
     bowl_figure,
     curves_of,
@@ -65,7 +65,8 @@ def drop_lines(view: DropView, width: int, height: int) -> list[Line]:
     if drop is None:
         body = [(), line(cell(" there is no drop yet", "dim"))]
         return [*exactly(body, height - 1), key_line(view.keys, width)]
-    head = [_title(view, drop, width), _verdict(view, drop, width)]
+    title = _title(view, drop, width)
+    head = [*headed(title, view.message or view.busy, width), *_verdict(view, drop, width)]
     foot = [_cursor_line(view, drop, width), key_line(view.keys, width)]
     room = height - len(head) - len(foot)
     if width >= WIDE:
@@ -98,22 +99,20 @@ def _title(view: DropView, drop: DropState, width: int) -> Line:
     role: TextRole = "bad" if drop.status == "rejected" else "text"
     kind = "DISCARDED" if drop.discarded else drop.status
     which = "result that counts" if view.refit is None else f"refit: {view.refit.label}"
-    said = view.message or view.busy
     pieces = [
         piece(0, cell(f" Drop {drop.number} of point {shorten(name, 24)} ", "title")),
         piece(1, cell(kind, role)),
         piece(2, cell(shorten(which, 40), "strong")),
-        piece(3, cell(shorten(said, max(0, width - 70)), "warn")),
     ]
     return fit(pieces, width)
 
 
-def _verdict(view: DropView, drop: DropState, width: int) -> Line:
+def _verdict(view: DropView, drop: DropState, width: int) -> list[Line]:
     text, role = verdict_of(drop)
     if view.refit is not None and view.refit.result is not None:
         trial = replace_result(drop, view.refit.result)
         text, role = verdict_of(trial)
-    return line(" ", cell(shorten(text, width - 1), role))
+    return [line(" ", cell(row, role)) for row in wrap(text, width - 2)[:2]]
 
 
 def replace_result(drop: DropState, result: DropResult) -> DropState:

@@ -9,6 +9,9 @@ from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 
+_TOOLKIT = ("app.focus_next", "app.focus_previous", "screen.copy_text")
+"""What the toolkit adds to every page: a page of lines has one thing to focus, and ctrl+c leaves."""
+
 
 class HelpPage(Page):
     """Help."""
@@ -48,7 +51,7 @@ class HelpPage(Page):
             for binding in node._bindings.key_to_bindings.values():
                 for bound in binding:
                     name = (bound.action, bound.description)
-                    if not bound.description or name in seen:
+                    if not bound.description or name in seen or bound.action in _TOOLKIT:
                         continue
                     seen.add(name)
                     key = self.app.get_key_display(bound)

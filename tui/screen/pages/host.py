@@ -11,6 +11,7 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
+from tui.screen.session.stations import Whereabouts
 from tui.screen.session.status import StatusWord
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings
@@ -48,8 +49,8 @@ class Host(Protocol):
     def word(self) -> StatusWord:
         """What is going on."""
 
-    def position(self) -> tuple[str, bool] | None:
-        """Where the instrument stands, and whether that is good; None: no receiver."""
+    def position(self) -> Whereabouts | None:
+        """Where the instrument stands; None: no receiver."""
 
     def here(self) -> tuple[float, float] | None:
         """Latitude and longitude now, degrees."""

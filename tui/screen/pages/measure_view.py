@@ -26,6 +26,7 @@ from tui.screen.drawing.lines import (
     width_of,
     wrap,
 )
+from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
     VERDICTS,
@@ -43,7 +44,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
-from tui.screen.session.stations import lot_progress, next_station
+from tui.screen.session.stations import Whereabouts, lot_progress, next_station
 from tui.screen.session.status import StatusWord
 from tui.screen.units import NOTHING, Units, judged_quantity
 
@@ -80,8 +81,8 @@ class MeasureView:
     """The last thing that was said."""
     verdict: str = ""
     """Of the diagnosis of this point, when it was made."""
-    position: tuple[str, bool] | None = None
-    """What the receiver says, and whether that is good; None: there is none."""
+    position: Whereabouts | None = None
+    """What the receiver says; None: there is none."""
     here: tuple[float, float] | None = None
     """Latitude and longitude now, degrees."""
 
@@ -149,18 +150,43 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
         facts.append(footnote(state.last, view, width))
     facts = facts[: max(1, room - ROWS - 1)]
     table = min(len(state.current.drops) + 1, max(0, (room - len(facts)) // 4))
-    space = room - len(facts) - table - 2
-    both = max(1, space // 2) if space >= 2 * ROWS + 1 and value != NOTHING else 0
-    size = largest_size(word, width - 2, space - both) or (1, 1)
-    lines: list[Line] = [()]
-    lines += [(Cell(" "), *row) for row in digit_lines(word, role, *size)]
-    if both:
-        figures = f"{value} ±{error}" if error else value
-        under = largest_size(figures, width - 2, both - 1)
-        if under is not None:
-            lines += [(), *[(Cell(" "), *r) for r in digit_lines(figures, "strong", *under)]]
-    lines = exactly([*lines, ()], room - len(facts) - table)
+    space = room - len(facts) - 1
+    if space - table < BOTH_ROWS <= space:
+        table = 0  # word and value are read from afar, the table is not
+    large = _verdict_digits((word, role), (value, error), width - 2, space - table)
+    lines = exactly([(), *[(Cell(" "), *row) for row in large]], room - len(facts) - table)
     return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
+
+
+BOTH_ROWS = 2 * ROWS + 1
+"""The verdict and the value below it, in the smallest figures."""
+
+
+def _verdict_digits(
+    verdict: tuple[str, TextRole], judged: tuple[str, str], width: int, rows: int
+) -> list[Line]:
+    """The verdict in large letters and what is judged: below it, or beside it on a low terminal."""
+    word, role = verdict
+    value, error = judged
+    if value == NOTHING:
+        return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
+    figures = f"{value} ±{error}" if error else value
+    if rows < BOTH_ROWS:
+        size = largest_size(f"{word} {value}", width, rows)
+        if size is None:
+            return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
+        beside_it = figures if digit_width(f"{word} {figures}", size[0]) <= width else value
+        left = digit_lines(f"{word} ", role, *size)
+        right = digit_lines(beside_it, "strong", *size)
+        gap = Cell(" " * size[0])
+        return [(*one, gap, *other) for one, other in zip(left, right, strict=True)]
+    below = max(ROWS, rows // 2 - 1)
+    lines = digit_lines(word, role, *(largest_size(word, width, rows - below - 1) or (1, 1)))
+    under = largest_size(figures, width, below) or largest_size(value, width, below)
+    if under is None:
+        return lines
+    shown = figures if digit_width(figures, under[0]) <= width else value
+    return [*lines, (), *digit_lines(shown, "strong", *under)]
 
 
 def head_lines(view: MeasureView, width: int) -> list[Line]:
@@ -176,18 +202,20 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
         mark = "● " if device.connected else "○ no link, "
         pieces += [
             piece(0, cell(mark, link), shorten(url, 24)),
-            piece(2, f"SN {device.serial_number}"),
+            piece(4, f"SN {device.serial_number}"),
             piece(3, _rate(device.rate)),
             piece(1, cell(f"lost {device.lost_samples}", "bad" if device.lost_samples else "text")),
         ]
         if device.battery is not None:
             low = " LOW" if device.battery_low else ""
-            pieces.append(piece(4, cell(f"battery {device.battery:.1f} V{low}")))
+            pieces.append(piece(1 if low else 5, cell(f"battery {device.battery:.1f} V{low}")))
         if device.due is not None:
-            pieces.append(piece(5, f"cal. until {device.due}"))
+            pieces.append(piece(6, f"cal. until {device.due}"))
         if view.position is not None:
-            text, good = view.position
-            pieces.append(piece(2, cell(text, "good" if good else "warn")))
+            sure: TextRole = "good" if view.position.good else "warn"
+            pieces.append(piece(1, cell(view.position.fix, sure)))
+            if view.position.place:
+                pieces.append(piece(2, cell(view.position.place, sure)))
     elif view.pace:
         pieces = [piece(0, "○ recording")]
     else:
@@ -239,13 +267,14 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
     if view.state.procedure.name != PLAIN:
         parts.append(piece(3, cell(view.state.procedure.name, "dim")))
     parts += _lot_pieces(view)
-    parts_width = width_of(fit(parts, width - 1, "   "))
+    gap = "   " if width >= WIDE else "  "
+    parts_width = width_of(fit(parts, width - 1, gap))
     if view.message in view.word.action:  # it stands above already
-        return [(Cell(" "), *fit(parts, width - 1, "   "))]
+        return [(Cell(" "), *fit(parts, width - 1, gap))]
     if view.message and parts_width + len(view.message) + 4 <= width:
         parts.append(piece(4, cell(view.message, "warn")))
-        return [(Cell(" "), *fit(parts, width - 1, "   "))]
-    lines: list[Line] = [(Cell(" "), *fit(parts, width - 1, "   "))]
+        return [(Cell(" "), *fit(parts, width - 1, gap))]
+    lines: list[Line] = [(Cell(" "), *fit(parts, width - 1, gap))]
     if view.message:  # a sentence is never cut: it takes lines of its own for a while
         lines += [line(" ", cell(text, "warn")) for text in wrap(view.message, width - 2)[:3]]
     return lines
@@ -254,14 +283,16 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
 def _lot_pieces(view: MeasureView) -> list[Piece]:
     """How much of the lot is measured, and where the next station is."""
     state = view.state
-    names = {point.shown_name for point in state.points.values()}
-    progress = lot_progress(state.job, names)
+    points = state.points.values()
+    complete = {point.shown_name for point in points if state.progress_of(point).complete}
+    progress = lot_progress(state.job, complete)
     if not progress:
         return []
+    names = {point.shown_name for point in points}
     coming = next_station(state.job, names, view.here, state.current.shown_name)
-    found = [piece(2, progress)]
+    found = [piece(1, progress)]
     if coming is not None:
-        found.append(piece(1, cell(coming.text, "strong")))
+        found.append(piece(2, cell(coming.text, "strong")))
     return found
 
 
@@ -293,9 +324,38 @@ def _full(view: MeasureView, width: int, room: int) -> list[Line]:
     left_width = width - right_width - 3
     figures = _figures(view)
     left = _stacked(figures, left_width, middle, view.glyphs)
-    right = result_lines(view, right_width, middle)
+    right = _with_each_drop(view, result_lines(view, right_width, middle), right_width)
     both = beside(left, right, left_width, middle)
     return [*live, *both, footnote(view.drop, view, width), *drop_table(view, width, rows_wanted)]
+
+
+LEAST_BARS, MOST_BARS = 8, 16
+"""Rows of what the drops of the point say beside each other: with fewer it is not read, more show
+nothing new."""
+
+
+def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Line]:
+    """The result with what every drop of the point says below it, where there is room."""
+    used = max((place for place, row in enumerate(lines, 1) if row), default=0)
+    rows = min(MOST_BARS, len(lines) - used - 1)
+    drops = [drop for _, drop in sorted(view.state.current.drops.items()) if not drop.discarded]
+    if rows < LEAST_BARS or len(drops) < 2:
+        return lines
+    job = view.state.job
+    quantity = judged_quantity(job.quantity)
+    title = f"{QUANTITY_NAMES[job.quantity]} of each drop, {view.units.unit(quantity)}"
+    bars = []
+    for drop in drops:
+        found = view.state.value_of(drop)
+        value = None if found is None or drop.status == "rejected" else found.value
+        shown = drop.modulus if job.quantity is Quantity.MODULUS else value
+        role: TextRole = "dim" if drop.status == "seating" else "measured"
+        chosen = drop is view.drop
+        bars.append(Bar(str(drop.number), view.units.value(quantity, shown), role, chosen))
+    target = view.units.value(quantity, view.state.progress.target)
+    whole = not view.glyphs.dots
+    chart = profile_lines(bars, width, rows, title, target, whole_blocks=whole)
+    return exactly([*lines[:used], (), *chart], len(lines))
 
 
 def _small(view: MeasureView, width: int, room: int) -> list[Line]:

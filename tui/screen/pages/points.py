@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit, parse_position
 from pfwd_survey.procedures import PointProgress, Verdict
-from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, table_lines, window
+from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
 from tui.screen.drawing.lines import Line, cell, line, shorten
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.dialogs import TextDialog
@@ -38,8 +38,11 @@ _COLUMNS = (
     TableColumn("notes", 6, free=True),
 )
 
-MOST_PROFILE = 18
-"""Rows of the profile; more show nothing new."""
+LEAST_PROFILE, MOST_PROFILE = 18, 30
+"""Rows of the profile: with fewer it is read badly, more show nothing new."""
+
+LEAST_DROPS = 6
+"""Rows below the points from which on the drops of the chosen one are shown there."""
 
 
 class PointsPage(Page):
@@ -106,17 +109,19 @@ class PointsPage(Page):
         body = self._points if self.drop is None else self._drops
         title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
         where = self.pfwd.position()
-        shown = [] if where is None else [cell(f"  {where[0]}", "good" if where[1] else "warn")]
-        said = line(*shown, cell(f"  {self.pfwd.message}", "warn"))
-        foot = key_line(self.KEYS, width)
-        return [(*title, *said), *exactly(body(width, height - 2), height - 2), foot]
+        shown = [] if where is None else [cell(f"  {where.text}", "good" if where.good else "warn")]
+        head = headed(line(*title, *shown), self.pfwd.message, width)
+        room = height - len(head) - 1
+        return [*head, *exactly(body(width, room), room), key_line(self.KEYS, width)]
 
     def _points(self, width: int, room: int) -> list[Line]:
         app, names = self.pfwd, self.names
         if not names:
             return [(), line(cell(" no point yet", "dim"))]
         spare = room - len(names) - 3
-        profile_rows = max(room // 3, min(MOST_PROFILE, spare)) if room >= 16 else 0
+        drops = self._drops_below(width, spare - LEAST_PROFILE)
+        most = min(MOST_PROFILE, spare - len(drops))
+        profile_rows = max(room // 3, most) if room >= 16 else 0
         chosen = names.index(self.chosen.name) if self.chosen.name in names else 0
         shown = window(len(names), chosen, max(1, room - profile_rows - 2))
         rows = [
@@ -144,7 +149,27 @@ class PointsPage(Page):
         title = f"{judged} along the line, {unit}"
         whole = not app.glyphs.dots
         profile = profile_lines(bars, width, profile_rows, title, target, whole_blocks=whole)
-        return [*exactly(table, room - profile_rows - 1), (), *profile]
+        return [*exactly([*table, *drops], room - profile_rows - 1), (), *profile]
+
+    def _drops_below(self, width: int, room: int) -> list[Line]:
+        """The drops of the chosen point below the points, as many as there is room for."""
+        point = self.chosen
+        numbers = sorted(point.drops)
+        shown = numbers[-max(0, room - 3) :]
+        if room < LEAST_DROPS or not shown:
+            return []
+        state, units = self.pfwd.state, self.pfwd.units
+        rows = [
+            drop_row(
+                point.drops[number],
+                units,
+                chosen=False,
+                left_out=state.why_left_out(point.drops[number]),
+            )
+            for number in shown
+        ]
+        heading = line(" ", *point_summary(state, point, units, width - 1))
+        return [(), heading, *table_lines(drop_columns(units), rows, width)]
 
     def _row(self, point: PointState, units: Units, *, chosen: bool) -> TableRow:
         state = self.pfwd.state

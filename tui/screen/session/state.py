@@ -375,7 +375,10 @@ class SessionState:
         handed = event.handed
         fresh = saved_drop(event, self._drop(handed.point, handed.number), self._clock())
         fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
-        self.points[handed.point].drops[handed.number] = fresh
+        point = self.points[handed.point]
+        point.drops[handed.number] = fresh
+        if point.position is None:  # what a person said wins
+            point.position = handed.place
         self.point, self.last = handed.point, fresh
         self._remember(fresh)
 

@@ -3,12 +3,29 @@
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pfwd_survey.judging import Job, Station
 from pfwd_survey.judging.stations import chainage_of
 
 EARTH_RADIUS = 6_371_000.0
 """m; a sphere is good to half a percent of a distance."""
+
+
+class Whereabouts(NamedTuple):
+    """What the receiver says, for the head of a page."""
+
+    fix: str
+    """How good it is, with the number of satellites."""
+    place: str
+    """Latitude and longitude; empty: there is no fix."""
+    good: bool
+    """Whether the position can be taken as it is."""
+
+    @property
+    def text(self) -> str:
+        """All of it."""
+        return f"{self.fix} {self.place}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

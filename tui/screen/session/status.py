@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from pfwd_survey.judging.stations import next_along
 from pfwd_survey.measuring.plan import Ending
 from pfwd_survey.procedures import Kind, Quantity
+from tui.screen.session.names import next_name
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import next_station
 
@@ -32,7 +34,12 @@ class StatusWord:
     """How it is painted."""
 
 
-def status_of(state: SessionState, now: float, pulse_age: float | None = None) -> StatusWord:
+def status_of(
+    state: SessionState,
+    now: float,
+    pulse_age: float | None = None,
+    here: tuple[float, float] | None = None,
+) -> StatusWord:
     """The state as a word, most urgent first.
 
     Parameters
@@ -42,12 +49,13 @@ def status_of(state: SessionState, now: float, pulse_age: float | None = None) -
         Monotonic clock, s.
     pulse_age : float, optional
         s since the load was last above the threshold; None: it was not.
+    here : latitude and longitude in degrees, optional
     """
     for find in (_trouble, _drop_in_hand):
         found = find(state, now, pulse_age)
         if found is not None:
             return found
-    return _waiting(state)
+    return _waiting(state, here)
 
 
 def _trouble(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
@@ -121,12 +129,12 @@ def _safe_text(state: SessionState) -> str:
     return f"drop {last.number} of {whole} on disk" if last.number <= whole else "on disk"
 
 
-def _waiting(state: SessionState) -> StatusWord:
+def _waiting(state: SessionState, here: tuple[float, float] | None) -> StatusWord:
     device = state.device
     if state.recorded:
         return StatusWord("REPLAY", "the next recorded drop follows", "busy")
     if state.progress.next_kind is None and state.current.drops:
-        return StatusWord("POINT DONE", _where_next(state), "ready")
+        return StatusWord("POINT DONE", _where_next(state, here), "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
         return StatusWord("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
@@ -146,13 +154,17 @@ def _waiting(state: SessionState) -> StatusWord:
     return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
 
 
-def _where_next(state: SessionState) -> str:
+def _where_next(state: SessionState, here: tuple[float, float] | None) -> str:
+    job, now = state.job, state.current.shown_name
     names = {point.shown_name for point in state.points.values()}
-    coming = next_station(state.job, names, None, state.current.shown_name)
-    if coming is None:
-        done = "; the last station of the list is done" if state.job.stations else ""
-        return f"walk to the next point and press n{done}"
-    return f"{coming.text}; there press n"
+    coming = next_station(job, names, here, now)
+    if coming is not None:
+        return f"{coming.text}; there press n"
+    if job.stations:
+        return "walk to the next point and press n; the last station of the list is done"
+    if job.step_m is not None and next_along(now, job.step_m) is not None:
+        return f"next: {next_name(now, names, job.step_m)}, {job.step_m:g} m ahead; there press n"
+    return "walk to the next point and press n"
 
 
 def _next(state: SessionState) -> str:
