@@ -10,7 +10,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 
 _TOOLKIT = ("app.focus_next", "app.focus_previous", "screen.copy_text")
-"""What the toolkit adds to every page: a page of lines has one thing to focus, and ctrl+c leaves."""
+"""What the toolkit adds to every page: lines have nothing else to focus, and ctrl+c leaves."""
 
 
 class HelpPage(Page):
