@@ -16,6 +16,9 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.wire.messages import Status
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
 
+SATURATED = "saturated"
+"""How the mark of a drop begins of which a channel was at the end of its range."""
+
 
 def metadata_of(
     raw: RawDrop,
@@ -91,7 +94,7 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
         )
     for channel, count in raw.saturated:
         name = identity.channels[channel].name
-        found.append(f"saturated: {count} samples of {name} at the end of the converter's range")
+        found.append(f"{SATURATED}: {count} samples of {name} at the end of the converter's range")
     if raw.by_operator:
         found.append("triggered by the operator")
     return tuple(found)

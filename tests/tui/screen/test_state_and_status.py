@@ -321,3 +321,8 @@ def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
         drops=(), verdict="unexplained", warnings=("no measured drop to diagnose",)
     )
     assert verdict_text(none, SI) == "not made: no measured drop to diagnose"
+
+
+def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
+    state = state_after(ready(), saved(1, marks=("saturated: 16 samples of g0",)))
+    assert [text for text in state.advice(state.last) if "drop from lower" in text]

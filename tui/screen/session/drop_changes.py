@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 
+from pfwd_survey.inverting.sensor_fits import sensor_fits
 from pfwd_survey.measuring.contents import DropContents, peaks_of
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
 from tui.screen.session.drop_state import DropState, PointState
@@ -139,3 +140,15 @@ def edit_point(point: PointState, event: Edited) -> None:
 def newest(point: PointState) -> DropState | None:
     """The drop with the highest number."""
     return max(point.drops.values(), key=lambda drop: drop.number, default=None)
+
+
+def sensor_residuals(drop: DropState) -> dict[int, float]:
+    """What the fit leaves of every sensor during the contact, over its peak, by number from 1."""
+    if drop.handed is None or drop.curves is None:
+        return {}
+    numbers = {channel.offset: n for n, channel in enumerate(drop.handed.drop.channels, 1)}
+    return {
+        numbers[fit.offset]: fit.contact
+        for fit in sensor_fits(drop.curves)
+        if fit.offset in numbers
+    }

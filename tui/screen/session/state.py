@@ -10,6 +10,7 @@ from typing import Any
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging import Job, value_of_drop
 from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
+from pfwd_survey.measuring.drop_metadata import SATURATED
 from pfwd_survey.measuring.events import (
     BatteryLow,
     DropAnalysed,
@@ -46,6 +47,7 @@ from tui.screen.session.drop_changes import (
     edit_point,
     newest,
     saved_drop,
+    sensor_residuals,
     sensors_left_out,
 )
 from tui.screen.session.drop_state import DropState, Mean, PointState
@@ -161,11 +163,15 @@ class SessionState:
             facts,
             others,
             contact_residual=residual,
+            usual_residuals=() if residual is None else self._usual_residuals(drop),
+            sensor_residuals=sensor_residuals(drop),
             sensors_left_out=sensors_left_out(drop),
+            saturated=any(mark.startswith(SATURATED) for mark in drop.marks),
         )
         progress = self.progress_of(point)
         if progress.complete:
-            found += advice_on_point(progress)
+            loads = {known.facts.number: known.facts.peak_load for known in (facts, *others)}
+            found += advice_on_point(progress, loads)
         asked = [
             known
             for done in self.diagnoses.values()
@@ -180,6 +186,16 @@ class SessionState:
             if (text := of_effect(str(effect.name))) is not None
         ]
         return list(dict.fromkeys([*(advice.text for advice in found), *diagnosed]))
+
+    def _usual_residuals(self, but: DropState) -> list[float]:
+        """What the fits of the other drops leave during the contact, over their peaks."""
+        return [
+            left
+            for drop in self.drops_in_order()
+            if drop is not but and drop.status != "rejected" and not drop.discarded
+            if drop.result is not None
+            and (left := drop.result.contact_residual_rms_over_peak) is not None
+        ]
 
     def value_of(self, drop: DropState | None) -> PointValue | None:
         """What the procedure judges, of one drop."""
