@@ -12,6 +12,7 @@ PARTS = {
     "acquisition": "8 channels at 50 kHz beside the simulator; a day with --day",
     "pictures": "draw the pictures of the documentation anew, from a replay (some minutes)",
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",
+    "opened": "pfwd open on 5,000 points: first paint, the answer to every key (two minutes)",
     "scale": "every command on 2,500 and on 10,000 drops (ten minutes; --short)",
     "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short; --below)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",

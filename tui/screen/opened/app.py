@@ -31,6 +31,7 @@ from tui.screen.opened.rows import (
     shares,
     shown_value,
 )
+from tui.screen.opened.table import PlainTable
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.settings import ScreenSettings
 from tui.screen.units import figures
@@ -112,7 +113,7 @@ class OpenApp(App[int]):
         Binding("right", "step(1)", "Point after", show=False),
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
-        Binding("escape", "to_points", "Back", show=False),
+        Binding("escape,1", "to_points", "Points", show=False),
         Binding("q,ctrl+q,ctrl+c", "leave", "Leave"),
     ]
 
@@ -152,16 +153,16 @@ class OpenApp(App[int]):
         yield Input(placeholder="name, note, pass, fail, undecided, <40, >60", id="filter")
         with TabbedContent(id="tabs"):
             with TabPane("Points", id="points"):
-                yield DataTable(id="points-table", cursor_type="row", zebra_stripes=True)
+                yield PlainTable(id="points-table", cursor_type="row", zebra_stripes=True)
             with TabPane("Profile", id="profile"):
                 yield Plot("profile-plot")
             with TabPane("Map", id="map"):
                 yield Plot("map-plot")
             with TabPane("Drops", id="drops"):
-                yield DataTable(id="drops-table", cursor_type="row")
+                yield PlainTable(id="drops-table", cursor_type="row")
                 yield Plot("drops-plot")
             with TabPane("Compare", id="compare"):
-                yield DataTable(id="compare-table", cursor_type="none")
+                yield PlainTable(id="compare-table", cursor_type="none")
                 yield Plot("compare-plot")
             with TabPane("Job", id="job"):
                 yield LinesView(id="job-lines")
@@ -171,13 +172,13 @@ class OpenApp(App[int]):
     def on_mount(self) -> None:
         """Show the frame first, then read."""
         self.theme = LOOKS[self.settings.theme].theme.name
-        table = self.query_one("#points-table", DataTable)
+        table = self.query_one("#points-table", PlainTable)
         for title, key in _COLUMNS:
             table.add_column(title, key=key or title)
-        drops = self.query_one("#drops-table", DataTable)
+        drops = self.query_one("#drops-table", PlainTable)
         for title in ("drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"):
             drops.add_column(title)
-        compare = self.query_one("#compare-table", DataTable)
+        compare = self.query_one("#compare-table", PlainTable)
         for title in ("", "first", "second"):
             compare.add_column(title)
         table.focus()
@@ -221,13 +222,10 @@ class OpenApp(App[int]):
             matching(self.opened.rows, self.wanted), self.order, falling=self.falling
         )
         self.page = min(self.page, pages(len(self.shown), PAGE) - 1)
-        table = self.query_one("#points-table", DataTable)
-        table.clear()
-        self._places = {}
+        table = self.query_one("#points-table", PlainTable)
         part = self.shown[self.page * PAGE : (self.page + 1) * PAGE]
-        for place, row in enumerate(part):
-            table.add_row(*_cells(row), key=row.name)
-            self._places[row.name] = place
+        table.fill([(row.name, _cells(row)) for row in part])
+        self._places = {row.name: place for place, row in enumerate(part)}
         if self.chosen in self._places:
             table.move_cursor(row=self._places[self.chosen], animate=False)
         elif part:
@@ -241,13 +239,12 @@ class OpenApp(App[int]):
         if self.wanted or self.order != ORDERS[0]:
             self._show_rows()
             return
-        table = self.query_one("#points-table", DataTable)
+        table = self.query_one("#points-table", PlainTable)
         known = {row.name: row for row in rows}
         self.shown = [known.get(row.name, row) for row in self.shown]
         for row in rows:
             if row.name in self._places:
-                for (title, key), text in zip(_COLUMNS, _cells(row), strict=True):
-                    table.update_cell(row.name, key or title, text, update_width=True)
+                table.change(row.name, _cells(row))
         self._head()
         self.draw_plots()
 
@@ -265,11 +262,11 @@ class OpenApp(App[int]):
         if self.order != ORDERS[0]:
             parts.append(f"by {self.order.removesuffix('_m')}{' falling' if self.falling else ''}")
         text = said or " · ".join(part for part in parts if part)
-        self.query_one("#head", Label).update(Content(clean(text)))
+        self.query_one("#head", Label).update(Content(clean(text)), layout=False)
 
     def say(self, text: str) -> None:
         """One line for the reader."""
-        self.query_one("#said", Label).update(Content(clean(text)))
+        self.query_one("#said", Label).update(Content(clean(text)), layout=False)
 
     @on(DataTable.RowHighlighted, "#points-table")
     def _on_row(self, event: DataTable.RowHighlighted) -> None:
@@ -312,7 +309,7 @@ class OpenApp(App[int]):
 
     @on(Input.Submitted, "#filter")
     def _on_filter_taken(self) -> None:
-        self.query_one("#points-table", DataTable).focus()
+        self.query_one("#points-table", PlainTable).focus()
 
     def action_page(self, step: int) -> None:
         """Another page of a long list."""
@@ -335,7 +332,7 @@ class OpenApp(App[int]):
         """Go to a tab."""
         self.query_one("#tabs", TabbedContent).active = name
         if name == "points":
-            self.query_one("#points-table", DataTable).focus()
+            self.query_one("#points-table", PlainTable).focus()
         self.call_after_refresh(self.draw_plots)
 
     @property
@@ -400,8 +397,8 @@ class OpenApp(App[int]):
 
     def _fill_drops(self) -> None:
         point = self.opened.point(self.chosen)
-        table = self.query_one("#drops-table", DataTable)
-        table.clear()
+        table = self.query_one("#drops-table", PlainTable)
+        table.fill([])
         if point is None:
             self.say("choose a point first" if self.opened.survey else "still being read")
             return
@@ -411,10 +408,11 @@ class OpenApp(App[int]):
         progress = judge_point(self.opened.job, measured_point(point))
         kinds = dict(progress.kinds)
         why = {excluded.number: excluded.reason for excluded in progress.excluded}
+        rows = []
         for kept in kept_drops(point):
             facts, number = kept.measured.facts, kept.measured.facts.number
             residual = None if kept.result is None else kept.result.residual_rms_over_peak
-            table.add_row(
+            cells = (
                 str(number),
                 kinds[number].value if number in kinds else "",
                 figures(facts.peak_load and facts.peak_load / 1e3),
@@ -423,6 +421,8 @@ class OpenApp(App[int]):
                 "-" if residual is None else f"{100 * residual:.2g} %",
                 clean(why.get(number, "averaged")),
             )
+            rows.append((str(number), cells))
+        table.fill(rows)
         self.say(f"point {point.title}: {progress.verdict.value}, {progress.verdict_reason}")
         drops = [(str(drop.drop), drop) for drop in point.drops]
         self._overlay("#drops-plot", drops)
@@ -458,23 +458,19 @@ class OpenApp(App[int]):
         self.action_tab("compare")
 
     def _fill_comparison(self) -> None:
-        table = self.query_one("#compare-table", DataTable)
-        table.clear()
+        table = self.query_one("#compare-table", PlainTable)
+        table.fill([])
         by_name = {row.name: row for row in self.opened.rows}
         pair = [by_name[name] for name in self.marked if name in by_name]
         if len(pair) < 2:
             return
-        for title, place in (
-            ("point", 0),
-            ("judged", 2),
-            ("95 %", 3),
-            ("verdict", 5),
-            ("E MPa", 6),
-        ):
-            table.add_row(title, *(_cells(row)[place] for row in pair))
+        compared = (("point", 0), ("judged", 2), ("95 %", 3), ("verdict", 5), ("E MPa", 6))
+        rows = [(title, (title, *(_cells(row)[at] for row in pair))) for title, at in compared]
         values = [shown_value(row) for row in pair]
         if values[0] > 0 and values[1] > 0:
-            table.add_row("second / first", "", f"{values[1] / values[0]:.3f}")
+            ratio = f"{values[1] / values[0]:.3f}"
+            rows.append(("ratio", ("second / first", "", ratio)))
+        table.fill(rows)
         from pfwd_survey.judging import judge_point, measured_point
 
         drops = []

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
     from pfwd_survey.judging import Job, MeasuredPoint
 
-CACHE_VERSION = 2
+CACHE_VERSION = 3
 """To be raised when rows have other fields, or are judged otherwise."""
 
 LARGEST_CACHE = 50_000_000
@@ -174,9 +175,9 @@ class OpenedSurvey:
 
 def _bare(point: Any, job: "Job") -> PointRow:
     from pfwd_survey.judging.stations import chainage_of
-    from pfwd_survey.measuring.contents import position_of
+    from pfwd_survey.measuring.position import place_in
 
-    place = position_of(point)
+    place = place_in(point.position) or place_in(point.declared)
     station = job.station(point.title)
     chainage = station.chainage_m if station is not None else None
     noted = point.declared.get("imported")
@@ -198,8 +199,12 @@ def _bare(point: Any, job: "Job") -> PointRow:
 def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
     """The row with how its point stands; one that cannot be read says so."""
     from pfwd_survey.judging import JudgedPoint, judge_point, measured_point
+    from pfwd_survey.measuring.contents import position_of
 
     try:
+        place = position_of(point)  # a receiver's is with the drops, which are read only now
+        if place is not None:
+            row = dataclasses.replace(row, latitude=place[0], longitude=place[1])
         measured = measured_point(point)
         judged = JudgedPoint(point.title, judge_point(job, measured), point.discarded)
     except (SurveyError, DeviceError) as err:
@@ -299,6 +304,7 @@ def in_order(rows: Sequence[PointRow], by: str, *, falling: bool = False) -> lis
     return sorted(known, key=lambda row: getattr(row, by), reverse=falling) + unknown
 
 
+@lru_cache(maxsize=20_000)
 def _natural(name: str) -> list[tuple[int, float, str]]:
     """Point 2 before point 10."""
     parts = re.split(r"(\d+)", name.lower())
