@@ -9,6 +9,7 @@ import asyncio
 import datetime
 import tempfile
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,17 @@ from benchmarks.output import Reporter
 from benchmarks.terminal_picture import runs_of_app, save_picture
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.judging import JobRequest, Station
 from pfwd_survey.measuring.measure import measure
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.procedures import plain_procedure
 from simulators.instrument import serve
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE
-from tui.screen.session.sources import ReplaySource
-from tui.screen.settings import Settings
+from tui.screen.opened.app import OpenApp
+from tui.screen.opened.rows import OpenedSurvey
+from tui.screen.session.sources import LiveSource, ReplaySource
+from tui.screen.settings import ScreenSettings
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 POINTS = {"km 12+300": 58e6, "km 12+325": 39e6, "km 12+350": 47e6}
@@ -32,6 +36,8 @@ TARGET = 45e6
 DROPS = 6
 RATE = 8.0
 """Times real time; the simulated drops do not depend on it."""
+QUIET = 160.0
+"""s that the instrument rests after the last drop: longer than SAFE is shown, at that rate."""
 LONGEST = 180.0
 """s for one replay with all its searches."""
 CLOCK = datetime.datetime(2026, 5, 4, 14, 32, 7)
@@ -50,11 +56,18 @@ def run(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="pfwd-pictures-") as folder:
         survey = Path(folder) / "Ring road"
         _measure(survey)
-        for name, (size, settings, script) in PICTURES.items():
+        draws: dict[str, Callable[[Path], None]] = {
+            name: partial(_draw, survey, size, settings, script)
+            for name, (size, settings, script) in PICTURES.items()
+        }
+        draws["done"] = partial(_draw_done, Path(folder) / "live" / survey.name)
+        draws["open"] = partial(_draw_opened, survey, "points")
+        draws["open-drops"] = partial(_draw_opened, survey, "drops")
+        for name, draw in draws.items():
             if args.only and name not in args.only:
                 continue
             path = args.output / f"screen-{name}.{args.format}"
-            _draw(survey, size, settings, script, path)
+            draw(path)
             report.record(picture=str(path), kilobytes=path.stat().st_size / 1e3)
     return 0
 
@@ -68,6 +81,7 @@ def _measure(survey: Path) -> None:
             drops=DROPS,
             options=AnalysisOptions(),
             usual_procedure=plain_procedure(),
+            job=JobRequest(target=TARGET, operator="A. Weber"),
         )
         with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:
             measure(instrument.url, survey, lambda _: None, plan)
@@ -122,19 +136,19 @@ async def _help(app: PfwdApp, pilot: Any) -> None:
     await _page(app, pilot, "question_mark")
 
 
-PICTURES: dict[str, tuple[tuple[int, int], Settings, Script]] = {
-    "measure": ((120, 40), Settings(), _measured),
-    "small": ((80, 24), Settings(theme="daylight"), _measured),
-    "large": ((120, 40), Settings(theme="daylight", large=True), _measured),
-    "points": ((120, 34), Settings(), _points),
-    "drop": ((120, 44), Settings(), _drop),
-    "diagnosis": ((120, 34), Settings(), _diagnosis),
-    "setup": ((80, 24), Settings(), _setup),
+PICTURES: dict[str, tuple[tuple[int, int], ScreenSettings, Script]] = {
+    "measure": ((120, 40), ScreenSettings(), _measured),
+    "small": ((80, 24), ScreenSettings(theme="daylight"), _measured),
+    "large": ((120, 40), ScreenSettings(theme="daylight", large=True), _measured),
+    "points": ((120, 34), ScreenSettings(), _points),
+    "drop": ((120, 44), ScreenSettings(), _drop),
+    "diagnosis": ((120, 34), ScreenSettings(), _diagnosis),
+    "setup": ((80, 24), ScreenSettings(), _setup),
 }
 
 
 def _draw(
-    survey: Path, size: tuple[int, int], settings: Settings, script: Script, path: Path
+    survey: Path, size: tuple[int, int], settings: ScreenSettings, script: Script, path: Path
 ) -> None:
     running = script is _measured
     source = ReplaySource(survey, 0.0, AnalysisOptions(), paused=running)
@@ -159,6 +173,54 @@ def _draw(
                 app.read_contents()
                 await pilot.pause(0.5)
             await script(app, pilot)
+            save_picture(runs_of_app(app), size[0], path)
+
+    asyncio.run(body())
+
+
+def _draw_done(survey: Path, path: Path) -> None:
+    """A point that is done, while the instrument is still there."""
+    size = 80, 24
+    name, modulus = next(iter(POINTS.items()))
+    scenario = {"base": "default", "soil": {"modulus": modulus}, "drops": {"quiet": QUIET}}
+    stations = tuple(Station(f"km 12+{300 + 25 * n}", 12_300.0 + 25 * n) for n in range(4))
+    plan = SessionPlan(
+        point=name,
+        options=AnalysisOptions(),
+        usual_procedure=plain_procedure(),
+        job=JobRequest(target=TARGET, stations=stations),
+    )
+    with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:
+        source = LiveSource(instrument.url, survey, plan)
+        app = PfwdApp(
+            source,
+            ScreenSettings(bell=False),
+            glyphs=BRAILLE,
+            save=lambda _: True,
+            local_time=lambda: CLOCK,
+        )
+
+        async def body() -> None:
+            async with app.run_test(size=size) as pilot:
+                await _wait(pilot, lambda: app.word().word == "POINT DONE" and _final(app))
+                await _measured(app, pilot)
+                save_picture(runs_of_app(app), size[0], path)
+
+        asyncio.run(body())
+        source.close()
+
+
+def _draw_opened(survey: Path, tab: str, path: Path) -> None:
+    """What ``pfwd open`` shows."""
+    size = 120, 24
+    app = OpenApp(OpenedSurvey(survey), ScreenSettings(), BRAILLE)
+
+    async def body() -> None:
+        async with app.run_test(size=size) as pilot:
+            await _wait(pilot, lambda: app.ready)
+            if tab != "points":
+                await pilot.press("down", "enter")
+            await pilot.pause(1.0)
             save_picture(runs_of_app(app), size[0], path)
 
     asyncio.run(body())

@@ -4,6 +4,7 @@ Letters come from the font that matplotlib brings; dots, blocks and lines are dr
 few fonts have the dots. Nothing of a browser or a terminal is needed.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,23 @@ def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> No
     metadata = {"Date": None} if path.suffix == ".svg" else {}
     figure.savefig(path, metadata=metadata, facecolor=figure.get_facecolor())
     plt.close(figure)
+    if path.suffix == ".svg":
+        path.write_text(_shorter(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def _shorter(svg: str) -> str:
+    """The same picture with coordinates to a tenth and short names of letters."""
+
+    def rounded(found: re.Match[str]) -> str:
+        return re.sub(r"-?\d+\.\d+", _tenth, found[0])
+
+    svg = re.sub(r' d="[^"]*"|translate\([^)]*\)', rounded, svg)
+    svg = svg.replace("DejaVuSansMono-", "g")
+    return re.sub(r"\n +", "\n", svg)
+
+
+def _tenth(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.1f}".removesuffix(".0")
 
 
 def _commonest(lines: Sequence[Sequence[Run]]) -> str | None:

@@ -141,6 +141,8 @@ class OpenApp(App[int]):
         self.ready = False
         """Whether everything is read and judged."""
         self._places: dict[str, int] = {}
+        self._overlays: dict[str, tuple[Sequence[Any], Sequence[str]]] = {}
+        """Curves and faults of the plots of drops, to be drawn for another size too."""
         self._counts = ""
         """How many points stand how; empty: to be counted."""
         self.animation_level = "none"  # a tab is shown at once
@@ -360,6 +362,8 @@ class OpenApp(App[int]):
                 view = self.query_one("#map-plot", Plot)
                 lines = map_lines(self.shown, self.chosen, view.size.width, view.size.height)
                 self._show(view, lines)
+            case "drops" | "compare":
+                self._draw_overlay(f"#{self.tab}-plot")
 
     def _show(self, view: LinesView, lines: Sequence[Line]) -> None:
         view.show(lines, LOOKS[self.settings.theme], self.glyphs)
@@ -435,6 +439,11 @@ class OpenApp(App[int]):
         self.run_worker(draw, thread=True, group=where, exclusive=True, exit_on_error=False)
 
     def _show_overlay(self, where: str, found: Sequence[Any], faults: Sequence[str]) -> None:
+        self._overlays[where] = found, faults
+        self._draw_overlay(where)
+
+    def _draw_overlay(self, where: str) -> None:
+        found, faults = self._overlays.get(where, ((), ()))
         view = self.query_one(where, Plot)
         width, height = view.size.width, view.size.height
         lines: list[Line] = [line(cell(f" {text}", "warn")) for text in faults[:2]]

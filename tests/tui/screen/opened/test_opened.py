@@ -25,7 +25,7 @@ from tests.tui.screen.scripted import until
 from tui.cli import main
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
-from tui.screen.opened.app import PAGE, OpenApp
+from tui.screen.opened.app import PAGE, OpenApp, Plot
 from tui.screen.opened.plots import map_lines, profile_figure
 from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages
 from tui.screen.opened.serving import MOST_WRONG, SurveyServer, is_here, parse_place
@@ -350,3 +350,15 @@ def test_a_receiver_s_position_is_on_the_map(tmp_path: Path) -> None:
         writer.save_drop(record)
     (row,) = opened(folder).rows
     assert (row.latitude, row.longitude) == (48.2, 11.6)
+
+
+def test_the_curves_are_drawn_for_another_size_too(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        await pilot.press("enter")
+        plot = app.query_one("#drops-plot", Plot)
+        await until(pilot, lambda: "load" in plot.text)
+        wide = max(map(len, plot.text.split("\n")))
+        await pilot.resize_terminal(160, 40)
+        await until(pilot, lambda: max(map(len, plot.text.split("\n"))) > wide + 30)
+
+    look(survey, script)
