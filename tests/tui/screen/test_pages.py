@@ -541,3 +541,16 @@ def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
         assert sum("measured" in row for row in app.text.split("\n")) >= 4, "the drops of the point"
 
     play(App(), script, (120, 40))
+
+
+def test_leaving_a_changed_procedure_asks() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#procedure")))
+        app.screen.query_one("#procedure", Select).value = "mndot"
+        await pilot.pause()
+        await pilot.press("escape")
+        await pilot.pause()
+        assert "not taken" in app.text
+
+    play(App(), script)

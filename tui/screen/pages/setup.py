@@ -168,7 +168,8 @@ class SetupPage(Page):
         return shown_value(field, value, app.units, procedure)
 
     def _changed(self) -> bool:
-        return any(
+        other = self.query_one("#procedure", Select).value != self._procedure()
+        return other or any(
             self.query_one(f"#{field.name}", Input).value != clean(self._now(field))
             for field in FIELDS
         )
