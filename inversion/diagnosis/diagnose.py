@@ -54,10 +54,9 @@ _UNKNOWN = 3.0
 # A range of moduli so wide is told.
 _WIDE = 1.1
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell, sensors and
-# clock that read too much or too little throughout, as a yearly calibration against references
-# leaves them.  An instrument need not be better than 2 % in load and in deflection each (ASTM
-# D4694).
-CALIBRATION = 0.02
+# clock that read too much or too little throughout, after a yearly calibration of each to about a
+# hundredth.
+CALIBRATION = 0.015
 
 
 def diagnose_point(
@@ -99,11 +98,11 @@ def _report(
     point: Point, search: Search, base: Candidate, best: Candidate, leave_out: LeaveOut
 ) -> PointDiagnosis:
     best, objections = _accepted(point, search, base, best)
-    # What explains little has no alternatives.
-    others = {
-        effect.name: search.alternatives(best, effect) if best.over_noise <= _NEARLY else {}
-        for effect in best.effects
-    }
+    others = _alternatives(search, best)
+    simpler = _simpler(best, others)
+    if simpler is not None and not reasons_to_reject(point, simpler):
+        best, objections = simpler, []
+        others = _alternatives(search, best)
     averaged = None
     if not any(effect.replaces_ground for effect in best.effects):
         alike = [candidate for found in others.values() for candidate in found.values()]
@@ -173,6 +172,28 @@ def _accepted(
             "taken over"
         )
     return search.base(), objections
+
+
+def _alternatives(search: Search, best: Candidate) -> dict[str, dict[str, Candidate]]:
+    """What would do in the place of each effect; what explains little has none."""
+    near = best.over_noise <= _NEARLY
+    return {e.name: search.alternatives(best, e) if near else {} for e in best.effects}
+
+
+def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> Candidate | None:
+    """Of the alternatives one of fewer numbers that leaves no more than noise as well.
+
+    Below that a better fit tells nothing: what is taken for noise holds the model's own error.
+    """
+    found = [
+        candidate
+        for alternatives in others.values()
+        for candidate in alternatives.values()
+        if candidate.fit.problem.size < best.fit.problem.size
+        and candidate.over_noise <= 1.0
+        and candidate.fit.excess <= 1.0
+    ]
+    return min(found, key=lambda c: (c.fit.problem.size, c.score), default=None)
 
 
 def _modulus(point: Point, candidate: Candidate) -> float:

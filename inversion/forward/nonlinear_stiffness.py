@@ -43,6 +43,8 @@ _FAR = 0.5
 _LOADED = 0.2
 # Below this ratio a power is a straight line: its slope at rest stays finite.
 _STRAIGHT_BELOW = 1e-6
+# Under so many times the stress of a drop the way back is a straight line to a thousandth.
+_MOST_REST = 1e3
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,7 @@ def _march(
             return stiffness * reference * force, stiffness * slope
         top = stiffness * reference * _power_of(peak / reference, power, rest)[0]
         ratio = (value / peak - unrecovered) / free
-        force, slope = _power_of(ratio, back, rest * reference / peak)
+        force, slope = _power_of(ratio, back, min(rest * reference / peak, _MOST_REST))
         return top * force, top * slope / (peak * free)
 
     for n in range(load.size):
@@ -339,7 +341,7 @@ def _resistance(
     if turn is None or (law.unloading_exponent == 1.0 and law.unrecovered == 0.0):
         return force, slope, None
     peak, top, free = float(w[turn]), float(force[turn]), 1.0 - law.unrecovered
-    later, rest = w[turn + 1 :], law.rest * reference / float(w[turn])
+    later, rest = w[turn + 1 :], min(law.rest * reference / peak, _MOST_REST)
     value, steep, in_rest = _power(
         (later / peak - law.unrecovered) / free, power * law.unloading_exponent, rest
     )
@@ -387,7 +389,7 @@ def _resistances(w: FloatArray, turn: int | None, laws: _Laws) -> FloatArray:
         # On the path of loading the way back is the same to rounding.
         peak, top = w[:, turn, None], force[:, turn, None]
         ratio = (w[:, turn + 1 :] / peak - laws.unrecovered) / (1.0 - laws.unrecovered)
-        rest = laws.rest * laws.reference / peak
+        rest = np.clip(laws.rest * laws.reference / peak, 0.0, _MOST_REST)
         force[:, turn + 1 :] = top * _force(ratio, laws.power * laws.unloading_exponent, rest)
     return force
 

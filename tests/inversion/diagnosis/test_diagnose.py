@@ -17,6 +17,7 @@ from inversion.diagnosis.diagnose import (
     _interval,
     _model_error,
     _modulus,
+    _simpler,
     _state,
     _warnings,
 )
@@ -139,11 +140,11 @@ def test_an_interval_holds_95_percent_and_the_models_own_error(model_error: floa
 
 def test_calibration_is_in_every_interval() -> None:
     point: Any = point_of_heights(8000.0)
-    assert _model_error(point, ended(point, modulus_ratio=2.0)) == pytest.approx(0.02)
+    assert _model_error(point, ended(point, modulus_ratio=2.0)) == pytest.approx(0.015)
     layered = SimpleNamespace(model_error=lambda _: 0.015)
     problem = SimpleNamespace(values=lambda *_: [(layered, {})])
     of_layers: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem, device=None, own=[None]))
-    assert _model_error(point, of_layers) == pytest.approx(0.025)
+    assert _model_error(point, of_layers) == pytest.approx(0.015 * 2**0.5)
 
 
 # --- which set of effects is told -----------------------------------------------------------------
@@ -200,6 +201,39 @@ def test_where_none_explains_the_best_that_takes_most_away_is_told(
     assert accepted(monkeypatch, best, other, third) is third
     third.worth = False
     assert accepted(monkeypatch, best, other, third).effects == ()
+
+
+@dataclass(eq=False)
+class InItsPlace:
+    """An alternative: how many numbers it has, and what it leaves."""
+
+    size: int = 3
+    over_noise: float = 0.9
+    excess: float = 0.9
+    score: float = 0.0
+
+    @property
+    def fit(self) -> Any:
+        return SimpleNamespace(problem=SimpleNamespace(size=self.size), excess=self.excess)
+
+
+@pytest.mark.parametrize(
+    ("other", "taken"),
+    [
+        (InItsPlace(), True),
+        (InItsPlace(size=4), False),
+        (InItsPlace(over_noise=1.01), False),
+        (InItsPlace(excess=1.01), False),
+    ],
+)
+def test_of_two_that_leave_noise_the_simpler_one_is_told(other: InItsPlace, taken: bool) -> None:
+    best: Any = InItsPlace(size=4, score=-100.0)
+    others: Any = {"layer": {"rough_contact": other}}
+    assert _simpler(best, others) is (other if taken else None)
+    worse: Any = InItsPlace(score=1.0)
+    others["layer"]["bedrock"] = worse
+    assert _simpler(best, others) is (other if taken else worse)
+    assert _simpler(best, {}) is None
 
 
 # --- what is told of a set of effects ------------------------------------------------------------
@@ -267,7 +301,7 @@ def test_effects_that_cannot_be_told_apart_count_in_full() -> None:
     averaged = told((1.9, 2.1))
     assert _state(point, found, (), averaged).modulus_interval == pytest.approx((1.9, 2.1))
     # What they say is known no better than the calibration.
-    wide = 1.02
+    wide = 1.015
     low, high = _state(point, found, (1.5, 2.0), averaged).modulus_interval
     assert (low, high) == pytest.approx((1.5 / wide, 2.1))
     low, high = _state(point, found, (3.0,), averaged).modulus_interval

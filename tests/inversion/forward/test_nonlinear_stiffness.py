@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
     _march,
+    _resistance,
     effective_force,
     hat_response,
     secant,
@@ -141,3 +142,12 @@ def test_the_secant_is_force_over_displacement(rest: float) -> None:
         assert secant(law, load[n] / 8000.0) == pytest.approx(expected, rel=0.01)
     if rest == 0.0:
         assert secant(law, 0.25) == pytest.approx(0.25**0.4)
+
+
+@pytest.mark.parametrize("peak", [1e-24, 1e-12, 1e-6])
+def test_the_way_back_of_ground_that_hardly_moved_is_a_straight_line(peak: float) -> None:
+    """Far below the displacement of the stress at rest nothing bends."""
+    law = NonlinearStiffness(0.3, 2.0, 0.0, rest=0.3)
+    w = peak * np.array([0.0, 1.0, 0.5])
+    force, _, _ = _resistance(w, 1, law, 2e7, 4e-4)
+    assert force[2] == pytest.approx(0.5 * force[1], rel=0.01)
