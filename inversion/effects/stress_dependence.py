@@ -36,7 +36,7 @@ class StressDependence(Effect):
             (_REST_STRESS,),
             logarithmic=True,
             natural=True,
-            prior=(float(np.log(_REST_STRESS)), 0.7),
+            prior=(float(np.log(_REST_STRESS)), 0.3),
         ),
         Parameter(
             "within", "-", 0.0, 1.0, (1.0, 1.0, 0.0), natural=True, prior=(1.0, 0.3), absent=1.0
