@@ -90,7 +90,8 @@ def handed_on(
         number,
         number if record is None else record,
         f"survey/drops/drop-{number:06d}.h5",
-        drop(number),
+        # Drops are judged by their own records.
+        drop(number, 1100.0 if status == "rejected" else 9900.0),
         SETUP,
         Screening(status, reason),  # type: ignore[arg-type]
     )

@@ -332,10 +332,13 @@ class OpenApp(App[int]):
 
     def action_tab(self, name: str) -> None:
         """Go to a tab."""
-        self.query_one("#tabs", TabbedContent).active = name
+        tabs = self.query_one("#tabs", TabbedContent)
+        if tabs.active == name:
+            self.call_after_refresh(self.draw_plots)
+        # Else it is drawn once it is activated, and not twice.
+        tabs.active = name
         if name == "points":
             self.query_one("#points-table", PlainTable).focus()
-        self.call_after_refresh(self.draw_plots)
 
     @property
     def tab(self) -> str:
