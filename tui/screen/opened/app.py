@@ -342,8 +342,9 @@ class OpenApp(App[int]):
 
     @property
     def tab(self) -> str:
-        """The one that is shown."""
-        return str(self.query_one("#tabs", TabbedContent).active)
+        """The one that is shown; "" when all is taken down, which rows may still speak into."""
+        tabs = self.query("#tabs").results(TabbedContent)
+        return next((str(shown.active) for shown in tabs), "")
 
     @on(TabbedContent.TabActivated)
     def _on_tab(self) -> None:

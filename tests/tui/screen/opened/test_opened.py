@@ -341,6 +341,15 @@ def test_cells_are_shown_as_they_are(tmp_path: Path, survey: Path) -> None:
     look(survey, script)
 
 
+def test_rows_that_speak_when_all_is_taken_down_draw_nothing(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        await app.query_one("#tabs").remove()
+        assert app.tab == ""
+        app.draw_plots()
+
+    look(survey, script)
+
+
 def test_a_receiver_s_position_is_on_the_map(tmp_path: Path) -> None:
     folder = tmp_path / "road"
     place = {"source": "nmea", "latitude": 48.2, "longitude": 11.6}
