@@ -69,7 +69,9 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> Non
 
 def test_a_lost_instrument_is_status_3(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
-    instrument = serve(PLAIN, rate=RATE, seed=5)
+    # Not on a pseudo-terminal: its name may be another test's as soon as it is closed, and the
+    # program that looks for its instrument there would take that one.
+    instrument = serve(PLAIN, listen="tcp://127.0.0.1:0", rate=RATE, seed=5)
     options = ("--json", "--no-invert", "--give-up", "0.5")
     with instrument, logging(instrument.url, "-o", survey, *options) as process:
         wait_for_line(process)
