@@ -12,13 +12,17 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     UnknownKey,
 )
-from inversion.diagnosis.fit import fit
+from inversion.diagnosis.fit import Fit, fit
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
+
+_ITERATIONS, _ITERATIONS_OF_OTHERS = 12, 6
+# Points are left out one by one, or of many so many groups.
+_MOST_GROUPS = 12
 
 
 def fit_device(
@@ -51,22 +55,50 @@ def fit_device(
             np.array([_own_unit_value(unknown, diagnosis.values) for unknown in own])
             for own, diagnosis in zip(problem.own, found, strict=True)
         ]
-        result = fit(problem, device, owns, 12)
-    deviations = result.deviations()
-    values: DeviceValues = {}
+        result = fit(problem, device, owns, _ITERATIONS)
+        of_others = _of_others(result)
     spread: dict[str, dict[str, float]] = {}
     for unknown, unit_value, deviation in zip(
-        problem.device, result.device, deviations, strict=False
+        problem.device, result.device, result.deviations(), strict=False
     ):
         assert unknown.effect is not None
-        name = unknown.parameter.name
-        values.setdefault(unknown.effect.name, {})[name] = float(
-            unknown.parameter.value(unit_value)
+        spread.setdefault(unknown.effect.name, {})[unknown.parameter.name] = (
+            unknown.parameter.deviation(unit_value, deviation)
         )
-        spread.setdefault(unknown.effect.name, {})[name] = unknown.parameter.deviation(
-            unit_value, deviation
+    drops = sum(len(point.drops) for point in made)
+    return DeviceFindings(_device_values(result), spread, drops, of_others=of_others)
+
+
+def _device_values(found: Fit) -> DeviceValues:
+    values: DeviceValues = {}
+    for unknown, unit_value in zip(found.problem.device, found.device, strict=True):
+        assert unknown.effect is not None
+        value = float(unknown.parameter.value(unit_value))
+        values.setdefault(unknown.effect.name, {})[unknown.parameter.name] = value
+    return values
+
+
+def _of_others(found: Fit) -> tuple[DeviceValues, ...]:
+    """Of each point what the points say that are not left out with it; a single one has none."""
+    problem, count = found.problem, len(found.problem.points)
+    if count < 2:
+        return ()
+    groups = [range(first, count, _MOST_GROUPS) for first in range(min(count, _MOST_GROUPS))]
+    values: list[DeviceValues] = [{}] * count
+    for group in groups:
+        rest = [point for point in range(count) if point not in group]
+        local = [problem.local[point] for point in rest] if problem.local else None
+        others = Problem(
+            [problem.points[point] for point in rest],
+            problem.effects,
+            local=local,
+            prior_weight=problem.prior_weight,
         )
-    return DeviceFindings(values, spread, sum(len(point.drops) for point in made))
+        owns = [found.own[point] for point in rest]
+        of_group = _device_values(fit(others, found.device, owns, _ITERATIONS_OF_OTHERS))
+        for point in group:
+            values[point] = of_group
+    return tuple(values)
 
 
 def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:

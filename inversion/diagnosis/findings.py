@@ -200,9 +200,11 @@ class DeviceFindings:
     values, deviations : by effect and parameter
     drops : int, how many they rest on
     spread : by effect and parameter, by how much points differ that are asked each by itself
+    of_others : tuple of values, of each point what other points say; empty: not asked
     """
 
     values: DeviceValues
     deviations: Mapping[str, Mapping[str, float]]
     drops: int
     spread: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    of_others: tuple[DeviceValues, ...] = ()

@@ -255,6 +255,7 @@ class Problem:
             if effect.scope == "device"
             for p in self._fitted(effect)
         ]
+        self.local = local
         of_points = local or [self.effects] * len(self.points)
         self.own = [point.unknowns(own) for point, own in zip(self.points, of_points, strict=True)]
         self.solves = 0

@@ -198,8 +198,12 @@ class Search:
         self.base()
         chosen = self._beside((), (e for e in self.catalogue if e.name in names))
         if begun:
-            start = _start_of_full(self._problem(chosen), begun, {})
-            return self._fit(chosen, 60, [start])
+            # Priors weigh against what these values leave, not against what the base model does.
+            problem = self._problem(chosen)
+            start = _start_of_full(problem, begun, {})
+            left = float(np.sqrt(problem.data_cost(*start) / problem.independent))
+            found = self._fit(chosen, 60, [start], left)
+            return self._fit(chosen, 60, [_values_start(found)], found.fit.excess)
         return self._fit(chosen, 60) if chosen else self.base()
 
     def values(self, candidate: Candidate) -> dict[Key, float]:

@@ -248,7 +248,7 @@ def _shared_device(
         anew = _diagnose_all(points, findings.values, jobs, within, likely, begun, told)
         errors: list[HeldOutPart | None] = [None] * len(points)
         if leave_out in (None, "point"):
-            errors = _left_out_errors(points, first, anew, findings, jobs)
+            errors = _left_out_errors(points, anew, _of_others(points, sound, findings), jobs)
         for point, found_anew, error in zip(points, anew, errors, strict=True):
             if isinstance(found_anew, str):
                 again[id(point)] = found_anew
@@ -352,26 +352,25 @@ def _of_survey(
     return likely, begun
 
 
+def _of_others(
+    points: Sequence[DiagnosisPoint], sound: Sequence[DiagnosisPoint], findings: DeviceFindings
+) -> list[DeviceValues | None]:
+    """What other points say of the device, of each point that has a part in it."""
+    records = [point for point in sound if point.records is not None]
+    values = {id(p): v for p, v in zip(records, findings.of_others, strict=True)}
+    return [values.get(id(point)) for point in points]
+
+
 def _left_out_errors(
     points: Sequence[DiagnosisPoint],
-    first: Sequence[PointDiagnosis | str],
     anew: Sequence[PointDiagnosis | str],
-    findings: DeviceFindings,
+    of_others: Sequence[DeviceValues | None],
     jobs: int,
 ) -> list[HeldOutPart | None]:
-    """What each point leaves when its device is what the other points show in the middle."""
-    shown = [
-        _device_values(diagnosis, findings) if isinstance(diagnosis, PointDiagnosis) else None
-        for diagnosis in first
-    ]
+    """What each point leaves when its device is what other points say."""
     work: list[tuple[int, PointRecords, PointDiagnosis, DeviceValues]] = []
-    for index, (entry, diagnosis) in enumerate(zip(points, anew, strict=True)):
-        others = [v for i, v in enumerate(shown) if i != index and v is not None]
-        if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and others:
-            values = {
-                name: {key: _median([other[name][key] for other in others]) for key in parameters}
-                for name, parameters in findings.values.items()
-            }
+    for index, (entry, diagnosis, values) in enumerate(zip(points, anew, of_others, strict=True)):
+        if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and values:
             work.append((index, entry.records, diagnosis, values))
     errors: list[HeldOutPart | None] = [None] * len(points)
     indices, *columns = zip(*work, strict=True) if work else ((), (), (), ())
