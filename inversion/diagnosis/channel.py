@@ -42,7 +42,8 @@ class MotionChannel:
             before = noise.baseline_samples
             if before:
                 weights[:, :before] -= self._time[:, None] / before
-            self._quiet = step * (np.array([0, max(before - 1, 0)]) - first)
+            # The mean of samples is that of the time from half a step before to half one behind.
+            self._quiet = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
             self.ramps = before > 1
         else:
             weights[np.arange(samples.size), samples] = 1.0
@@ -66,15 +67,15 @@ class MotionChannel:
         Of a velocity's integral it is a ramp through the moment where the pulse begins.
         """
         begin, end = self._quiet
-        moments = [_between(self._time, float(time)) for time in (begin, end, 0.0)]
+        moments = [_near(self._time, float(time)) for time in (begin, end, 0.0)]
         taken = np.full((2, self._time.size), 0.5)
         if self.ramps:
             slope = self._time / (end - begin)
             taken = np.stack([-slope, slope, np.ones_like(slope)])
         samples, weights = [], []
-        for (right, share), part in zip(moments, taken, strict=False):
-            samples += [right - 1, right]
-            weights += [(1.0 - share) * part, share * part]
+        for (near, shares), part in zip(moments, taken, strict=False):
+            samples += list(near)
+            weights += [share * part for share in shares]
         return np.array(samples), np.stack(weights)
 
     def whitener(self, part: slice, steady: FloatArray) -> FloatArray:
@@ -94,11 +95,19 @@ class MotionChannel:
         return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
 
 
-def _between(times: FloatArray, time: float) -> tuple[int, float]:
-    """The sample after a time, and the time's share of the way to it; held at the ends."""
-    right = int(np.clip(np.searchsorted(times, time), 1, times.size - 1))
-    share = (time - times[right - 1]) / (times[right] - times[right - 1])
-    return right, min(max(float(share), 0.0), 1.0)
+def _near(times: FloatArray, time: float) -> tuple[NDArray[np.intp], FloatArray]:
+    """The three samples nearest to a time, and their shares in the parabola through them there."""
+    middle = int(np.clip(np.argmin(np.abs(times - time)), 1, times.size - 2))
+    near = np.arange(middle - 1, middle + 2)
+    before, here, after = times[near]
+    shares = np.array(
+        [
+            (time - here) * (time - after) / ((before - here) * (before - after)),
+            (time - before) * (time - after) / ((here - before) * (here - after)),
+            (time - before) * (time - here) / ((after - before) * (after - here)),
+        ]
+    )
+    return near, shares
 
 
 def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:

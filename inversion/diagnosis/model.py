@@ -13,6 +13,7 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.diagnosis.ground_response import GroundResponse
+from inversion.diagnosis.mains_line import without_mains_line
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
@@ -134,7 +135,7 @@ class DropModel:
         record = record.nearest_first()
         drop = prepare(record)
         self._layers = layers
-        whole = drop.with_tail()
+        whole, self._harmonics = without_mains_line(drop.with_tail(), record)
         self.drop: PreparedDrop = whole
         self.record = record
         # What the geophone does belongs to the record stage, behind what the ground does in time.
@@ -154,7 +155,7 @@ class DropModel:
         samples = first + np.concatenate([np.arange(-self.before, 0) * stride, self.rows])
         self.channels = tuple(
             MotionChannel(sensor, noise, first, samples, drop.step)
-            for sensor, noise in zip(record.sensors, drop.channels, strict=True)
+            for sensor, noise in zip(record.sensors, whole.channels, strict=True)
         )
         self._everywhere = np.stack([channel.observed for channel in self.channels])
         self.observed = self._everywhere[:, self.before :]
@@ -223,6 +224,7 @@ class DropModel:
                 record.load - np.median(record.load[:REST_SAMPLES]), drop.load_noise.rms, both=False
             ),
             rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
+            harmonics=self._harmonics,
         )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:

@@ -57,6 +57,8 @@ class DropContext:
     flat : tuple of float or None, of each sensor: the level of a flat top in its velocity, m/s
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
+    harmonics : tuple of the harmonics of hum before the pulse: order, share of the first one, and
+        phase against as many turns of it, rad
     plate_mass : float, kg, declared
     has_bedrock : bool, whether a rigid base is declared
     elastic : bool, whether the base model's ground is
@@ -79,6 +81,7 @@ class DropContext:
     flat: tuple[float | None, ...] = ()
     flat_load: float | None = None
     rest: tuple[float, ...] = ()
+    harmonics: tuple[tuple[int, float, float], ...] = ()
     plate_mass: float = 0.0
     has_bedrock: bool = False
     elastic: bool = False

@@ -23,10 +23,14 @@ class MainsHum(Effect):
     advice = "keep the cable away from mains and generators"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """With the line, at every sensor; the phase counts turns at the start."""
+        """With the line and its harmonics, at every sensor; the phase counts turns at the start."""
         omega = 2 * np.pi * values["frequency"]
         turn = 2 * np.pi * values["phase"]
         # The mean before the pulse was taken off the velocity: the displacement begins at zero.
-        line = (np.cos(turn) - np.cos(omega * drop.time + turn)) * values["amplitude"] / omega
-        result: FloatArray = record + line
+        line = np.cos(turn) - np.cos(omega * drop.time + turn)
+        for order, share, phase in drop.harmonics:
+            begun = order * turn + phase
+            wave = np.cos(begun) - np.cos(order * omega * drop.time + begun)
+            line = line + share / order * wave
+        result: FloatArray = record + line * values["amplitude"] / omega
         return result

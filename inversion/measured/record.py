@@ -252,7 +252,7 @@ def prepare(record: Record) -> PreparedDrop:
     channels = tuple(
         ChannelNoise(
             # Nothing moves before the pulse: the more of it, the better known is slow noise.
-            _noise(s.values[: max(baseline, first) if baseline else 0]),
+            noise_before(s.values[: max(baseline, first) if baseline else 0]),
             s.quantity == "velocity",
             baseline if s.quantity == "velocity" else _settled_samples(first, step),
         )
@@ -281,7 +281,7 @@ def prepare(record: Record) -> PreparedDrop:
         tail_end=tail_end,
         trigger=max(0.0, -float(time[first])),
         channels=channels,
-        load_noise=_noise(record.load[:baseline]),
+        load_noise=noise_before(record.load[:baseline]),
     )
 
 
@@ -376,7 +376,7 @@ def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, fl
     return end * step, last * step, tail * step
 
 
-def _noise(quiet: FloatArray) -> NoiseModel:
+def noise_before(quiet: FloatArray) -> NoiseModel:
     r"""First-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of the quiet part.
 
     A straight line is taken off first, because drift is an effect, not noise.  That takes slow

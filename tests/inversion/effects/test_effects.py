@@ -402,6 +402,9 @@ def test_thicknesses_are_what_the_plate_can_feel() -> None:
     assert thickness.upper == pytest.approx(20.0 * 0.15)
 
 
-def test_layers_allow_for_more_media_than_are_fitted() -> None:
+def test_simplifications_are_in_the_interval() -> None:
     assert BY_NAME["layer"].model_error({}) == 0.015
     assert BY_NAME["bedrock"].model_error({}) == 0.0
+    stress = BY_NAME["stress_dependence"]
+    assert stress.model_error({"exponent": -0.5}) == pytest.approx(0.35 * 0.25)
+    assert stress.model_error({"exponent": 0.5, "within": 0.2}) == pytest.approx(0.35 * 0.01)

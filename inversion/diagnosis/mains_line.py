@@ -1,0 +1,105 @@
+"""Hum of the mains before the pulse: a line, which is an effect, and no noise.
+
+What is there before the pulse is taken for noise.  Hum that fills it would be noise as slow as the
+pulse, beside which nothing asks for an effect any more, not even the hum itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inversion.arrays import FloatArray
+from inversion.measured.record import PreparedDrop, Record, noise_before
+
+# Hz: mains of 50 and 60 Hz, as far as generators hold them.
+MAINS_HZ = (48.5, 61.5)
+_FREQUENCIES = np.arange(MAINS_HZ[0], MAINS_HZ[1] + 0.25, 0.5)
+# Of a turn of the slowest line: what is shorter may be any slow noise.
+_LEAST_TURN = 0.6
+# Rectifiers and transformers make odd harmonics.
+_HARMONICS = (1, 3, 5)
+# A line leaves no more than this part of what a straight one leaves (rms); slow noise, which so
+# many numbers follow as far as it is smooth, leaves a fifth in one of a hundred records.
+_MOST_LEFT = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class MainsLine:
+    """Hum before the pulse.
+
+    Parameters
+    ----------
+    harmonics : tuple of (order, share of the first one, phase against as many turns of it, rad)
+    left : (n,) ndarray of float, what it leaves
+    """
+
+    harmonics: tuple[tuple[int, float, float], ...]
+    left: FloatArray
+
+
+def without_mains_line(
+    drop: PreparedDrop, record: Record
+) -> tuple[PreparedDrop, tuple[tuple[int, float, float], ...]]:
+    """The drop with the noise of its channels as it is without hum, and the harmonics of that.
+
+    Parameters
+    ----------
+    drop : PreparedDrop, of the record
+    record : Record
+    """
+    lines = [
+        find_line(sensor.values[: channel.model.samples], drop.step) if channel.integrates else None
+        for channel, sensor in zip(drop.channels, record.sensors, strict=True)
+    ]
+    channels = tuple(
+        channel if line is None else replace(channel, model=noise_before(line.left))
+        for channel, line in zip(drop.channels, lines, strict=True)
+    )
+    found = [line.harmonics for line in lines if line is not None]
+    if not found:
+        return drop, ()
+    return replace(drop, channels=channels).with_tail(), found[0]
+
+
+def find_line(quiet: FloatArray, step: float) -> MainsLine | None:
+    """The line of the mains in the time before the pulse; None where there is none.
+
+    Parameters
+    ----------
+    quiet : (n,) ndarray of float
+    step : float, s
+    """
+    if quiet.size * step * MAINS_HZ[0] < _LEAST_TURN:
+        return None
+    # From the middle on, where phases are told best.
+    time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
+    straight = np.stack([np.ones_like(time), time], axis=1)
+    left, _ = _fitted(straight, quiet)
+    most = _MOST_LEFT**2 * float(left @ left)
+    found = None
+    for frequency in _FREQUENCIES:
+        turns = [2.0 * np.pi * harmonic * frequency * time for harmonic in _HARMONICS]
+        waves = [wave(turn) for turn in turns for wave in (np.cos, np.sin)]
+        left, factors = _fitted(np.column_stack([straight, *waves]), quiet)
+        if float(left @ left) < most:
+            most = float(left @ left)
+            found = MainsLine(_harmonics(factors[straight.shape[1] :]), left)
+    return found
+
+
+def _harmonics(factors: FloatArray) -> tuple[tuple[int, float, float], ...]:
+    """Of the factors of cosine and sine of each harmonic, the first one's share being 1."""
+    phasors = factors[1::2] + 1j * factors[::2]
+    sizes, phases = np.abs(phasors), np.angle(phasors)
+    return tuple(
+        (order, float(size / sizes[0]), float(phase - order * phases[0]))
+        for order, size, phase in zip(_HARMONICS, sizes, phases, strict=True)
+    )[1:]
+
+
+def _fitted(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What columns (n, k) leave of values (n,), by least squares, and their factors (k,)."""
+    factors, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return values - columns @ factors, factors

@@ -1,0 +1,79 @@
+"""Hum before the pulse is told from noise, and found as the effect that it is."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from inversion import Record, Sensor
+from inversion.diagnosis import PointRecords, diagnose_point
+from inversion.diagnosis.mains_line import find_line
+from inversion.forward.model import Instrument
+from simulators.drop import Hammer, SimulatedDrop, simulate_drop
+from simulators.mesh import Ground, Plate
+
+STEP = 2e-4
+
+
+def hum(time, amplitude: float, frequency: float = 50.0, phase: float = 0.7):
+    """A line with a quarter of its third harmonic and a tenth of its fifth."""
+    turn = 2 * np.pi * frequency * time + phase
+    return amplitude * (np.sin(turn) + 0.25 * np.sin(3 * turn + 1.0) + 0.1 * np.sin(5 * turn + 2.0))
+
+
+@pytest.mark.parametrize("frequency", [50.0, 60.0])
+def test_a_line_is_found_with_its_harmonics(frequency: float) -> None:
+    time = STEP * np.arange(90)
+    noise = 1e-5 * np.random.default_rng(2).standard_normal(time.size)
+    found = find_line(3e-3 + 0.1 * time + hum(time, 3e-3, frequency) + noise, STEP)
+    assert found is not None
+    assert np.sqrt(np.mean(found.left**2)) == pytest.approx(1e-5, rel=0.3)
+    (third, share, phase), (fifth, least, last) = found.harmonics
+    assert (third, fifth) == (3, 5)
+    assert (share, least) == pytest.approx((0.25, 0.1), rel=0.05)
+    turned = np.exp(1j * np.array([phase - 1.0, last - 2.0]))
+    np.testing.assert_allclose(turned, 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98, 0.999])
+def test_slow_noise_is_no_line(correlation: float) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        steps = rng.standard_normal(1090)
+        noise = lfilter([1.0], [1.0, -correlation], steps)[1000:]
+        assert find_line(noise, STEP) is None
+
+
+def test_a_line_of_half_a_turn_may_be_any_slow_noise() -> None:
+    time = STEP * np.arange(50)
+    assert find_line(hum(time, 3e-3), STEP) is None
+    assert find_line(np.empty(0), STEP) is None
+
+
+@pytest.fixture(scope="module")
+def drop() -> SimulatedDrop:
+    ground = Ground.uniform(45e6, 5e4, 1900.0, 0.35, 1.2)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    return simulate_drop(ground, Plate(0.15, 12.0), hammer, duration=0.05, time_step=1e-4)
+
+
+def test_hum_that_was_there_before_the_pulse_is_found(drop: SimulatedDrop) -> None:
+    before = 160
+    time = 1e-4 * np.arange(-before, drop.time.size)
+    velocity = np.gradient(np.concatenate([np.zeros(before), drop.plate_displacement]), 1e-4)
+    amplitude = 0.05 * float(velocity.max())
+    noise = 1e-4 * velocity.max() * np.random.default_rng(4).standard_normal(time.size)
+    record = Record(
+        time,
+        np.concatenate([np.zeros(before), drop.load]),
+        (Sensor(0.0, "velocity", velocity + hum(time, amplitude) + noise),),
+        Instrument(plate_radius=0.15, plate_mass=12.0),
+        poisson_ratio=0.35,
+        bedrock_depth=1.2,
+    )
+    found = diagnose_point(PointRecords("test", (record,), (1,)))
+    assert [effect.name for effect in found.effects] == ["mains_hum"]
+    told = {p.name: p.value for p in found.effects[0].parameters}
+    assert told["amplitude"] == pytest.approx(amplitude, rel=0.02)
+    assert told["frequency"] == pytest.approx(50.0, abs=0.3)
+    assert found.verdict == "explained"
+    assert abs(found.after.modulus / 45e6 - 1.0) < 0.005
