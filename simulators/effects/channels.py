@@ -89,6 +89,12 @@ def acquisition_filter(
     return signals
 
 
+def load_channel_filter(signals: Signals, corner: float, order: int) -> Signals:
+    """The load cell's amplifier smooths, the sensors' do not: causal Butterworth (corner in Hz)."""
+    sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
+    return replace(signals, load=np.asarray(sosfilt(sections, signals.load)))
+
+
 def baseline_drift(signals: Signals, offset: float, drift: float) -> Signals:
     """Offset (m/s) and drift (m/s2, from the first sample) of every velocity channel."""
     return signals.with_velocity(

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import butter, sosfilt
 
 from simulators.effects.signals import Signals
 from simulators.mesh import Array
@@ -115,12 +114,6 @@ def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
         push = 2 * damping * omega * speed + omega**2 * moved
         velocity[row] = oscillator(push, 1.0, 2 * damping * omega, omega**2, signals.time_step)[1]
     return signals.with_velocity(velocity)
-
-
-def load_channel_filter(signals: Signals, corner: float, order: int) -> Signals:
-    """The load cell's amplifier smooths, the sensors' do not: causal Butterworth (corner in Hz)."""
-    sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
-    return replace(signals, load=np.asarray(sosfilt(sections, signals.load)))
 
 
 def lost_samples(signals: Signals, time: float, count: int) -> Signals:

@@ -193,7 +193,7 @@ def test_a_loose_sensor_follows_slow_motion_and_rings_at_its_own_frequency() -> 
 
 
 def test_a_smoothed_load_comes_late_with_its_impulse_whole(signals: Signals) -> None:
-    found = unmodelled.load_channel_filter(signals, 60.0, 2)
+    found = channels.load_channel_filter(signals, 60.0, 2)
     np.testing.assert_array_equal(found.velocity, signals.velocity)
     assert np.argmax(found.load) > np.argmax(signals.load)
     assert np.max(found.load) < np.max(signals.load)
