@@ -51,8 +51,8 @@ _NEARLY = 3.0
 _NOT_FIXED, _NO_MORE_THAN_PRIOR = 0.25, 0.8
 # Deviation of a logarithm beyond which nothing is known.
 _UNKNOWN = 3.0
-# A range of moduli so wide is told.
-_WIDE = 1.1
+# A range of moduli so wide is told; one so wide that it leaves the modulus open is none.
+_WIDE, _OPEN = 1.1, 10.0
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell, sensors and
 # clock that read too much or too little throughout, after a yearly calibration of each to about a
 # hundredth.
@@ -103,6 +103,35 @@ def _report(
     if simpler is not None and not reasons_to_reject(point, simpler):
         best, objections = simpler, []
         others = _alternatives(search, best)
+    found = _told(point, search, base, best, others, objections, leave_out)
+    low, high = found.after.modulus_interval
+    if objections and best.effects and high > _OPEN * low:
+        nothing = search.base()
+        objections = [
+            *reasons_to_reject(point, nothing),
+            f"{_names(best)} came nearest, but left the modulus open by more than a factor of "
+            f"{_OPEN:g}: not taken over",
+        ]
+        found = _told(point, search, base, nothing, {}, objections, leave_out)
+    return found
+
+
+def _told(
+    point: Point,
+    search: Search,
+    base: Candidate,
+    best: Candidate,
+    others: Mapping[str, Mapping[str, Candidate]],
+    objections: Sequence[str],
+    leave_out: LeaveOut,
+) -> PointDiagnosis:
+    """What a set of effects says of the point.
+
+    Parameters
+    ----------
+    others : of each effect what would do in its place
+    objections : what speaks against the set
+    """
     averaged = None
     if not any(effect.replaces_ground for effect in best.effects):
         alike = [candidate for found in others.values() for candidate in found.values()]
@@ -164,14 +193,17 @@ def _accepted(
     for candidate in (best, *(c for c in tried if can_be_told(point, c))):
         if is_worth_reporting(point, base, candidate):
             return candidate, reasons_to_reject(point, candidate)
-    names = " with ".join(effect.name for effect in best.effects)
     objections = reasons_to_reject(point, search.base())
     if objections:
         objections.append(
-            f"{names} came nearest, but left more than half of it or ran into a bound: not "
+            f"{_names(best)} came nearest, but left more than half of it or ran into a bound: not "
             "taken over"
         )
     return search.base(), objections
+
+
+def _names(candidate: Candidate) -> str:
+    return " with ".join(effect.name for effect in candidate.effects)
 
 
 def _alternatives(search: Search, best: Candidate) -> dict[str, dict[str, Candidate]]:

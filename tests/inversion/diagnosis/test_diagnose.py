@@ -17,6 +17,7 @@ from inversion.diagnosis.diagnose import (
     _interval,
     _model_error,
     _modulus,
+    _report,
     _simpler,
     _state,
     _warnings,
@@ -239,6 +240,33 @@ def test_of_two_that_leave_noise_the_simpler_one_is_told(other: InItsPlace, take
 # --- what is told of a set of effects ------------------------------------------------------------
 
 AREA = np.pi * RADIUS**2
+
+
+@pytest.mark.parametrize(
+    ("factor", "against", "taken"),
+    [(9.9, ("much is left",), True), (10.1, ("much is left",), False), (10.1, (), True)],
+)
+def test_a_set_that_leaves_the_modulus_open_by_ten_is_not_taken_over(
+    monkeypatch: pytest.MonkeyPatch, factor: float, against: tuple[str, ...], taken: bool
+) -> None:
+    name = "inversion.diagnosis.diagnose."
+    best, nothing = Tried(10.0, against=against), Tried(1000.0, ())
+    told: list[tuple[Any, Any]] = []
+
+    def tell(*arguments: Any) -> Any:
+        told.append((arguments[3], arguments[5]))
+        interval = (1e7, factor * 1e7)
+        return SimpleNamespace(told=arguments[3], after=SimpleNamespace(modulus_interval=interval))
+
+    monkeypatch.setattr(name + "_accepted", lambda *_: (best, list(against)))
+    monkeypatch.setattr(name + "_alternatives", lambda *_: {})
+    monkeypatch.setattr(name + "reasons_to_reject", lambda *_: ["much is left"])
+    monkeypatch.setattr(name + "_told", tell)
+    search: Any = SimpleNamespace(base=lambda: nothing)
+    arguments: Any = (None, search, nothing, best, "drop")
+    found: Any = _report(*arguments)
+    assert found.told is (best if taken else nothing)
+    assert ("not taken over" in " ".join(told[-1][1])) is not taken
 
 
 def point_of_heights(*peaks: float) -> ToyPoint:
