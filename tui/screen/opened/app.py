@@ -11,7 +11,8 @@ from textual import events, on
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.widgets import DataTable, Footer, Input, Label, TabbedContent, TabPane
+from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
+from textual.widgets._tabs import Underline
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.processes import start_text_child
@@ -20,6 +21,7 @@ from tui.screen.drawing.axes import stacked_plots
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.looks import LOOKS
+from tui.screen.opened.keys import KeysLine
 from tui.screen.opened.plots import map_lines, overlay_figures, profile_lines
 from tui.screen.opened.rows import (
     ORDERS,
@@ -114,7 +116,8 @@ class OpenApp(App[int]):
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
         Binding("escape,1", "to_points", "Points", show=False),
-        Binding("q,ctrl+q,ctrl+c", "leave", "Leave"),
+        Binding("q", "leave", "Leave"),
+        Binding("ctrl+q,ctrl+c", "leave", "Leave", show=False),
     ]
 
     def __init__(
@@ -169,7 +172,7 @@ class OpenApp(App[int]):
             with TabPane("Job", id="job"):
                 yield LinesView(id="job-lines")
         yield Label("", id="said", markup=False)
-        yield Footer()
+        yield KeysLine()
 
     def on_mount(self) -> None:
         """Show the frame first, then read."""
@@ -337,8 +340,15 @@ class OpenApp(App[int]):
             self.call_after_refresh(self.draw_plots)
         # Else it is drawn once it is activated, and not twice.
         tabs.active = name
-        if name == "points":
-            self.query_one("#points-table", PlainTable).focus()
+        # The toolkit moves its bar a frame after the page; these tabs stay where they are.
+        tab, bar = tabs.get_tab(name), tabs.query_one(Underline)
+        bar.highlight_start, bar.highlight_end = tab.virtual_region.shrink(
+            tab.styles.gutter
+        ).column_span
+        # At once and within the same frame: a focus that is lost with its page paints a second one.
+        self.screen.set_focus(
+            self.query_one(f"#{name}-table", PlainTable) if name in ("points", "drops") else None
+        )
 
     @property
     def tab(self) -> str:

@@ -1,16 +1,23 @@
 """The toolkit's table for rows of plain text: a page of them within the answer to a key."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from rich.cells import cell_len, set_cell_size
 from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
+from textual.binding import Binding, BindingType
 from textual.widgets import DataTable
 
 
-class PlainTable(DataTable[Text]):
+class PlainTable(DataTable[Text], inherit_bindings=False):
     """A table whose cells are one line of text each, never read as mark-up."""
+
+    # Enter means the same on every tab, and is named among the keys; the toolkit's table hides it.
+    BINDINGS: ClassVar[list[BindingType]] = [
+        key for key in DataTable.BINDINGS if not (isinstance(key, Binding) and key.key == "enter")
+    ]
 
     def fill(self, rows: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Other rows in place of all: a key and the cells of each."""

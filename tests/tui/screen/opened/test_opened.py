@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from rich.style import Style
 from textual.geometry import Region
-from textual.widgets import DataTable, Input
+from textual.widgets import DataTable, Input, TabbedContent
+from textual.widgets._tabs import Underline
 
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
@@ -26,6 +27,7 @@ from tui.cli import main
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.opened.app import PAGE, OpenApp, Plot
+from tui.screen.opened.keys import KeysLine
 from tui.screen.opened.plots import map_lines, profile_figure
 from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages
 from tui.screen.opened.serving import MOST_WRONG, SurveyServer, is_here, parse_place
@@ -173,6 +175,39 @@ def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
         await until(pilot, lambda: "procedure  plain" in shown(app))
 
     look(survey, script, size)
+
+
+def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        keys = list(app.query_one(KeysLine).children)
+        assert "⏎ Drops" in shown(app)  # on the points too, where it is pressed
+        for key in ("p", "m", "j", "1", "enter", "1"):
+            await pilot.press(key)
+            await pilot.pause()
+        await pilot.pause()
+        assert list(app.query_one(KeysLine).children) == keys
+        assert "⏎ Drops" in shown(app)
+        await pilot.press("slash")  # letters are typed now and no keys
+        await until(pilot, lambda: "p Profile" not in shown(app))
+
+    look(survey, script)
+
+
+def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        bar = app.query_one(Underline)
+        for name, focused in (
+            ("profile", None),
+            ("drops", "drops-table"),
+            ("points", "points-table"),
+        ):
+            app.action_tab(name)
+            tab = app.query_one("#tabs", TabbedContent).get_tab(name).virtual_region
+            assert tab.x <= bar.highlight_start < bar.highlight_end <= tab.right
+            assert (app.focused and app.focused.id) == focused
+            await pilot.pause()
+
+    look(survey, script)
 
 
 def test_two_points_are_compared(survey: Path) -> None:
