@@ -13,9 +13,8 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.measured.record import PreparedDrop, Record, noise_before
 
-# Hz: mains of 50 and 60 Hz, as far as generators hold them.
-MAINS_HZ = (48.5, 61.5)
-_FREQUENCIES = np.arange(MAINS_HZ[0], MAINS_HZ[1] + 0.25, 0.5)
+# Hz: mains and what generators make of them.
+_FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in (50.0, 60.0)])
 # Of a turn of the slowest line: what is shorter may be any slow noise.
 _LEAST_TURN = 0.6
 # Rectifiers and transformers make odd harmonics.
@@ -71,7 +70,7 @@ def find_line(quiet: FloatArray, step: float) -> MainsLine | None:
     quiet : (n,) ndarray of float
     step : float, s
     """
-    if quiet.size * step * MAINS_HZ[0] < _LEAST_TURN:
+    if quiet.size * step * _FREQUENCIES[0] < _LEAST_TURN:
         return None
     # From the middle on, where phases are told best.
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))

@@ -6,6 +6,31 @@ from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
 from inversion.fitting.parameters import Parameter
 
+# Hz: what mains and generators keep to on either side of 50 and of 60.
+_REACH_HZ = 1.0
+_BELOW_HALF = float(np.nextafter(0.5, 0.0))
+
+
+class MainsFrequency(Parameter):
+    """Near 50 Hz in the lower half of the unit interval, near 60 Hz in the upper half."""
+
+    def value(self, unit_value: FloatArray | float) -> FloatArray:
+        """Physical value of points (...,) of the unit interval, Hz."""
+        place = np.asarray(unit_value)
+        slope = 4.0 * _REACH_HZ
+        return np.where(place < 0.5, self.lower + slope * place, self.upper + slope * (place - 1.0))
+
+    def unit_value(self, value: float) -> float:
+        """The inverse of `value`, of the nearer mains."""
+        slope = 4.0 * _REACH_HZ
+        if value < 0.5 * (self.lower + self.upper):
+            return float(np.clip((value - self.lower) / slope, 0.0, _BELOW_HALF))
+        return float(np.clip(1.0 + (value - self.upper) / slope, 0.5, 1.0))
+
+    def slopes(self, unit_value: FloatArray | float) -> FloatArray:
+        """Derivatives (...,) of the physical value with respect to the unit value."""
+        return np.full(np.shape(unit_value), 4.0 * _REACH_HZ)
+
 
 class MainsHum(Effect):
     """A line before and after the pulse; in the displacement its integral."""
@@ -16,7 +41,7 @@ class MainsHum(Effect):
         Parameter(
             "amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True, prior=(0.0, 0.02), absent=0.0
         ),
-        Parameter("frequency", "Hz", 48.5, 61.5, (50.0, 60.0)),
+        MainsFrequency("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, (50.0, 60.0)),
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
     )
     in_full_set = False

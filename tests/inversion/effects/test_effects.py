@@ -408,3 +408,21 @@ def test_simplifications_are_in_the_interval() -> None:
     stress = BY_NAME["stress_dependence"]
     assert stress.model_error({"exponent": -0.5}) == pytest.approx(0.35 * 0.25)
     assert stress.model_error({"exponent": 0.5, "within": 0.2}) == pytest.approx(0.35 * 0.01)
+
+
+@pytest.mark.parametrize("hertz", [49.0, 49.4, 50.0, 50.9, 59.1, 60.0, 60.6, 61.0])
+def test_hum_has_a_frequency_of_the_mains(hertz: float) -> None:
+    frequency = BY_NAME["mains_hum"].parameters[1]
+    place = frequency.unit_value(hertz)
+    assert float(frequency.value(place)) == pytest.approx(hertz)
+    step = 1e-7 if place < 0.6 and place != 0.5 else -1e-7
+    slope = float(frequency.value(place + step) - frequency.value(place)) / step
+    assert slope == pytest.approx(float(frequency.slopes(place)), rel=1e-4)
+
+
+@pytest.mark.parametrize(("hertz", "nearest"), [(40.0, 49.0), (54.0, 51.0), (56.0, 59.0)])
+def test_what_is_no_frequency_of_the_mains_becomes_the_nearest(
+    hertz: float, nearest: float
+) -> None:
+    frequency = BY_NAME["mains_hum"].parameters[1]
+    assert float(frequency.value(frequency.unit_value(hertz))) == pytest.approx(nearest, abs=1e-6)
