@@ -77,6 +77,17 @@ def _moves(category: str) -> bool:
     return category[0] == "C" or category in ("Zl", "Zp")
 
 
+def counted(number: int, what: str) -> str:
+    """So many of something.
+
+    Examples
+    --------
+    >>> counted(1, "point"), counted(2, "drop")
+    ('1 point', '2 drops')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def say(message: object) -> None:
     """Print a message to standard error, where it does not mix with results."""
     print(clean(f"pfwd: {message}"), file=sys.stderr, flush=True)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfwd_survey.exporting.json_text import json_text
-from tui.output import clean, say
+from tui.output import clean, counted, say
 
 
 def show(record: Mapping[str, Any], remarks: Sequence[str], *, as_json: bool) -> int:
@@ -15,7 +15,8 @@ def show(record: Mapping[str, Any], remarks: Sequence[str], *, as_json: bool) ->
         print(json_text(record), flush=True)
     else:
         print(
-            f"{clean(record['survey'])}: {record['drops_acknowledged']} drops acknowledged, "
+            f"{clean(record['survey'])}: "
+            f"{counted(record['drops_acknowledged'], 'drop')} acknowledged, "
             f"{record['drops_published']} with a verified file, {record['recovered']} recovered"
         )
         for text in record["damaged"]:

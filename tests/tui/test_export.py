@@ -72,7 +72,9 @@ def test_export_says_what_it_did_on_one_line(survey: Path, tmp_path: Path) -> No
     again = pfwd("export", survey, "--format", "geojson", "-o", path)
     assert again.returncode == 2
     assert "--force" in again.stderr
-    assert pfwd("export", survey, "--format", "geojson", "-o", path, "--force").returncode == 0
+    forced = pfwd("export", survey, "--format", "geojson", "-o", path, "--force")
+    assert forced.returncode == 0
+    assert forced.stdout == f"{path}: format geojson, 1 point, 3 drops\n"
 
 
 def test_an_exported_survey_works_like_the_survey(survey: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pfwd_survey.files.editing import (
     survey_overview,
 )
 from pfwd_survey.files.moving import move_drop
-from tui.output import clean
+from tui.output import clean, counted
 
 
 def run(args: argparse.Namespace) -> int:
@@ -71,7 +71,7 @@ def _lines(point: Mapping[str, Any]) -> list[str]:
     name = point["point"]
     title = "" if point["name"] == name else f" ({point['name']})"
     state = "  DISCARDED" if point["discarded"] else ""
-    lines = [f"point {name}{title}: {len(point['drops'])} drops{state}"]
+    lines = [f"point {name}{title}: {counted(len(point['drops']), 'drop')}{state}"]
     if point["target_pa"] is not None:
         from pfwd_survey.judging.job import target_text
 

@@ -4,7 +4,7 @@ import argparse
 
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.json_text import json_text
-from tui.output import clean, say
+from tui.output import clean, counted, say
 
 MOST_PROCESSES = 2
 """Make rows, or read an exported file back; the disk and one that waits keep more from gaining
@@ -30,7 +30,10 @@ def run(args: argparse.Namespace) -> int:
         print(json_text(done.as_dict()), flush=True)
     else:
         print(
-            clean(f"{done.path}: {done.format}, {done.points} points, {done.drops} drops"),
+            clean(
+                f"{done.path}: format {done.format}, {counted(done.points, 'point')}, "
+                f"{counted(done.drops, 'drop')}"
+            ),
             flush=True,
         )
     return 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pfwd_survey.procedures import Verdict
 from tui.log_file import close_log, open_log
-from tui.output import on_terminal, say
+from tui.output import counted, on_terminal, say
 from tui.screen.session.sources import SessionSource
 
 if TYPE_CHECKING:
@@ -78,16 +78,12 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
     stood = f" ({said})" if said else ""
     quoted = shlex.quote(str(folder))
-    counted = f"{_count(len(points), 'point')}, {_count(drops, 'drop')}{stood}"
+    measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{stood}"
     safe = f"; {state.held} NOT SAFE" if state.held else ", all on the disk"
     return [
-        f"{folder}: {counted}{safe}",
+        f"{folder}: {measured}{safe}",
         f"next: pfwd open {quoted}, or pfwd report {quoted} -o report.html",
     ]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from textual.widgets._tabs import Underline
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.processes import start_text_child
-from tui.output import clean
+from tui.output import clean, counted
 from tui.screen.drawing.axes import stacked_plots
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line
@@ -259,7 +259,7 @@ class OpenApp(App[int]):
             self._counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
         counts = self._counts
         sheet = pages(len(self.shown), PAGE)
-        parts = [self.opened.folder.name or ".", f"{len(rows)} points", counts]
+        parts = [self.opened.folder.name or ".", counted(len(rows), "point"), counts]
         if len(self.shown) != len(rows):
             parts.append(f"{len(self.shown)} by the filter")
         if sheet > 1:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pfwd_survey.measuring.live_trace import WINDOW, Envelope
 from pfwd_survey.procedures import PLAIN, Quantity
+from tui.output import counted
 from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, table_lines, window
 from tui.screen.drawing.digits import ROWS, SIZES, digit_lines, digit_width, largest_size
@@ -133,7 +134,7 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
         side = "at most" if quantity == "settlement" else "at least"
         target = f"target {side} {units.with_unit(quantity, progress.target)}"
     sure = f" ± {error}" if error else ""
-    said = [f"{name} {value}{sure} {unit}", target, f"mean of {drops} drops"]
+    said = [f"{name} {value}{sure} {unit}", target, f"mean of {counted(drops, 'drop')}"]
     pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(said)]
     facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
     if progress.verdict in VERDICTS:
