@@ -67,7 +67,9 @@ COLUMNS = (
     ResultColumn("noise_rms_m", "number", "m"),
     ResultColumn("residual_rms_over_peak", "number", "trigger to end of record"),
     ResultColumn("contact_residual_rms_over_peak", "number", "contact phase"),
-    ResultColumn("explained", "flag", "whether the residual is within noise and model error"),
+    ResultColumn(
+        "explained", "flag", "whether the residual is within noise and model error; not if clipped"
+    ),
     ResultColumn("converged", "flag", ""),
     ResultColumn("at_bound", "texts", "parameters on a bound"),
     ResultColumn("seed", "whole", ""),

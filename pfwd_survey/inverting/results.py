@@ -213,7 +213,7 @@ class DropResult(StoredRecord):
     priors: bool | None = None
     """Whether what nature gives decided between grounds that fit alike."""
     explained: bool | None = None
-    """Whether the residual is within the noise."""
+    """Whether the residual is within the noise, and no channel is clipped."""
     converged: bool | None = None
     at_bound: tuple[str, ...] | None = None
     """Names of the parameters that stopped at a bound."""
@@ -288,6 +288,7 @@ def drop_result(
     found: dict[str, Any] = {}
     if analysis.result is not None:
         found = _found(analysis.result)
+        found["explained"] = analysis.result.explained and not analysis.screening.clipped
         warnings += analysis.result.warnings
     if analysis.asked is not None and analysis.fault is None:
         found |= dataclasses.asdict(analysis.asked)

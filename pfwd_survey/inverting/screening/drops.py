@@ -6,6 +6,7 @@ rejected and every rebound and false trigger among them is.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -91,6 +92,8 @@ class Screening:
     left_out: tuple[float, ...] = ()
     """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
     cannot be believed."""
+    clipped: bool = False
+    """Whether a channel of the fit ends in flat tops: the record is not what happened."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +142,9 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
     warnings = [incomplete] if incomplete else []
-    return Screening(status, None, (*warnings, *_warnings(pulse, drop)), dead)
+    clipped = _clipped(drop, dead)
+    said = (*warnings, *clipped, *_warnings(pulse, drop))
+    return Screening(status, None, said, dead, clipped=bool(clipped))
 
 
 def screen_next(drop: Drop, setup: PointSetup, largest: float) -> tuple[Screening, float]:
@@ -370,11 +375,22 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
     return None
 
 
+def _clipped(drop: Drop, dead: Sequence[float]) -> list[str]:
+    found = []
+    count = clipped_samples(drop.load[:-1])
+    if count:
+        found.append(f"clipped samples: load, {count} in a flat top")
+    for channel in drop.channels:
+        values = channel.values[:-1]
+        count = clipped_samples(values) + clipped_samples(-values)
+        if count and channel.offset not in dead:
+            name = f"{channel.quantity} at {channel.offset:g} m"
+            found.append(f"clipped samples: {name}, {count} in flat tops")
+    return found
+
+
 def _warnings(pulse: _Pulse, drop: Drop) -> list[str]:
     found = []
-    clipped = clipped_samples(drop.load[:-1])
-    if clipped:
-        found.append(f"clipped samples: load, {clipped} in a flat top")
     if pulse.peak > SUSPECT_LOAD:
         found.append(f"units suspect: peak load {_kilonewton(pulse.peak)} (in N?)")
     for channel in drop.channels:
@@ -388,10 +404,6 @@ def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[str]:
     if fault:
         return [f"dead extra channel: {name}, {fault}; left out"]
     found = []
-    values = channel.values[:-1]
-    clipped = clipped_samples(values) + clipped_samples(-values)
-    if clipped:
-        found.append(f"clipped samples: {name}, {clipped} in flat tops")
     moved = displacement_of(channel, drop.time)[: pulse.end]
     deflection = float(np.abs(moved).max())
     if deflection > SUSPECT_DEFLECTION:

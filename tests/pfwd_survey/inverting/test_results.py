@@ -295,6 +295,17 @@ def test_the_method_that_ran_is_told() -> None:
         assert DropResult.from_json(said).method == name
 
 
+def test_a_clipped_record_is_never_explained() -> None:
+    setup = PointSetup(plate_radius=0.15, plate_mass=0.0, poisson_ratio=0.35)
+    options, library = AnalysisOptions(model="half-space"), SurrogateLibrary()
+    found = analyse_drop(pulse_of(8000.0), setup, Screening("seating"), options, library)
+    assert found.result is not None
+    found = dataclasses.replace(found, result=dataclasses.replace(found.result, explained=True))
+    assert drop_result("x", found).explained is True
+    clipped = dataclasses.replace(found, screening=Screening("seating", clipped=True))
+    assert drop_result("x", clipped).explained is False
+
+
 def test_values_are_those_of_the_json() -> None:
     """Read for some keys alone, as a table does; a further record is left out."""
     more = {"reason": None, "drop": "3", "layers": 7, "colour": ["red"], "seed": 1}

@@ -39,6 +39,7 @@ from tests.tui.screen.scripted import (
     status,
     whole_point,
 )
+from tui.screen.pages.drop_texts import verdict_of
 from tui.screen.session.screen_events import ContentsRead, SessionBegan, SessionEnded
 from tui.screen.session.state import SessionState
 from tui.screen.session.status import SAFE_SHOWN, status_of
@@ -326,3 +327,16 @@ def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
 def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
     state = state_after(ready(), saved(1, marks=("saturated: 16 samples of g0",)))
     assert [text for text in state.advice(state.last) if "drop from lower" in text]
+
+
+def test_a_saturated_drop_is_never_clean() -> None:
+    marks = ("saturated: 16 samples of g0",)
+    events = (ready(), saved(1, status="seating", marks=marks), analysed(1))
+    drop = state_after(*events).last
+    assert drop is not None
+    assert drop.result is not None
+    assert drop.result.explained
+    text, role = verdict_of(drop)
+    assert text.startswith("SATURATED")
+    assert role == "bad"
+    assert verdict_of(drop, "EXPLAINED by saturation") == (text, role)

@@ -124,6 +124,8 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
     if result.converged is False:
         warning += "; NOT CONVERGED"
     part = percent(result.residual_rms_over_peak)
+    if drop.saturated:
+        return f"SATURATED: not all was recorded; residual {part} of the peak{warning}", "bad"
     if diagnosed:
         return f"fit {diagnosed}{warning}", "warn" if bounds else "text"
     if result.explained:

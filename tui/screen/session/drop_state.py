@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Curves
+from pfwd_survey.measuring.drop_metadata import SATURATED
 from pfwd_survey.measuring.events import HandedOn
 from tui.screen.session.screen_events import Refitted
 
@@ -57,6 +58,11 @@ class DropState:
         """Pa."""
         value = self.result.modulus_pa if self.result else None
         return value if value is not None and math.isfinite(value) else None
+
+    @property
+    def saturated(self) -> bool:
+        """Whether a channel was at the end of the converter's range."""
+        return any(mark.startswith(SATURATED) for mark in self.marks)
 
     @property
     def waits(self) -> bool:

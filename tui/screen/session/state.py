@@ -10,7 +10,6 @@ from typing import Any
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging import Job, value_of_drop
 from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
-from pfwd_survey.measuring.drop_metadata import SATURATED
 from pfwd_survey.measuring.events import (
     BatteryLow,
     DropAnalysed,
@@ -156,7 +155,7 @@ class SessionState:
         ]
         result = drop.result
         residual = None
-        if result is not None and result.explained is False:
+        if result is not None and result.explained is False and not drop.saturated:
             residual = result.contact_residual_rms_over_peak
         found = advice_on_drop(
             self.job,
@@ -166,7 +165,7 @@ class SessionState:
             usual_residuals=() if residual is None else self._usual_residuals(drop),
             sensor_residuals=sensor_residuals(drop),
             sensors_left_out=sensors_left_out(drop),
-            saturated=any(mark.startswith(SATURATED) for mark in drop.marks),
+            saturated=drop.saturated,
         )
         progress = self.progress_of(point)
         if progress.complete:

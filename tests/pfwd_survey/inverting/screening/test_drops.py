@@ -188,6 +188,8 @@ def test_a_centre_channel_that_hardly_moves_is_dead(make_drop: MakeDrop) -> None
 def test_a_clipped_load_is_warned_of(make_drop: MakeDrop) -> None:
     drop = changed(make_drop(offset=1900), load=lambda v: np.minimum(v, 8000.0))
     assert warned(drop) == (f"clipped samples: load, {np.sum(drop.load == 8000)} in a flat top",)
+    assert screen(drop, SETUP).clipped
+    assert not screen(make_drop(), SETUP).clipped
 
 
 @pytest.mark.parametrize("sign", [1, -1])
