@@ -370,6 +370,38 @@ def test_the_setup_is_typed_in_the_units_of_the_screen() -> None:
     play(App(settings=ScreenSettings(units="us")), script)
 
 
+def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
+    file = tmp_path / "lot 2.csv"
+    file.write_text("name;target\n12+320;0,5\n12+340;\n", encoding="utf-8")
+
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready())
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#stations")))
+        app.screen.query_one("#procedure", Select).value = "mndot"
+        field = app.screen.query_one("#stations", Input)
+        field.value = str(tmp_path)
+        await pilot.pause()
+        assert field.has_class("wrong")
+        assert "stations: expected a file" in app.text
+        field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
+        await pilot.pause()
+        assert not field.has_class("wrong")
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
+        asked = app.source.plan.job.stations
+        assert asked is not None
+        assert [(it.name, it.target) for it in asked] == [("12+320", 0.5e-3), ("12+340", None)]
+        assert app.state.job.stations == asked
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#stations")))
+        field = app.screen.query_one("#stations", Input)
+        assert field.placeholder == "empty: the 2 stations of the survey"
+        assert field.value == ""
+
+    play(App(), script)
+
+
 def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())

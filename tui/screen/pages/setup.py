@@ -13,7 +13,7 @@ from textual.widgets import Button, Input, Label, Select
 from pfwd_survey.errors import DeviceError, OptionError
 from pfwd_survey.judging import JobRequest
 from pfwd_survey.procedures import PLAIN, Procedure, shipped_names
-from tui.output import clean
+from tui.output import clean, counted
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.pages.dialogs import Question
 from tui.screen.pages.measure_view import key_line
@@ -21,10 +21,12 @@ from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import (
     BY_NAME,
     FIELDS,
+    OF_JOB,
     Field,
     chosen_procedure,
     error_of,
     plan_with,
+    said_of_job,
     shown_value,
     unit_of,
     value_of,
@@ -83,7 +85,7 @@ class SetupPage(Page):
                         clean(self._now(field)),
                         id=field.name,
                         compact=True,
-                        placeholder=field.hint,
+                        placeholder=self._hint(field),
                         disabled=self._fixed(field),
                     )
                 if field.name == "url":
@@ -138,6 +140,11 @@ class SetupPage(Page):
         unit = unit_of(field, self._judging(), self.pfwd.units)
         return f"{field.title}, {unit}" if unit else field.title
 
+    def _hint(self, field: Field) -> str:
+        """What an empty field means."""
+        kept = len(self.pfwd.state.job.stations) if field.kind == "file" else 0
+        return f"empty: the {counted(kept, 'station')} of the survey" if kept else field.hint
+
     def _setting(self, name: str) -> str:
         value = getattr(self.pfwd.settings, name)
         return value if isinstance(value, str) else "yes" if value else "no"
@@ -147,7 +154,7 @@ class SetupPage(Page):
         source = self.pfwd.source
         if field.name == "url":
             return not source.url or source.title == "demo"
-        return source.pace is not None and field.name not in ("target", "step_m", "operator")
+        return source.pace is not None and field.name not in OF_JOB
 
     def _now(self, field: Field) -> str:
         app = self.pfwd
@@ -310,10 +317,7 @@ class SetupPage(Page):
         if app.source.pace is None and (not same or url != app.source.url):
             app.restart(plan, url)
         else:
-            said = JobRequest(
-                target=values["target"], step_m=values["step_m"], operator=values["operator"]
-            )
-            app.edits.say_of_job(said.news(job))
+            app.edits.say_of_job(said_of_job(values).news(job))
         app.action_page("measure")
 
     def action_back(self) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from pfwd_survey.errors import OptionError, TraceError
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.judging import JobRequest
+from pfwd_survey.judging.stations import read_stations
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import with_procedure
 from pfwd_survey.procedures import PLAIN, Procedure, find_procedure, plain_procedure
@@ -26,9 +28,12 @@ class Field:
     quantity: QuantityName | None = None
     """Of a number that is shown in the units of the screen."""
     kind: str = "number"
-    """number, whole, text, or target: a number in the unit of what the procedure judges."""
+    """number, whole, text, file, or target: a number in the unit of what the procedure judges."""
     hint: str = ""
 
+
+OF_JOB = ("target", "stations", "step_m", "operator")
+"""Fields that are kept with the survey and can be said of a recording too."""
 
 _BY_PROCEDURE = "by the procedure, if one is chosen"
 
@@ -40,12 +45,13 @@ FIELDS = (
     Field("seating_drops", "seating drops", kind="whole", hint=_BY_PROCEDURE),
     Field("measured", "measured drops", kind="whole", hint=_BY_PROCEDURE),
     Field("target", "target", kind="target", hint="of points that have none; empty: none"),
+    Field("stations", "stations", kind="file", hint="CSV or GPX with names, places and targets"),
     Field("step_m", "station step", hint="m along the line, from 12+320 to 12+340: 20"),
     Field("operator", "operator", kind="text"),
     Field("site", "site", kind="text"),
 )
 BY_NAME: Mapping[str, Field] = {field.name: field for field in FIELDS}
-_OWN = ("url", "measured", "target", "step_m")
+_OWN = ("url", "measured", "target", "stations", "step_m")
 """Fields that no setup file has."""
 
 
@@ -104,6 +110,12 @@ def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any
     text = text.strip()
     if not text:
         return None
+    if field.kind == "file":
+        # A terminal quotes the name of a file that is dropped on it.
+        path = os.path.expanduser(text.strip("'\""))
+        if not os.path.isfile(path):  # a pipe would be waited for
+            raise ValueError("expected a file, .csv or .gpx")
+        return read_stations(path, procedure)
     if field.kind == "text":
         if not text.isprintable() or len(text) > 200:
             raise ValueError("expected up to 200 letters on one line")
@@ -171,10 +183,12 @@ def plan_with(plan: SessionPlan, values: Mapping[str, Any], procedure: Procedure
     if procedure.seating_drops is not None:  # the procedure's number counts
         declared.pop("seating_drops", None)
     setup = with_procedure(setup, procedure, "procedure")
-    said = JobRequest(
-        target=values.get("target"), step_m=values.get("step_m"), operator=values.get("operator")
-    )
-    return dataclasses.replace(plan, setup=setup, job=said.over(plan.job))
+    return dataclasses.replace(plan, setup=setup, job=said_of_job(values).over(plan.job))
+
+
+def said_of_job(values: Mapping[str, Any]) -> JobRequest:
+    """What the form says of the survey's job; an empty field says nothing."""
+    return JobRequest(**{name: values.get(name) for name in OF_JOB})
 
 
 def summary_of(values: Mapping[str, Any], units: Units) -> str:
@@ -188,11 +202,13 @@ def summary_of(values: Mapping[str, Any], units: Units) -> str:
 __all__ = [
     "BY_NAME",
     "FIELDS",
+    "OF_JOB",
     "Field",
     "OptionError",
     "chosen_procedure",
     "error_of",
     "plan_with",
+    "said_of_job",
     "shown_value",
     "summary_of",
     "unit_of",
