@@ -30,7 +30,8 @@ class MainsLine:
 
     Parameters
     ----------
-    harmonics : tuple of (order, share of the first one, phase against as many turns of it, rad)
+    harmonics : tuple of (order, share of the first one, phase against as many turns of it, rad),
+        of the velocity
     left : (n,) ndarray of float, what it leaves
     """
 
@@ -49,7 +50,7 @@ def without_mains_line(
     record : Record
     """
     lines = [
-        find_line(sensor.values[: channel.model.samples], drop.step) if channel.integrates else None
+        find_line(sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates)
         for channel, sensor in zip(drop.channels, record.sensors, strict=True)
     ]
     channels = tuple(
@@ -62,13 +63,14 @@ def without_mains_line(
     return replace(drop, channels=channels).with_tail(), found[0]
 
 
-def find_line(quiet: FloatArray, step: float) -> MainsLine | None:
+def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
     """The line of the mains in the time before the pulse; None where there is none.
 
     Parameters
     ----------
     quiet : (n,) ndarray of float
     step : float, s
+    velocity : bool, whether it is a velocity, else a displacement
     """
     if quiet.size * step * _FREQUENCIES[0] < _LEAST_TURN:
         return None
@@ -84,13 +86,15 @@ def find_line(quiet: FloatArray, step: float) -> MainsLine | None:
         left, factors = _fitted(np.column_stack([straight, *waves]), quiet)
         if float(left @ left) < most:
             most = float(left @ left)
-            found = MainsLine(_harmonics(factors[straight.shape[1] :]), left)
+            found = MainsLine(_harmonics(factors[straight.shape[1] :], velocity), left)
     return found
 
 
-def _harmonics(factors: FloatArray) -> tuple[tuple[int, float, float], ...]:
-    """Of the factors of cosine and sine of each harmonic, the first one's share being 1."""
+def _harmonics(factors: FloatArray, velocity: bool) -> tuple[tuple[int, float, float], ...]:
+    """Of the velocity, by the factors of cosine and sine of each; the first one's share is 1."""
     phasors = factors[1::2] + 1j * factors[::2]
+    if not velocity:
+        phasors = phasors * 1j * np.array(_HARMONICS)
     sizes, phases = np.abs(phasors), np.angle(phasors)
     return tuple(
         (order, float(size / sizes[0]), float(phase - order * phases[0]))

@@ -20,13 +20,26 @@ def hum(time, amplitude: float, frequency: float = 50.0, phase: float = 0.7):
     return amplitude * (np.sin(turn) + 0.25 * np.sin(3 * turn + 1.0) + 0.1 * np.sin(5 * turn + 2.0))
 
 
+def displaced(time, amplitude: float, frequency: float):
+    """The integral of `hum`."""
+    omega = 2 * np.pi * frequency
+    turn = omega * time + 0.7
+    return (-amplitude / omega) * (
+        np.cos(turn) + 0.25 / 3 * np.cos(3 * turn + 1.0) + 0.1 / 5 * np.cos(5 * turn + 2.0)
+    )
+
+
 @pytest.mark.parametrize("frequency", [50.0, 60.0])
-def test_a_line_is_found_with_its_harmonics(frequency: float) -> None:
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_line_is_found_with_its_harmonics(frequency: float, velocity: bool) -> None:
     time = STEP * np.arange(90)
-    noise = 1e-5 * np.random.default_rng(2).standard_normal(time.size)
-    found = find_line(3e-3 + 0.1 * time + hum(time, 3e-3, frequency) + noise, STEP)
+    noise = np.random.default_rng(2).standard_normal(time.size)
+    line, small = hum(time, 3e-3, frequency), 1e-5
+    if not velocity:
+        line, small = displaced(time, 3e-3, frequency), 3e-9
+    found = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, velocity=velocity)
     assert found is not None
-    assert np.sqrt(np.mean(found.left**2)) == pytest.approx(1e-5, rel=0.3)
+    assert np.sqrt(np.mean(found.left**2)) == pytest.approx(small, rel=0.3)
     (third, share, phase), (fifth, least, last) = found.harmonics
     assert (third, fifth) == (3, 5)
     assert (share, least) == pytest.approx((0.25, 0.1), rel=0.05)
@@ -40,13 +53,13 @@ def test_slow_noise_is_no_line(correlation: float) -> None:
     for _ in range(60):
         steps = rng.standard_normal(1090)
         noise = lfilter([1.0], [1.0, -correlation], steps)[1000:]
-        assert find_line(noise, STEP) is None
+        assert find_line(noise, STEP, velocity=True) is None
 
 
 def test_a_line_of_half_a_turn_may_be_any_slow_noise() -> None:
     time = STEP * np.arange(50)
-    assert find_line(hum(time, 3e-3), STEP) is None
-    assert find_line(np.empty(0), STEP) is None
+    assert find_line(hum(time, 3e-3), STEP, velocity=True) is None
+    assert find_line(np.empty(0), STEP, velocity=True) is None
 
 
 @pytest.fixture(scope="module")
