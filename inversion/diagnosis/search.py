@@ -89,6 +89,8 @@ _LED_REFINED = 2
 # A set is expected to leave this part of what the best smaller one left; a fit is repeated when
 # the priors should have weighed so many times more or less.
 _EXPECTED, _SAME_WEIGHT = 0.3, 2.0
+# What goes on from values that fit badly is fitted again so often, with lighter priors each time.
+_REWEIGHED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,12 +200,7 @@ class Search:
         self.base()
         chosen = self._beside((), (e for e in self.catalogue if e.name in names))
         if begun:
-            # Priors weigh against what these values leave, not against what the base model does.
-            problem = self._problem(chosen)
-            start = _start_of_full(problem, begun, {})
-            left = float(np.sqrt(problem.data_cost(*start) / problem.independent))
-            found = self._fit(chosen, 60, [start], left)
-            return self._fit(chosen, 60, [_values_start(found)], found.fit.excess)
+            return self._gone_on(chosen, [begun], 60)
         return self._fit(chosen, 60) if chosen else self.base()
 
     def values(self, candidate: Candidate) -> dict[Key, float]:
@@ -245,6 +242,30 @@ class Search:
                 problem.prior_weight = heavy
                 best = fit(problem, best.device, list(best.own), iterations)
         return self._made(ordered, best, iterations > _QUICK)
+
+    def _gone_on(
+        self,
+        ordered: tuple[Effect, ...],
+        begun: Sequence[Mapping[Key, float]],
+        iterations: int,
+    ) -> Candidate:
+        """The best fit from values that other fits found.
+
+        Priors weigh against what those values leave, not against what the base model does, which
+        would draw them away again.
+        """
+        problem = self._problem(ordered)
+        starts = [_start_of_full(problem, values, {}) for values in begun]
+        left = min(problem.data_cost(*start) for start in starts)
+        weight = float(np.sqrt(left / problem.independent))
+        found = self._fit(ordered, iterations, starts, weight)
+        for _ in range(_REWEIGHED):
+            lighter = max(1.0, found.fit.excess)
+            if _SAME_WEIGHT * lighter > weight:
+                break
+            weight = lighter
+            found = self._fit(ordered, iterations, [_values_start(found)], weight)
+        return found
 
     def _problem(self, effects: Iterable[Effect]) -> Problem:
         """With the effects that are given among the others."""
@@ -341,9 +362,7 @@ class Search:
             return base
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
-            problem = self._problem(self._ordered(expected))
-            starts = [_start_of_full(problem, values, {}) for values in begun]
-            fitted = self._fit(self._ordered(expected), _FULL_ITERATIONS, starts)
+            fitted = self._gone_on(self._ordered(expected), begun, _FULL_ITERATIONS)
             return self._shrink(self._grown(self._better(base, [self._shrink(fitted)])))
         if expected:
             first = self._better(base, [self._fit(expected, 40)])

@@ -553,6 +553,29 @@ def test_likely_effects_that_do_not_explain_all_are_no_more_than_others(bench: B
     assert search.run(likely=["b"]).names == names("b", "c")
 
 
+@pytest.mark.parametrize("way", ["named", "run"])
+def test_what_another_fit_found_is_not_drawn_away(bench: Bench, way: str) -> None:
+    """Nature weighs against what the values leave, not against what the base model does."""
+    wide = Toy("b", parameters=(replace(SIZE, lower=-900.0, upper=900.0),))
+    search = bench.search((held("a"), wide), {"a": 20.0, "b": 400.0}, rest=1.0)
+    assert search.base().fit.excess > 40.0
+    begun = {(0, "", "modulus_ratio", None): 2.0}
+    begun |= {(0, "a", "size", None): 20.0, (0, "b", "size", None): 400.0}
+    both = ["a", "b"]
+    found = search.named(both, begun) if way == "named" else search.run(both, [begun])
+    assert found.fit.problem.prior_weight == pytest.approx(1.0)
+    assert found_values(found.fit)["a.size"] == pytest.approx(20.0 / (1.0 + 1.0 / 16.0), rel=0.01)
+
+
+def test_values_that_fit_badly_hold_nature_lightly_at_first_alone(bench: Bench) -> None:
+    wide = Toy("b", parameters=(replace(SIZE, lower=-900.0, upper=900.0),))
+    search = bench.search((held("a"), wide), {"a": 20.0, "b": 400.0}, rest=1.0)
+    begun = {(0, "a", "size", None): 0.0, (0, "b", "size", None): 0.0}
+    found = search.named(["a", "b"], begun)
+    assert found.fit.problem.prior_weight < 2.0 * max(1.0, found.fit.excess)
+    assert found_values(found.fit)["a.size"] > 15.0
+
+
 def test_likely_names_that_are_not_offered_are_passed_over(bench: Bench) -> None:
     search = bench.search((A, B), {"b": MUCH})
     assert search.run(likely=["nothing known"]).names == names("b")
