@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from inversion.diagnosis.prediction import residual_over_peak
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
@@ -17,17 +19,30 @@ _SLOW_NOISE = 2.5
 _CHANCE = 2.0
 # Of the residual: effects that leave more of it are not what is behind it.
 _MOST_LEFT = 0.5
+# Distances of sensors from which on layers are told though much is left: fewer cannot tell the
+# bowl of a layer from that of whatever is left.
+_DISTANCES_FOR_LAYERS = 4
 
 
 def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     """Whether effects that do not explain the residual take at least half of it away.
 
-    A ground below layers whose numbers go on past their bounds is none.
+    A ground below layers whose numbers go on past their bounds is none. By few sensors layers are
+    told only alone, and if what they leave is nearly noise as it is weighed.
     """
     if any(unknown.effect and unknown.effect.ground_is_below for unknown in best.fit.at_bound()):
         return False
+    layered = any(effect.ground_is_below for effect in best.effects)
+    alone = len(best.effects) == 1 and best.fit.excess <= EXPLAINED
+    if layered and not alone and _distances(point) < _DISTANCES_FOR_LAYERS:
+        return False
     left = residual_over_peak(point, best)
     return left <= _MOST_LEFT * residual_over_peak(point, base)
+
+
+def _distances(point: Point) -> int:
+    """From the plate, at which there are sensors."""
+    return np.unique(point.drops[0].context.offsets).size
 
 
 def reasons_to_reject(point: Point, best: Candidate) -> list[str]:

@@ -36,7 +36,7 @@ from inversion.diagnosis.prediction import (
     residual_over_peak,
 )
 from inversion.diagnosis.problem import Point, Unknown
-from inversion.diagnosis.search import Candidate, Search
+from inversion.diagnosis.search import EXPLAINED, Candidate, Search
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -222,7 +222,7 @@ def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> 
         for alternatives in others.values()
         for candidate in alternatives.values()
         if candidate.fit.problem.size < best.fit.problem.size
-        and candidate.over_noise <= 1.0
+        and candidate.over_noise <= EXPLAINED
         and candidate.fit.excess <= 1.0
     ]
     return min(found, key=lambda c: (c.fit.problem.size, c.score), default=None)

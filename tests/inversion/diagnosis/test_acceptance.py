@@ -1,6 +1,7 @@
 """When a set of effects that fits is accepted as what is behind a residual."""
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,14 @@ class Candidate:
 
 @dataclass
 class Model:
-    """A drop with so many sensors."""
+    """A drop with so many sensors, at these distances from the plate."""
 
     observed: Any
+    offsets: Any = None
+
+    @property
+    def context(self) -> Any:
+        return SimpleNamespace(offsets=self.offsets)
 
 
 @dataclass
@@ -127,6 +133,35 @@ def test_a_ground_below_layers_past_their_bounds_is_not_worth_reporting(
     base, best = Candidate(), Candidate(fit=Fit([], np.array([]), 0.0, [bound]))
     _leaving(monkeypatch, {id(base): 0.1, id(best): 0.01})
     assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("names", "excess", "distances", "worth"),
+    [
+        (("layer", "rebound"), 1.0, 3, False),
+        (("layer", "rebound"), 1.0, 4, True),
+        (("layer",), 1.45, 3, True),
+        (("layer",), 1.55, 3, False),
+        (("layer",), 1.55, 4, True),
+        (("bedrock", "rebound"), 1.55, 1, True),
+    ],
+)
+def test_few_sensors_tell_no_layers_beside_what_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+    names: tuple[str, ...],
+    excess: float,
+    distances: int,
+    worth: bool,
+) -> None:
+    effects = tuple(BY_NAME[name] for name in names)
+    base = Candidate()
+    best = Candidate(2.0, effects, Fit([], np.array([]), 0.0, [], excess))
+    _leaving(monkeypatch, {id(base): 0.1, id(best): 0.01})
+    # One of them on both sides of the plate: that is one distance.
+    offsets = np.append(0.3 * np.arange(distances), 0.3)
+    point: Any = Point([Model(np.zeros((distances + 1, 8)), offsets)])
+    told: Any = best
+    assert is_worth_reporting(point, base, told) is worth  # type: ignore[arg-type]
 
 
 def _leaving(monkeypatch: pytest.MonkeyPatch, errors: dict[int, float]) -> None:

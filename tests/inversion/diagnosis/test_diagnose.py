@@ -223,7 +223,8 @@ class InItsPlace:
     [
         (InItsPlace(), True),
         (InItsPlace(size=4), False),
-        (InItsPlace(over_noise=1.01), False),
+        (InItsPlace(over_noise=1.49), True),
+        (InItsPlace(over_noise=1.51), False),
         (InItsPlace(excess=1.01), False),
     ],
 )
