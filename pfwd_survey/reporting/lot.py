@@ -77,12 +77,12 @@ def lot_of(values: Sequence[float], *, small_is_good: bool = False) -> Lot | Non
     n = len(values)
     if n < FEWEST:
         return None
-    from scipy.stats import t as student
+    from scipy.special import stdtrit  # scipy.stats has the same, and takes 0.3 s to import
 
     found = np.asarray(values, np.float64)
     mean, deviation = float(found.mean()), float(found.std(ddof=1))
-    reach = float(student.ppf(0.95, n - 1)) * math.sqrt(1 + 1 / n) * deviation
-    half = float(student.ppf(0.975, n - 1)) * deviation / math.sqrt(n)
+    reach = float(stdtrit(n - 1, 0.95)) * math.sqrt(1 + 1 / n) * deviation
+    half = float(stdtrit(n - 1, 0.975)) * deviation / math.sqrt(n)
     swing = 3 * float(np.abs(np.diff(found)).mean()) / _RANGE_OF_TWO
     return Lot(
         tuple(map(float, found)),

@@ -1,6 +1,9 @@
 """Writes a report of a survey, as HTML or PDF by the ending of its name, or fills a workbook."""
 
+import contextlib
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from pfwd_survey.errors import OptionError, refusal
@@ -18,6 +21,10 @@ __all__ = ["ReportOptions", "write_report"]
 ENDINGS = (".html", ".pdf")
 WORKBOOK = ".xlsx"
 """With a template."""
+
+COLLECT_AFTER = 50_000
+"""New objects after which garbage is looked for while pictures are drawn. They have so many that
+live that Python's own 700 takes a tenth of the time; this many take a few MB."""
 
 
 def write_report(
@@ -83,16 +90,27 @@ def _filled(report: Report, options: ReportOptions) -> bytes:
 
 
 def _rendered(report: Report, options: ReportOptions, texts: Texts, ending: str) -> bytes:
-    letters = Letters()
-    blocks = compose(report, texts, letters, options.company, options.logo)
-    title = next(block.text for block in blocks if isinstance(block, Heading))
-    if ending == ".pdf":
-        from pfwd_survey.reporting.pdf_file import render_pdf
+    with _garbage_seldom():
+        letters = Letters()
+        blocks = compose(report, texts, letters, options.company, options.logo)
+        title = next(block.text for block in blocks if isinstance(block, Heading))
+        if ending == ".pdf":
+            from pfwd_survey.reporting.pdf_file import render_pdf
 
-        return render_pdf(blocks, texts, title, letters)
-    from pfwd_survey.reporting.html_file import render_html
+            return render_pdf(blocks, texts, title, letters)
+        from pfwd_survey.reporting.html_file import render_html
 
-    return render_html(blocks, texts, title).encode("utf-8")
+        return render_html(blocks, texts, title).encode("utf-8")
+
+
+@contextlib.contextmanager
+def _garbage_seldom() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(max(before[0], COLLECT_AFTER) if before[0] else 0, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 def _write(target: Path, data: bytes) -> None:

@@ -12,13 +12,13 @@ from tui.report_settings import load_report_settings
 
 def _target(args: argparse.Namespace) -> float | None:
     """Pa, or m: typed in the unit of what the report judges."""
+    if args.target is None and args.target_deflection is None:
+        return None
     from pfwd_survey.files.folders import refuse_no_survey
     from pfwd_survey.judging import target_si
     from pfwd_survey.procedures import Quantity, find_procedure
     from tui.measuring_options import kept_job
 
-    if args.target is None and args.target_deflection is None:
-        return None
     if args.target is not None and args.target_deflection is not None:
         raise OptionError(refusal("--target and --target-deflection", "one of them", "both"))
     refuse_no_survey(args.survey)

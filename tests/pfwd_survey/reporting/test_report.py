@@ -1,6 +1,7 @@
 """Reports: what they say, that nothing in them runs or is fetched, that they can be read."""
 
 import dataclasses
+import gc
 import html.parser
 import json
 import re
@@ -31,7 +32,7 @@ from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import draw_traces
 from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.reporting.gathering import ReportOptions, gather
-from pfwd_survey.reporting.report import write_report
+from pfwd_survey.reporting.report import COLLECT_AFTER, _garbage_seldom, write_report
 from pfwd_survey.reporting.texts import load_texts
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
 
@@ -561,3 +562,10 @@ def test_results_and_points_survive_json(survey: Path) -> None:
     for point in gather(survey).points:
         json.dumps(point.progress.as_dict(), allow_nan=False)
         assert dataclasses.is_dataclass(point)
+
+
+def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
+    before = gc.get_threshold()
+    with _garbage_seldom():
+        assert gc.get_threshold()[0] == max(before[0], COLLECT_AFTER)
+    assert gc.get_threshold() == before
