@@ -60,6 +60,11 @@ class Verdict(StrEnum):
     NONE = "none"
     """There is no target."""
 
+    @property
+    def word(self) -> str:
+        """For a sentence."""
+        return "no verdict" if self is Verdict.NONE else self.value
+
 
 @dataclass(frozen=True, slots=True)
 class PointValue:

@@ -34,7 +34,7 @@ def test_measured_by_a_procedure_and_reported(tmp_path: Path) -> None:
     assert "tp-bf-stb-b8.3" in (tmp_path / "r.html").read_text(encoding="utf-8")
     done = pfwd("report", survey, "-o", tmp_path / "r.pdf", "--language", "de")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "point 1: none, there is no target\n"
+    assert done.stdout == "point 1: no verdict, there is no target\n"
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
 
 

@@ -67,6 +67,6 @@ def run(args: argparse.Namespace) -> int:
             said = {"point": point.name, "discarded": point.discarded, "report": args.output}
             print(json_text({**said, **progress.as_dict()}), flush=True)
         else:
-            print(clean(f"point {point.name}: {progress.verdict}, {progress.verdict_reason}"))
+            print(clean(f"point {point.name}: {progress.verdict.word}, {progress.verdict_reason}"))
     say(f"{args.output} written in {time.monotonic() - begun:.1f} s")
     return 0

@@ -93,14 +93,14 @@ class OpenApp(App[int]):
     TabbedContent { height: 1fr; }
     TabPane { padding: 0; }
     #drops-table { height: 40%; }
-    #compare-table { height: 12; }
+    #compare-table { height: 8; }
     TextDialog { align: center middle; background: $background 60%; }
     .dialog { width: 64; max-width: 96%; height: auto; padding: 1 2; border: heavy $foreground;
               background: $surface; }
     .dialog Label { width: 100%; height: auto; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "Filter"),
+        Binding("slash", "filter", "Find"),
         Binding("s", "sort", "Sort"),
         Binding("enter", "open", "Drops", show=True, priority=False),
         Binding("p", "tab('profile')", "Profile"),
@@ -403,8 +403,16 @@ class OpenApp(App[int]):
             self.chosen = names[min(max(0, place + step), len(names) - 1)]
             self.draw_plots()
 
+    def _at_cursor(self) -> None:
+        """Choose the row of the cursor now: its message may come after the next key."""
+        table = self.query_one("#points-table", PlainTable)
+        if self.tab == "points" and table.is_valid_row_index(table.cursor_row):
+            key = table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
+            self.chosen = key or self.chosen
+
     def action_open(self) -> None:
         """The drops of the chosen point."""
+        self._at_cursor()
         if self.opened.survey is None:
             self.say("the survey is still being read")
             return
@@ -441,7 +449,7 @@ class OpenApp(App[int]):
             )
             rows.append((str(number), cells))
         table.fill(rows)
-        self.say(f"point {point.title}: {progress.verdict.value}, {progress.verdict_reason}")
+        self.say(f"point {point.title}: {progress.verdict.word}, {progress.verdict_reason}")
         drops = [(str(drop.drop), drop) for drop in point.drops]
         self._overlay("#drops-plot", drops)
 
@@ -468,6 +476,7 @@ class OpenApp(App[int]):
 
     def action_compare(self) -> None:
         """Mark a point; the second one is set beside the first."""
+        self._at_cursor()
         if not self.chosen or self.opened.survey is None:
             return
         if self.chosen in self.marked:
@@ -477,6 +486,7 @@ class OpenApp(App[int]):
         if len(self.marked) < 2:
             self.say(f"marked: {', '.join(self.marked) or 'none'}; c on another one compares")
             return
+        self.say(" and ".join(self.marked))
         self._fill_comparison()
         self.action_tab("compare")
 

@@ -2,8 +2,13 @@
 
 from typing import Any
 
+from textual import events
 from textual.screen import Screen
 from textual.widgets import Footer
+
+WIDE = 104
+"""Columns from which all keys have room with the palette beside them; below that they stand closer
+and the palette, which ctrl+p opens all the same, is not named."""
 
 
 class KeysLine(Footer):
@@ -13,7 +18,15 @@ class KeysLine(Footer):
     and three times a change of the tab, though what it says is the same.
     """
 
+    DEFAULT_CSS = """
+    KeysLine.-compact FooterKey.-command-palette { display: none; }
+    """
+
     _said: tuple[tuple[str, str, bool], ...] = ()
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Closer where there is little room."""
+        self.compact = event.size.width < WIDE
 
     def bindings_changed(self, screen: Screen[Any]) -> None:
         """Build the line again where another key, another word or another state is to be shown."""

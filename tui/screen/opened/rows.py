@@ -318,9 +318,10 @@ def pages(count: int, size: int) -> int:
 
 def shares(rows: Iterable[PointRow]) -> Iterator[tuple[str, int]]:
     """How many points stand how, in a fixed order; what does not occur is left out."""
+    titles = {"-": "without a verdict", "...": "to be judged"}
     counts: dict[str, int] = {}
     for row in rows:
         counts[row.state] = counts.get(row.state, 0) + 1
     for state in ("PASS", "FAIL", "UNDECIDED", "-", "DISCARDED", "..."):
         if counts.get(state):
-            yield state, counts[state]
+            yield titles.get(state, state), counts[state]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pfwd_survey.measuring.live_trace import WINDOW, Envelope
-from pfwd_survey.procedures import PLAIN, Quantity
+from pfwd_survey.procedures import NO_PROCEDURE, PLAIN, Quantity
 from tui.output import counted
 from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, table_lines, window
@@ -266,7 +266,8 @@ def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
     wanted = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
     parts.append(piece(1, wanted))
     if view.state.procedure.name != PLAIN:
-        parts.append(piece(3, cell(view.state.procedure.name, "dim")))
+        name = view.state.procedure.name
+        parts.append(piece(3, cell("no procedure" if name == NO_PROCEDURE.name else name, "dim")))
     parts += _lot_pieces(view)
     gap = "   " if width >= WIDE else "  "
     parts_width = width_of(fit(parts, width - 1, gap))

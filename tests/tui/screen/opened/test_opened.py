@@ -1,6 +1,7 @@
 """A survey that is looked at: rows, the screen, the page for a browser."""
 
 import asyncio
+import dataclasses
 import json
 import threading
 import urllib.error
@@ -29,7 +30,7 @@ from tui.screen.drawing.lines import text_of
 from tui.screen.opened.app import PAGE, OpenApp, Plot
 from tui.screen.opened.keys import KeysLine
 from tui.screen.opened.plots import map_lines, profile_figure
-from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages
+from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages, shares
 from tui.screen.opened.serving import MOST_WRONG, SurveyServer, is_here, parse_place
 from tui.screen.opened.table import PlainTable
 
@@ -110,6 +111,12 @@ def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) ->
 )
 def test_a_filter(survey: Path, wanted: str, expected: list[str]) -> None:
     assert titles(matching(opened(survey).rows, wanted)) == expected
+
+
+def test_points_without_a_verdict_are_counted_in_words(survey: Path) -> None:
+    rows = [dataclasses.replace(row, verdict="none") for row in opened(survey).rows]
+    waiting = dataclasses.replace(rows[0], judged=False)
+    assert list(shares([*rows, waiting])) == [("without a verdict", 5), ("to be judged", 1)]
 
 
 def test_an_order(survey: Path) -> None:
@@ -193,6 +200,28 @@ def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
     look(survey, script)
 
 
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_every_key_is_named(survey: Path, size: tuple[int, int]) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        await pilot.pause()
+        last = shown(app).splitlines()[-1]
+        for part in ("/ Find", "s Sort", "⏎ Drops", "c Compare", "r Report", "x Export", "q Leave"):
+            assert part in last
+        assert ("palette" in last) == (size[0] > 100)
+
+    look(survey, script, size)
+
+
+def test_keys_that_follow_each_other_at_once_take_the_row_of_the_cursor(survey: Path) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        app.action_compare()
+        app.query_one("#points-table", DataTable).action_cursor_down()
+        app.action_compare()  # the message of the row has not come yet
+        assert app.marked == ["0+000", "0+020"]
+
+    look(survey, script)
+
+
 def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         bar = app.query_one(Underline)
@@ -210,14 +239,17 @@ def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
     look(survey, script)
 
 
-def test_two_points_are_compared(survey: Path) -> None:
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_two_points_are_compared(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         await pilot.press("c", "down", "c")
         await until(pilot, lambda: app.tab == "compare")
         await until(pilot, lambda: "second / first" in shown(app))
         assert "0.667" in shown(app)
+        await until(pilot, lambda: "deflection as recorded" in shown(app))
+        assert "0+000 and 0+020" in shown(app)
 
-    look(survey, script)
+    look(survey, script, size)
 
 
 def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(survey: Path) -> None:
