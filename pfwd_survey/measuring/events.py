@@ -257,10 +257,10 @@ class BatteryLow(Notice):
 
 @dataclass(frozen=True, slots=True)
 class StorageLow(Notice):
-    """The disk is filling."""
+    """The disk is filling, or has room again."""
 
-    drops_left: int = 0
-    """About how many more it takes."""
+    drops_left: int | None = 0
+    """About how many more it takes; None: there is room again."""
 
 
 SessionEvent = (

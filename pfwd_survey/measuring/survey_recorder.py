@@ -62,7 +62,7 @@ class SurveyRecorder:
         self._held: list[DropRecord] = []
         self._told = 0
         self._next_try = self._next_look = 0.0
-        self._filling_told = False
+        self._left_told: int | None = None
 
     @property
     def held(self) -> int:
@@ -103,6 +103,8 @@ class SurveyRecorder:
         if now >= self._next_look:
             self._next_look = now + LOOK_AFTER
             self.writer.look_after()
+            if self._left_told is not None:
+                self._announce_filling()
         self._tell_reports()
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
@@ -159,11 +161,17 @@ class SurveyRecorder:
                     self._tell(SurveyFilesChanged(report.text, safe=True))
 
     def _announce_filling(self) -> None:
-        left = self.writer.scarce_drops()
-        if left is not None and not self._filling_told:
+        left, told = self.writer.scarce_drops(), self._left_told
+        if left is None:
+            if told is not None:
+                text = f"The disk has room again in {self.writer.folder}."
+                self._tell(StorageLow(text, drops_left=None))
+        elif told is None or (left < told and left <= told // 2):  # half of it has gone
             text = f"The disk is filling: room for about {left} more drops in {self.writer.folder}."
             self._tell(StorageLow(text, serious=True, drops_left=left))
-        self._filling_told = left is not None
+        else:
+            return
+        self._left_told = left
 
     def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
         """Save a rebound; that of a drop which is held is held with it.

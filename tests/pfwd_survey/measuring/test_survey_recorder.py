@@ -17,6 +17,7 @@ from pfwd_survey.measuring.events import (
     DropNotPublished,
     DropNotSaved,
     Notice,
+    StorageLow,
     SurveyFilesChanged,
 )
 from pfwd_survey.measuring.survey_recorder import SurveyRecorder
@@ -115,6 +116,26 @@ def test_files_that_are_taken_away_are_noticed_within_a_second(
     recorder.try_again()
     assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged"]
     assert survey_recorder.LOOK_AFTER <= 1.0
+
+
+def test_a_disk_that_fills_is_said_and_that_it_has_room_again(
+    writer: SurveyWriter, told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    lefts: list[int | None] = [47, 46, 23, 24, 12, 0, 0]
+    for number, left in enumerate(lefts, start=1):
+        monkeypatch.setattr(writer, "scarce_drops", lambda left=left: left)
+        recorder.keep(make_record(number, np.random.default_rng(number)))
+    said = [event.drops_left for event in told.events if isinstance(event, StorageLow)]
+    assert said == [47, 23, 0]  # not at every drop
+    monkeypatch.setattr(writer, "scarce_drops", lambda: None)
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()  # no drop has to come for it
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()
+    again = [event for event in told.events if isinstance(event, StorageLow)][3:]
+    assert [event.drops_left for event in again] == [None]
+    assert not again[0].serious
 
 
 def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(

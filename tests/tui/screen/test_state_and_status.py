@@ -251,6 +251,8 @@ def test_a_full_disk_is_told_before_it_is_full() -> None:
     state.take(StorageLow("filling", serious=True, drops_left=40))
     assert word(state) == "DISK LOW"
     assert "room for about 40 more drops" in status_of(state, 110.0).action
+    state.take(StorageLow("room again", drops_left=None))
+    assert word(state) == "READY"
 
 
 def test_a_battery_that_is_low_is_shown() -> None:
