@@ -32,7 +32,7 @@ from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.standing import CompletePoints
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
-from tui.output import say
+from tui.output import clean, say
 from tui.point_lines import NAMES, is_worth_a_line, point_text
 
 log = logging.getLogger("pfwd.session")
@@ -79,9 +79,15 @@ class SessionLines:
     def _point(self, point: JudgedPoint) -> None:
         if not is_worth_a_line(point.progress):
             return
-        text = point_text(point)
+        said = point.as_json()
+        if point.progress.complete:
+            text = point_text(point)
+        else:  # it was, until a drop was discarded or moved: lines with `complete` are always true
+            text = f"point {clean(point.name)} is open again: {point.progress.instruction}"
+            said = {key: value for key, value in said.items() if key != "complete"}
+            said["open_again"] = True
         log.info("%s", text)
-        print(json_text(point.as_json()) if self._as_json else text, flush=True)
+        print(json_text(said) if self._as_json else text, flush=True)
 
     def _event(self, event: SessionEvent) -> None:
         match event:

@@ -51,7 +51,7 @@ class JudgedPoint:
     discarded: bool = False
 
     def as_json(self) -> dict[str, Any]:
-        """The line of a complete point, SI units."""
+        """The line of a point, SI units."""
         return point_line(self.name, self.progress)
 
 

@@ -13,15 +13,19 @@ from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.judging import Job
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropNotSaved,
     DropSaved,
+    Edited,
     HandedOn,
+    JobKnown,
     Notice,
     SensorCheck,
     TableBuilding,
 )
+from pfwd_survey.procedures import plain_procedure
 from tui.format import drop_line
 from tui.log_file import KEPT, LARGEST, close_log, open_log
 from tui.session_lines import SessionLines
@@ -82,6 +86,26 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     assert "identical" not in first
     assert "drop A/2 is NOT SAFE yet" in output.err
     assert output.err.count("a table") == 1
+
+
+def test_a_line_that_says_complete_is_of_a_complete_point(
+    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for as_json in (True, False):
+        lines = SessionLines(as_json=as_json, analysed=True)
+        lines.tell(JobKnown(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        lines.tell(DropSaved(one(), ()))
+        lines.tell(analysed(one(), 40e6, full=True))
+        lines.tell(Edited("discard", None, None, 5))
+        text = capsys.readouterr().out.splitlines()[-2:]
+        if as_json:
+            before, after = map(json.loads, text)
+            assert before["complete"] is True
+            assert "complete" not in after
+            assert (after["point"], after["open_again"], after["used"]) == ("A", True, [])
+        else:
+            assert text[0].startswith("point A: ")
+            assert text[1].startswith("point A is open again: ")
 
 
 def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
