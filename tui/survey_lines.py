@@ -1,5 +1,6 @@
 """Results of many points as text: a block a point or a line a point, each warning once."""
 
+import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Sequence
@@ -25,7 +26,8 @@ from tui.output import clean
 LONGEST_NAME = 20
 """Letters of a point's name in a table; longer ones end with an ellipsis."""
 
-_NOTE = "* on a bound of the search; bedrock: 95 % interval; residual: contact phase, over the peak"
+_STAR = "* on a bound of the search; "
+_NOTE = "bedrock: 95 % interval; residual: contact phase, over the peak"
 
 
 def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
@@ -48,9 +50,12 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
     used = [(name, [r for r in some if r.status != "rejected"]) for name, some in points]
     used = [(name, some) for name, some in used if some]
     lines = []
-    for settings, same in itertools.groupby(used, key=lambda item: rests_on(item[1][0])):
+    starred = False
+    for _, same in itertools.groupby(used, key=lambda item: _rests_on(item[1])):
         blocks = list(same)
-        lines += [f"  {line}" for line in settings]
+        every = [result for _, some in blocks for result in some]
+        lines += [f"  {line}" for line in _rests_on(every, _models(every))]
+        starred |= any("modulus" in (result.at_bound or ()) for result in every)
         rows: list[tuple[str, ...]] = [_POINT_COLUMNS] if by == "point" else [_DROP_COLUMNS]
         for name, some in blocks:
             rows += [_point_row(name, some)] if by == "point" else _drop_rows(name, some)
@@ -58,7 +63,7 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
         for name, some in blocks:
             lines += [f"  {name},{line[1:]}" for line in layer_lines(some)]
     if used and by == "drop":
-        lines.append(f"  {_NOTE}")
+        lines.append(f"  {_STAR if starred else ''}{_NOTE}")
     rejected = [(r, r.reason or NOTHING) for r in results if r.status == "rejected"]
     order = list(dict.fromkeys(name for name, _ in points))
     lines += _said(results, order, "rejected", rejected)
@@ -71,6 +76,15 @@ _DROP_COLUMNS = (
     *("point", "drop", "kN", "E MPa", "95 % MPa", "bedrock m", "residual %", "verdict"),
 )
 _POINT_COLUMNS = ("point", "drops", "E MPa", "95 % MPa", "residual %", "verdict")
+
+
+def _rests_on(results: Sequence[DropResult], model: str = "") -> tuple[str, ...]:
+    """What the numbers rest on, whichever of the models a drop was fitted best by."""
+    return rests_on(dataclasses.replace(results[0], model=model))
+
+
+def _models(results: Sequence[DropResult]) -> str:
+    return " or ".join(dict.fromkeys(str(result.model) for result in results))
 
 
 def _point(result: DropResult) -> str:

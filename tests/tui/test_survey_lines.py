@@ -54,6 +54,20 @@ def test_a_block_a_point_with_its_name_residual_and_verdict() -> None:
     assert max(map(len, lines[3:10])) <= 80
 
 
+def test_points_of_which_one_is_a_half_space_share_a_table() -> None:
+    found = survey(3)
+    found[3] = replace(found[3], model="half-space", bedrock_depth_m=None)
+    lines = result_lines(found)
+    assert sum("drop  kN" in line for line in lines) == 1
+    assert "model layer or half-space, load" in lines[2]
+
+
+@pytest.mark.parametrize("bound", [(), ("modulus",)])
+def test_a_star_is_explained_where_there_is_one(bound: tuple[str, ...]) -> None:
+    text = "\n".join(result_lines(survey(2, at_bound=bound)))
+    assert ("* on a bound of the search" in text) == bool(bound) == ("45*" in text)
+
+
 def test_a_line_a_point_has_the_mean_of_its_measured_drops() -> None:
     found = survey(2)
     found[2] = replace(found[2], modulus_pa=49.4e6, explained=False)
