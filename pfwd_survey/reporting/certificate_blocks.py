@@ -105,7 +105,9 @@ def _rows(report: Report, kept: Sequence[ReportPoint], texts: Texts) -> tuple[tu
     measured = " – ".join(dict.fromkeys((times[0], times[-1]))) if times else ""
     radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
-    points = f"{len(kept)} ({sum(len(p.drops) for p in kept)} {texts['drops']})"
+    drops = sum(len(p.drops) for p in kept)
+    key = "points_and_drop" if drops == 1 else "points_and_drops"
+    points = texts.say(key, points=len(kept), drops=drops)
     return (
         (texts["place"], _each(point.setup.site for point in kept)),
         (texts["period"], measured),

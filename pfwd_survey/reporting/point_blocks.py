@@ -8,7 +8,7 @@ from typing import Any
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.spread import relative_spread
 from pfwd_survey.message_groups import as_ranges, group_messages
-from pfwd_survey.procedures import Quantity
+from pfwd_survey.procedures import Quantity, Verdict
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import (
     Block,
@@ -92,7 +92,10 @@ def point_blocks(
 def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, str]]:
     progress = point.progress
     word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
-    rows = [(texts["verdict"], f"{word}: {texts.message(progress.verdict_reason)}")]
+    # "no target" is its own reason.
+    reason = f": {texts.message(progress.verdict_reason)}"
+    said = progress.verdict is not Verdict.NONE or point.discarded
+    rows = [(texts["verdict"], word + (reason if said else ""))]
     if report.procedure.quantity is not Quantity.MODULUS:
         rows += [
             (
@@ -209,7 +212,10 @@ def _stress(point: ReportPoint, texts: Texts) -> str:
     if stress is None:
         return ""
     low, high = (end / 1e3 for end in stress.pressures)
-    exponent = shown.with_deviation(stress.exponent, stress.exponent_deviation, 1.0, "")
+    deviation = stress.exponent_deviation
+    if deviation is not None and abs(stress.exponent) < 2 * deviation:  # 95 %: it may be none
+        return texts.say("stress_none", low=f"{low:.0f}", high=f"{high:.0f}")
+    exponent = shown.with_deviation(stress.exponent, deviation, 1.0, "")
     return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
 
 

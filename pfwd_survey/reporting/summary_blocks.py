@@ -97,8 +97,8 @@ def _where(places: Sequence[str], order: Sequence[str], names: dict[str, str], t
     if len(ranges) > MOST_RANGES:
         return texts.say("some_points", count=len(places), all=len(order))
     said = ", ".join(" – ".join(names[end] for end in part.split(" to ")) for part in ranges)
-    word = texts["point" if len(places) == 1 else "points"]
-    return f"{len(places)} {word}: {said}" if len(places) > 1 else f"{word} {said}"
+    key = "point_named" if len(places) == 1 else "points_named"
+    return texts.say(key, count=len(places), names=said)
 
 
 def common_warnings(report: Report) -> set[str]:

@@ -89,7 +89,7 @@ def test_warnings_of_all_points_stand_once(survey: Path) -> None:
     blocks = compose(replace(report, points=points), EN, Letters())
     listed = [item for block in blocks for item in getattr(block, "items", ())]
     assert "no plate mass: 1.5 and 2.5 kg is taken (all 2 points)" in listed
-    assert "its own: 3 (Point B)" in listed
+    assert "its own: 3 (point B)" in listed
     pages = [part for block in blocks if isinstance(block, Together) for part in block.blocks]
     said = [part.text for part in pages if isinstance(part, Paragraph)]
     assert sum("its own: 3" in text for text in said) == 1

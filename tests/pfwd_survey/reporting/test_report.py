@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,12 +27,13 @@ from pfwd_survey.inverting.kept import is_sound
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult, drop_result
 from pfwd_survey.inverting.screening.drops import screen
-from pfwd_survey.procedures import Verdict
+from pfwd_survey.procedures import StressDependence, Verdict
 from pfwd_survey.reporting import fonts
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import draw_traces
 from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.reporting.gathering import ReportOptions, gather
+from pfwd_survey.reporting.point_blocks import _stress
 from pfwd_survey.reporting.report import COLLECT_AFTER, _garbage_seldom, write_report
 from pfwd_survey.reporting.texts import load_texts
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
@@ -569,3 +571,19 @@ def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
     with _garbage_seldom():
         assert gc.get_threshold()[0] == max(before[0], COLLECT_AFTER)
     assert gc.get_threshold() == before
+
+
+@pytest.mark.parametrize(
+    ("deviation", "said"),
+    [
+        (0.55, "none that the drops tell (90 to 120 kPa)"),
+        (0.04, "to the power -0.09"),
+        (None, "to"),
+    ],
+)
+def test_a_dependence_on_stress_is_told_where_the_drops_tell_it(
+    deviation: float | None, said: str
+) -> None:
+    stress = StressDependence(-0.09, deviation, (90e3, 120e3))
+    point = SimpleNamespace(progress=SimpleNamespace(stress=stress))
+    assert said in _stress(point, load_texts("en"))  # type: ignore[arg-type]
