@@ -2,7 +2,7 @@
 
 Needs files of real devices; they are not part of the project.  Files of one device are one survey,
 as for the command: a point that is left out is fitted with device effects that the other points
-ask for in the middle, its ground alone is its own.  Root mean squares over the peak, in %.
+ask for together, its ground alone is its own.  Root mean squares over the peak, in %.
 """
 
 import argparse
