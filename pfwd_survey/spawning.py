@@ -42,6 +42,13 @@ def worker_pool(count: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(count, spawn_context(), initializer=_begin_worker)
 
 
+def processors() -> int:
+    """How many of them this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on Windows and macOS
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def _begin_worker() -> None:
     ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()

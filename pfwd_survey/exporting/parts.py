@@ -31,7 +31,7 @@ from pfwd_device.recording.survey_content import (
 )
 from pfwd_survey.exporting.rows import Order, Row, point_rows_of
 from pfwd_survey.judging import Job
-from pfwd_survey.spawning import worker_pool
+from pfwd_survey.spawning import processors, worker_pool
 
 LARGE_LEDGER = 600_000
 """Bytes of a ledger, those of 2,000 drops: in the time that a second process takes to start the
@@ -108,13 +108,6 @@ def is_large(survey: str) -> bool:
         return Layout(Path(survey)).ledger.stat().st_size >= LARGE_LEDGER
     except OSError:
         return False  # an exported survey, or none at all, which is said when it is read
-
-
-def processors() -> int:
-    """How many of them this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not on Windows and macOS
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def row_texts(order: Order, texts: Texts) -> Iterator[str]:

@@ -14,6 +14,7 @@ from pfwd_survey.reporting.composing import compose
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fonts import Letters, require_letters
 from pfwd_survey.reporting.gathering import Progress, ReportOptions, gather
+from pfwd_survey.reporting.pictures_as_svg import SecondDrawer
 from pfwd_survey.reporting.texts import Texts, load_texts
 
 __all__ = ["ReportOptions", "write_report"]
@@ -32,6 +33,7 @@ def write_report(
     output: str | os.PathLike[str],
     options: ReportOptions | None = None,
     progress: Progress | None = None,
+    second: SecondDrawer | None = None,
 ) -> Report:
     """Write a report of a survey; the survey itself is not changed.
 
@@ -42,6 +44,8 @@ def write_report(
     options : ReportOptions, optional
     progress : callable, optional
         Told what is done, one sentence each.
+    second : SecondDrawer, optional
+        Draws pictures of HTML, too.
 
     Returns
     -------
@@ -78,7 +82,7 @@ def write_report(
         raise OptionError(refusal("--output", "another file than the template", str(target)))
     report = gather(Path(survey), options, progress)
     data = _filled(report, options) if options.template is not None else None
-    _write(target, _rendered(report, options, texts, ending) if data is None else data)
+    _write(target, _rendered(report, options, texts, ending, second) if data is None else data)
     return report
 
 
@@ -89,7 +93,13 @@ def _filled(report: Report, options: ReportOptions) -> bytes:
     return fill_template(report, options.template, options.company)[0]
 
 
-def _rendered(report: Report, options: ReportOptions, texts: Texts, ending: str) -> bytes:
+def _rendered(
+    report: Report,
+    options: ReportOptions,
+    texts: Texts,
+    ending: str,
+    second: SecondDrawer | None,
+) -> bytes:
     with _garbage_seldom():
         letters = Letters()
         blocks = compose(report, texts, letters, options.company, options.logo)
@@ -100,7 +110,7 @@ def _rendered(report: Report, options: ReportOptions, texts: Texts, ending: str)
             return render_pdf(blocks, texts, title, letters)
         from pfwd_survey.reporting.html_file import render_html
 
-        return render_html(blocks, texts, title).encode("utf-8")
+        return render_html(blocks, texts, title, second).encode("utf-8")
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import time
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.reporting.pictures_as_svg import SecondDrawer, second_drawer
 from tui.output import clean, say
 from tui.progress import telling
 from tui.report_settings import load_report_settings
@@ -35,6 +36,12 @@ def _target(args: argparse.Namespace) -> float | None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report, then say how the points stand."""
+    # A second process starts while this one loads what it needs and reads the survey.
+    with second_drawer(args.survey, args.output) as second:
+        return _run(args, second)
+
+
+def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
     from pfwd_survey.reporting.report import ReportOptions, write_report
 
     if args.seed < 0:
@@ -58,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     )
     begun = time.monotonic()
     with telling() as tell:
-        report = write_report(args.survey, args.output, options, progress=tell)
+        report = write_report(args.survey, args.output, options, progress=tell, second=second)
     for text in report.otherwise:
         say(f"report: {text}")
     for point in report.points:
