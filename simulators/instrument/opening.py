@@ -10,7 +10,7 @@ from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 HAS_PTY = os.name == "posix"
 
 
-def open_endpoint(listen: str | None, movable: bool = False) -> Endpoint:
+def open_endpoint(listen: str | None) -> Endpoint:
     """The endpoint that `--listen` names; by default a virtual serial port where there are any.
 
     Raises
@@ -26,7 +26,7 @@ def open_endpoint(listen: str | None, movable: bool = False) -> Endpoint:
         else:  # noqa: RET506 - only an else is left out of the checks for Windows
             from simulators.instrument.pseudo_terminal import PtyEndpoint
 
-            return PtyEndpoint(movable)
+            return PtyEndpoint()
     host, colon, port = listen.removeprefix("tcp://").rpartition(":")
     good = listen.startswith("tcp://") and colon and host and port.isdecimal()
     if not good or int(port) > 65_535:

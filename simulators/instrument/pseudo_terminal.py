@@ -23,24 +23,19 @@ assert sys.platform != "win32"  # what follows is not checked for Windows, which
 class PtyEndpoint:
     """A virtual serial port.
 
-    Parameters
-    ----------
-    movable : bool
-        Whether the cable will be pulled: the URL is then a link that points to whatever port
-        there is.
+    Its URL is a link to whatever port there is: a pulled cable comes back under the same name, and
+    nobody else gets it. The system gives the name of a port that was closed to the next one, and a
+    program that looks for its lost instrument would take that one.
     """
 
-    def __init__(self, movable: bool = False) -> None:
-        self._folder: Path | None = None
+    def __init__(self) -> None:
         self._master = -1
         self.visits = 0
         self._occupied = False
         port = self._open()
-        self.url = port
-        if movable:
-            self._folder = Path(tempfile.mkdtemp(prefix="pfwd-port-"))
-            self.url = str(self._folder / "port")
-            os.symlink(port, self.url)
+        self._folder = Path(tempfile.mkdtemp(prefix="pfwd-port-"))
+        self.url = str(self._folder / "port")
+        os.symlink(port, self.url)
 
     def _open(self) -> str:
         try:
@@ -112,8 +107,7 @@ class PtyEndpoint:
 
     def unplug(self) -> None:
         """See `Endpoint`."""
-        if self._folder is not None:
-            Path(self.url).unlink(missing_ok=True)
+        Path(self.url).unlink(missing_ok=True)
         if self._master >= 0:
             os.close(self._master)
             self._master = -1
@@ -121,14 +115,9 @@ class PtyEndpoint:
 
     def plug(self) -> None:
         """See `Endpoint`."""
-        port = self._open()
-        if self._folder is None:
-            self.url = port
-        else:
-            os.symlink(port, self.url)
+        os.symlink(self._open(), self.url)
 
     def close(self) -> None:
         """See `Endpoint`."""
         self.unplug()
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -69,8 +69,7 @@ def simulate(
     if options.drops is not None and options.drops < 1:
         raise ScenarioError(f"drops: expected a whole number >= 1, came {options.drops}")
     scenario = load_scenario(options.scenario)
-    movable = bool(scenario.faults_of("unplug"))
-    with closing(open_endpoint(options.listen, movable)) as endpoint:
+    with closing(open_endpoint(options.listen)) as endpoint:
         instrument = PortlessInstrument(
             scenario,
             options.seed,

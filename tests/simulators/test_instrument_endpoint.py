@@ -103,7 +103,7 @@ def served() -> Iterator[Callable[..., tuple[str, PortlessInstrument]]]:
 
     def serve(tables: Any, listen: str, rate: float = 0.0, **options: Any) -> Any:
         scenario = load_scenario(tables)
-        endpoint = open_endpoint(listen, movable=bool(scenario.faults_of("unplug")))
+        endpoint = open_endpoint(listen)
         endpoints.append(endpoint)
         instrument = PortlessInstrument(scenario, overruns=rate == 1, **options)
         server = Server(instrument, endpoint, rate, stop.is_set)
@@ -184,7 +184,7 @@ def test_a_full_port_takes_no_more(endpoint: Endpoint) -> None:
 def test_a_pulled_pty_comes_back_under_the_same_name() -> None:
     from simulators.instrument.pseudo_terminal import PtyEndpoint
 
-    with closing(PtyEndpoint(movable=True)) as endpoint:
+    with closing(PtyEndpoint()) as endpoint:
         first = Path(endpoint.url).resolve()
         with closing(Reader(endpoint.url)) as reader:
             until(lambda: endpoint.connected)
