@@ -1,12 +1,25 @@
 """Worker processes of `multiprocessing` that take no code from the current folder."""
 
+import contextlib
 import os
 import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Protocol, TypeVar
 
 from pfwd_device.child_python import children_shielded, ignore_interrupts
+
+
+class Closable(Protocol):
+    """Something with processes that are to be ended."""
+
+    def close(self) -> None:
+        """End them."""
+
+
+_C = TypeVar("_C", bound=Closable)
 
 
 class ShieldedProcess(SpawnProcess):
@@ -47,6 +60,20 @@ def processors() -> int:
     if hasattr(os, "sched_getaffinity"):  # not on Windows and macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def beside(start: Callable[[], _C], helps: bool) -> Iterator[_C | None]:
+    """Processes for the block; None where they would not help, or the system starts no more."""
+    started = None
+    if helps:
+        with contextlib.suppress(OSError):  # this process does it alone
+            started = start()
+    try:
+        yield started
+    finally:
+        if started is not None:
+            started.close()
 
 
 def _begin_worker() -> None:

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -31,7 +32,7 @@ from pfwd_device.recording.survey_content import (
 )
 from pfwd_survey.exporting.rows import Order, Row, point_rows_of
 from pfwd_survey.judging import Job
-from pfwd_survey.spawning import processors, worker_pool
+from pfwd_survey.spawning import beside, processors, worker_pool
 
 LARGE_LEDGER = 600_000
 """Bytes of a ledger, those of 2,000 drops: in the time that a second process takes to start the
@@ -81,8 +82,7 @@ class SecondProcess:
         self._pool.shutdown(cancel_futures=True)
 
 
-@contextlib.contextmanager
-def second_process(survey: str, jobs: int) -> Iterator[SecondProcess | None]:
+def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProcess | None]:
     """One for the block; None when it would not help, or cannot be had.
 
     Parameters
@@ -91,15 +91,7 @@ def second_process(survey: str, jobs: int) -> Iterator[SecondProcess | None]:
     jobs : int
         Processes that may work, this one included.
     """
-    second = None
-    if jobs > 1 and processors() > 1 and is_large(survey):
-        with contextlib.suppress(OSError):  # the system starts no more: this one does it alone
-            second = SecondProcess()
-    try:
-        yield second
-    finally:
-        if second is not None:
-            second.close()
+    return beside(SecondProcess, jobs > 1 and processors() > 1 and is_large(survey))
 
 
 def is_large(survey: str) -> bool:

@@ -12,6 +12,7 @@ import io
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.reporting.blocks import Picture
 from pfwd_survey.reporting.fonts import families
-from pfwd_survey.spawning import processors, worker_pool
+from pfwd_survey.spawning import beside, processors, worker_pool
 
 WIDTH = 180.0
 """mm, of a picture."""
@@ -51,8 +52,7 @@ class SecondDrawer:
         self._pool.shutdown(cancel_futures=True)
 
 
-@contextlib.contextmanager
-def second_drawer(survey: str, output: str) -> Iterator[SecondDrawer | None]:
+def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDrawer | None]:
     """One for the block; None where it would not help, or cannot be had.
 
     Parameters
@@ -60,15 +60,8 @@ def second_drawer(survey: str, output: str) -> Iterator[SecondDrawer | None]:
     survey : path of a survey
     output : path of the report; HTML alone has its pictures one by one
     """
-    second = None
-    if output.lower().endswith(".html") and processors() > 1 and _has_many_drops(survey):
-        with contextlib.suppress(OSError):  # the system starts no more: this one does it alone
-            second = SecondDrawer()
-    try:
-        yield second
-    finally:
-        if second is not None:
-            second.close()
+    html = output.lower().endswith(".html")
+    return beside(SecondDrawer, html and processors() > 1 and _has_many_drops(survey))
 
 
 def _has_many_drops(survey: str) -> bool:
