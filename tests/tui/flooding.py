@@ -43,7 +43,7 @@ class Flooding(PortlessInstrument):
 def flooding(rate: float = 1.0) -> Iterator[tuple[Flooding, str]]:
     """The instrument and its URL; it ends with the block."""
     stopped = threading.Event()
-    with closing(open_endpoint("tcp://127.0.0.1:0", False)) as endpoint:
+    with closing(open_endpoint("tcp://127.0.0.1:0")) as endpoint:
         instrument = Flooding(
             load_scenario(PLAIN), 1, None, overruns=False, power_on=secrets.randbits(32)
         )
