@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import (
     DeviceFindings,
     DeviceValues,
@@ -20,7 +21,7 @@ from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
-_ITERATIONS, _ITERATIONS_OF_OTHERS = 12, 6
+_ITERATIONS = 12
 # Points are left out one by one, or of many so many groups.
 _MOST_GROUPS = 12
 
@@ -66,12 +67,13 @@ def fit_device(
             unknown.parameter.deviation(unit_value, deviation)
         )
     drops = sum(len(point.drops) for point in made)
-    return DeviceFindings(_device_values(result), spread, drops, of_others=of_others)
+    values = _device_values(result, result.device)
+    return DeviceFindings(values, spread, drops, of_others=of_others)
 
 
-def _device_values(found: Fit) -> DeviceValues:
+def _device_values(found: Fit, device: FloatArray) -> DeviceValues:
     values: DeviceValues = {}
-    for unknown, unit_value in zip(found.problem.device, found.device, strict=True):
+    for unknown, unit_value in zip(found.problem.device, device, strict=True):
         assert unknown.effect is not None
         value = float(unknown.parameter.value(unit_value))
         values.setdefault(unknown.effect.name, {})[unknown.parameter.name] = value
@@ -79,23 +81,23 @@ def _device_values(found: Fit) -> DeviceValues:
 
 
 def _of_others(found: Fit) -> tuple[DeviceValues, ...]:
-    """Of each point what the points say that are not left out with it; a single one has none."""
-    problem, count = found.problem, len(found.problem.points)
+    """Of each point what the points say that are not left out with it; a single one has none.
+
+    By one Gauss-Newton step from where all points together are at rest, every point's own unknowns
+    following (`Fit.of_device`): what a point says is a small part of what all of them say.
+    """
+    count = len(found.problem.points)
     if count < 2:
         return ()
-    groups = [range(first, count, _MOST_GROUPS) for first in range(min(count, _MOST_GROUPS))]
+    shares, prior = found.of_device()
     values: list[DeviceValues] = [{}] * count
-    for group in groups:
-        rest = [point for point in range(count) if point not in group]
-        local = [problem.local[point] for point in rest] if problem.local else None
-        others = Problem(
-            [problem.points[point] for point in rest],
-            problem.effects,
-            local=local,
-            prior_weight=problem.prior_weight,
-        )
-        owns = [found.own[point] for point in rest]
-        of_group = _device_values(fit(others, found.device, owns, _ITERATIONS_OF_OTHERS))
+    for first in range(min(count, _MOST_GROUPS)):
+        group = range(first, count, _MOST_GROUPS)
+        rest = [shares[point] for point in range(count) if point not in group]
+        normal = prior[0] + sum(share[0] for share in rest)
+        gradient = prior[1] + sum(share[1] for share in rest)
+        step = np.linalg.lstsq(normal, -gradient, rcond=1e-12)[0]
+        of_group = _device_values(found, np.clip(found.device + step, 0.0, 1.0))
         for point in group:
             values[point] = of_group
     return tuple(values)

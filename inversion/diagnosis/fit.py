@@ -31,6 +31,8 @@ _LARGEST_STEP = 0.25
 _INSIDE = 2e-3
 _FAR = 1e6
 
+DeviceShare = tuple[FloatArray, FloatArray]
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -87,6 +89,41 @@ class Fit:
         normal, _ = _linearise(problem, self.device, self.own, residuals)
         problem.prior_weight = weight
         return np.nan_to_num(normal, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def of_device(self) -> tuple[list[DeviceShare], DeviceShare]:
+        """What each point says of the device, and what its priors say.
+
+        Each is J^T J and J^T r over the device's unknowns, with the point's own eliminated (Schur's
+        complement); own ones on a bound stay there.
+        """
+        problem, width = self.problem, len(self.device)
+        shares = []
+        for index, own in enumerate(self.own):
+            residual = problem.residual(index, self.device, own)
+            jacobian = problem.jacobian(index, self.device, own, residual)
+            if problem.prior_weight:
+                # The device's priors stand with the first point.
+                first = residual.size - width - own.size
+                jacobian = np.delete(jacobian, range(first, first + width), axis=0)
+                residual = np.delete(residual, range(first, first + width))
+            free = np.flatnonzero(~on_bound(own)) + width
+            mine, others = jacobian[:, :width], jacobian[:, free]
+            both = others.T @ np.column_stack([mine, residual])
+            square = others.T @ others
+            square += 1e-12 * max(float(np.trace(square)), 1e-300) * np.eye(free.size)
+            followed = others @ np.linalg.solve(square, both)
+            shares.append(
+                (
+                    mine.T @ (mine - followed[:, :width]),
+                    mine.T @ (residual - followed[:, width]),
+                )
+            )
+        pairs = [
+            u.parameter.from_prior(float(x))
+            for u, x in zip(problem.device, self.device, strict=True)
+        ]
+        away, slopes = problem.prior_weight * np.array(pairs).reshape(-1, 2).T
+        return shares, (np.diag(slopes**2), slopes * away)
 
     def deviations(self) -> FloatArray:
         """Standard deviations of the unit_values; a residual larger than noise counts."""
