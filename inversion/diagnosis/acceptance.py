@@ -13,8 +13,9 @@ from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
 _MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
 # From so many records on (drops times sensors) one more for each six.
 _MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
-# Times the noise that slow noise may reach by chance.
-_SLOW_NOISE = 2.5
+# Times the noise that slow noise may reach by chance, alone and beside effects, which take its part
+# of it.
+_SLOW_NOISE, _SLOW_BESIDE = 2.5, 2.0
 # Standard deviations by which a value may miss what is usual.
 _CHANCE = 2.0
 # Of the residual: effects that leave more of it are not what is behind it.
@@ -49,9 +50,12 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
     """Why a set of effects does not explain the residual, a short text each; none: it does."""
     reasons = []
     # Slow noise may look large at single samples: then what its correlation leaves counts.
-    slow = best.over_noise <= _SLOW_NOISE and best.fit.excess <= 1.0
+    most = _SLOW_BESIDE if best.effects else _SLOW_NOISE
+    slow = best.over_noise <= most and best.fit.excess <= 1.0
     if not (best.over_noise <= EXPLAINED or slow):
         reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
+    elif best.fit.problem.scope.plain:
+        reasons.append("residual not explained: what is left is small, but not like the noise")
     if not can_be_told(point, best):
         reasons.append(
             f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "

@@ -14,14 +14,14 @@ from inversion.diagnosis.findings import (
     UnknownKey,
 )
 from inversion.diagnosis.fit import Fit, fit
-from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.model import ALIKE, WHOLE, PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
-_ITERATIONS = 12
+_ITERATIONS = 6
 # Points are left out one by one, or of many so many groups.
 _MOST_GROUPS = 12
 
@@ -50,7 +50,9 @@ def fit_device(
         ]
         left = [d.after.residual_over_noise for d in found]
         weight = max(1.0, float(np.median(left)))
-        problem = Problem(made, _union(local), local=local, prior_weight=weight)
+        plain = 2 * sum(diagnosis.plain for diagnosis in found) > len(found)
+        scope = ALIKE if plain else WHOLE
+        problem = Problem(made, _union(local), local=local, prior_weight=weight, scope=scope)
         device = np.array([_known_unit_value(unknown, found) for unknown in problem.device])
         owns = [
             np.array([_own_unit_value(unknown, diagnosis.values) for unknown in own])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,17 +18,19 @@ from inversion.diagnosis.acceptance import (
 from inversion.diagnosis.averaging import Averaged, average
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import (
+    CALIBRATION,
     DeviceValues,
     DropCurves,
     FoundEffect,
     FoundParameter,
+    HeldOutPart,
     LeaveOut,
     ModelState,
     PointDiagnosis,
     UnknownKey,
     Verdict,
 )
-from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.model import ALIKE, PointRecords
 from inversion.diagnosis.prediction import (
     held_out_drops,
     held_out_sensors,
@@ -36,7 +39,7 @@ from inversion.diagnosis.prediction import (
     residual_over_peak,
 )
 from inversion.diagnosis.problem import Point, Unknown
-from inversion.diagnosis.search import EXPLAINED, Candidate, Search
+from inversion.diagnosis.search import EXPLAINED, FAR, Candidate, Search
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -53,10 +56,6 @@ _NOT_FIXED, _NO_MORE_THAN_PRIOR = 0.25, 0.8
 _UNKNOWN = 3.0
 # A range of moduli so wide is told; one so wide that it leaves the modulus open is none.
 _WIDE, _OPEN = 1.1, 10.0
-# Relative error (95 %) of a modulus by what no record of its own shows: load cell, sensors and
-# clock that read too much or too little throughout, after a yearly calibration of each to about a
-# hundredth.
-CALIBRATION = 0.015
 
 
 def diagnose_point(
@@ -65,8 +64,11 @@ def diagnose_point(
     device: DeviceValues | None = None,
     likely: Collection[str] = (),
     begun: Sequence[Mapping[UnknownKey, float]] = (),
-    leave_out: LeaveOut = "drop",
+    leave_out: LeaveOut | None = "drop",
     spread: DeviceValues | None = None,
+    *,
+    plain: bool = False,
+    brief: bool = False,
 ) -> PointDiagnosis:
     """Which effects the residual of a point asks for, and what they change.
 
@@ -79,7 +81,12 @@ def diagnose_point(
     begun : values from which they may begin, as `PointDiagnosis.values` has them
     spread : deviations of the device's values, within which the point may move them; what has
         none is held
-    leave_out : what is predicted from the rest; a "point" takes others, and is left to the survey
+    leave_out : what is predicted from the rest; a "point" takes others, and is left to the survey;
+        None: nothing
+    plain : bool, whether every sample counts alike from the beginning, as where it was found that
+        much more than noise is left (`PointDiagnosis.plain`)
+    brief : bool, whether what a survey needs of a point that is looked at again is enough: without
+        alternatives, without what each effect alone is worth, and with nothing left out
 
     Raises
     ------
@@ -89,30 +96,73 @@ def diagnose_point(
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
         base = Search([point], priors=False).base()
-        search = Search([point], fixed=device, spread=spread)
-        best = search.run(likely, begun)
-        return _report(point, search, base, best, leave_out)
+        by_noise = Search([point], fixed=device, spread=spread)
+        for search, found in _looked_for(by_noise, likely, begun, plain):
+            best, objections = _accepted(point, search, base, found)
+            if best.effects:
+                break
+        if brief:
+            return _told(point, search, base, best, {}, objections, None, brief=True)
+        return _report(point, by_noise, search, base, best, objections, leave_out)
+
+
+def _looked_for(
+    by_noise: Search,
+    likely: Collection[str],
+    begun: Sequence[Mapping[UnknownKey, float]],
+    plain: bool,
+) -> Iterator[tuple[Search, Candidate]]:
+    """Searches with the best sets of effects that they found, the one that is preferred first.
+
+    First the noise weighs what is left. Of a velocity that is integrated it is slow: so weighed, a
+    fit of real drops gives a quarter of the peak away in the tail, where noise could be so large,
+    to gain a hundredth where noise is none. Where much more than noise is left, every sample
+    counts alike, and the noise weighs again what comes near to it.
+
+    Parameters
+    ----------
+    by_noise : Search, by which nothing has been looked for
+    plain : bool, whether every sample counts alike from the beginning
+    """
+    best = by_noise.base() if plain else by_noise.run(likely, begun, near=True)
+    if not plain and best.fit.excess <= FAR:
+        yield by_noise, best
+        return
+    alike = Search(by_noise.points, fixed=by_noise.fixed, spread=by_noise.spread, scope=ALIKE)
+    found = alike.run(likely, begun, beside=best)
+    if found.over_noise <= EXPLAINED:
+        near = by_noise.begun_at(found)
+        if near.over_noise <= EXPLAINED:
+            yield by_noise, near
+    if found.over_noise < best.over_noise:
+        yield alike, found
+    yield by_noise, best
 
 
 def _report(
-    point: Point, search: Search, base: Candidate, best: Candidate, leave_out: LeaveOut
+    point: Point,
+    by_noise: Search,
+    search: Search,
+    base: Candidate,
+    best: Candidate,
+    objections: list[str],
+    leave_out: LeaveOut | None,
 ) -> PointDiagnosis:
-    best, objections = _accepted(point, search, base, best)
-    others = _alternatives(search, best)
+    others = _alternatives(point, search, best)
     simpler = _simpler(best, others)
     if simpler is not None and not reasons_to_reject(point, simpler):
         best, objections = simpler, []
-        others = _alternatives(search, best)
+        others = _alternatives(point, search, best)
     found = _told(point, search, base, best, others, objections, leave_out)
     low, high = found.after.modulus_interval
     if objections and best.effects and high > _OPEN * low:
-        nothing = search.base()
+        nothing = by_noise.base()
         objections = [
             *reasons_to_reject(point, nothing),
             f"{_names(best)} came nearest, but left the modulus open by more than a factor of "
             f"{_OPEN:g}: not taken over",
         ]
-        found = _told(point, search, base, nothing, {}, objections, leave_out)
+        found = _told(point, by_noise, base, nothing, {}, objections, leave_out)
     return found
 
 
@@ -123,7 +173,9 @@ def _told(
     best: Candidate,
     others: Mapping[str, Mapping[str, Candidate]],
     objections: Sequence[str],
-    leave_out: LeaveOut,
+    leave_out: LeaveOut | None,
+    *,
+    brief: bool = False,
 ) -> PointDiagnosis:
     """What a set of effects says of the point.
 
@@ -150,12 +202,15 @@ def _told(
         # So many effects fit anything: the modulus is between what they say and what none says.
         moduli.append(_modulus(point, base))
     after = _state(point, best, moduli, averaged)
-    effects = _effects(point, search, best, others, averaged)
+    effects = _effects(point, search, best, others, averaged, brief=brief)
     helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
     if not objections:
         verdict = "explained" if helped else "clean"
-    held_out = (held_out_sensors if leave_out == "sensor" else held_out_drops)(point, base, best)
+    held_out: list[HeldOutPart] = []
+    if leave_out is not None:
+        hold_out = held_out_sensors if leave_out == "sensor" else held_out_drops
+        held_out = hold_out(point, base, best)
     held_before, held_after = mean_error(held_out)
     return PointDiagnosis(
         name=point.records.name,
@@ -172,6 +227,7 @@ def _told(
         held_out_mode="sensor" if leave_out == "sensor" else "drop",
         held_out_by=tuple(held_out),
         values=search.values(best),
+        plain=search.scope.plain,
     )
 
 
@@ -206,9 +262,9 @@ def _names(candidate: Candidate) -> str:
     return " with ".join(effect.name for effect in candidate.effects)
 
 
-def _alternatives(search: Search, best: Candidate) -> dict[str, dict[str, Candidate]]:
-    """What would do in the place of each effect; what explains little has none."""
-    near = best.over_noise <= _NEARLY
+def _alternatives(point: Point, search: Search, best: Candidate) -> dict[str, dict[str, Candidate]]:
+    """What would do in the place of each effect; what explains little or anything has none."""
+    near = best.over_noise <= _NEARLY and can_be_told(point, best)
     return {e.name: search.alternatives(best, e) if near else {} for e in best.effects}
 
 
@@ -322,6 +378,8 @@ def _effects(
     best: Candidate,
     others: Mapping[str, Mapping[str, Candidate]],
     averaged: Averaged | None,
+    *,
+    brief: bool = False,
 ) -> tuple[FoundEffect, ...]:
     discrepancy = averaged.discrepancy if averaged else Discrepancy.of(best.fit)
     deviations = np.sqrt(np.maximum(np.diag(discrepancy.covariance), 0.0))
@@ -351,18 +409,22 @@ def _effects(
             FoundParameter(name, unit, value, 0.0, None, False)
             for name, unit, value in effect.held(point.drops[0].context)
         ]
-        found.append(
-            FoundEffect(
-                name=effect.name,
-                scope=effect.scope,
-                advice=effect.advice,
-                parameters=tuple(parameters),
-                evidence=search.without(best, effect).score - best.score,
-                alternatives=tuple(others[effect.name]),
-                probability=probabilities.get(effect.name, 1.0),
-                residual_without=residual_over_peak(point, search.without(best, effect)),
-            )
+        one = FoundEffect(
+            name=effect.name,
+            scope=effect.scope,
+            advice=effect.advice,
+            parameters=tuple(parameters),
+            evidence=math.nan,
+            alternatives=tuple(others.get(effect.name, ())),
+            probability=probabilities.get(effect.name, 1.0),
         )
+        if not brief:
+            without = search.without(best, effect)
+            left = residual_over_peak(point, without)
+            one = replace(one, evidence=without.score - best.score, residual_without=left)
+        found.append(one)
+    if brief:
+        return tuple(found)
     return tuple(sorted(found, key=lambda effect: -effect.evidence))
 
 

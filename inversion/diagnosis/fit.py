@@ -19,8 +19,9 @@ from inversion.diagnosis.trust_region import Tolerances, least_squares
 from inversion.fitting.parameters import on_bound
 
 _MOST_ITERATIONS = 30
-_SMALLEST_GAIN = 1e-5
-_ARRIVED = Tolerances(_SMALLEST_GAIN, 1e-5, 1e-10)
+_ARRIVED = Tolerances(1e-5, 1e-5, 1e-10)
+# Where much more than noise is left, a gain of so little tells nothing.
+_NEARLY_ARRIVED = Tolerances(3e-4, 1e-4, 1e-8)
 # A Jacobian costs one and a half times what a residual does, on layered ground six times.
 _SECANTS = 3
 # A fit of no more iterations than these is the beginning of a long way, whose steps are too long
@@ -97,7 +98,7 @@ class Fit:
         complement); own ones on a bound stay there.
         """
         problem, width = self.problem, len(self.device)
-        shares = []
+        shares: list[DeviceShare] = []
         for index, own in enumerate(self.own):
             residual = problem.residual(index, self.device, own)
             jacobian = problem.jacobian(index, self.device, own, residual)
@@ -123,7 +124,8 @@ class Fit:
             for u, x in zip(problem.device, self.device, strict=True)
         ]
         away, slopes = problem.prior_weight * np.array(pairs).reshape(-1, 2).T
-        return shares, (np.diag(slopes**2), slopes * away)
+        of_priors: DeviceShare = (np.diag(slopes**2), slopes * away)
+        return shares, of_priors
 
     def deviations(self) -> FloatArray:
         """Standard deviations of the unit_values; a residual larger than noise counts."""
@@ -151,8 +153,9 @@ def fit(
     device, own : unit_values to start from
     iterations : int, at most
     """
+    enough = _NEARLY_ARRIVED if problem.scope.plain else _ARRIVED
     if len(problem.points) == 1:
-        return _fit_point(problem, device, own[0], iterations)
+        return _fit_point(problem, device, own[0], iterations, enough)
     device, owns = np.clip(device, 0.0, 1.0), [np.clip(values, 0.0, 1.0) for values in own]
     residuals = _residuals(problem, device, owns)
     cost = _cost(residuals)
@@ -177,7 +180,7 @@ def fit(
         device, owns, residuals, cost = new_device, new_owns, new_residuals, new_cost
         damping = max(damping / 5.0, 1e-9)
         normal, gradient = _linearise(problem, device, owns, residuals)
-        if gain < _SMALLEST_GAIN:
+        if gain < enough.cost:
             break
     return Fit(
         problem,
@@ -189,7 +192,13 @@ def fit(
     )
 
 
-def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations: int) -> Fit:
+def _fit_point(
+    problem: Problem,
+    device: FloatArray,
+    own: FloatArray,
+    iterations: int,
+    enough: Tolerances,
+) -> Fit:
     """A single point: few unknowns, many of them near a bound, where the method that keeps away
     from bounds (`inversion.diagnosis.trust_region`) does not get stuck.
     """
@@ -205,7 +214,7 @@ def _fit_point(problem: Problem, device: FloatArray, own: FloatArray, iterations
 
     start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
     secants = _SECANTS if iterations > _FAR_STEPS else 0
-    found = least_squares(residual, jacobian, start, iterations, _ARRIVED, secants)
+    found = least_squares(residual, jacobian, start, iterations, enough, secants)
     unit_values, cost = found.place, found.cost
     if problem.prior_weight:
         cost = problem.data_cost(unit_values[:width], [unit_values[width:]])

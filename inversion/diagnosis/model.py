@@ -83,6 +83,7 @@ class FitScope:
 
 
 WHOLE = FitScope()
+ALIKE = FitScope(plain=True)
 
 
 @dataclass(frozen=True, eq=False)

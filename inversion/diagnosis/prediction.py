@@ -9,7 +9,7 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import DeviceValues, HeldOutPart, PointDiagnosis
 from inversion.diagnosis.fit import fit
-from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.model import ALIKE, WHOLE, PointRecords
 from inversion.diagnosis.problem import Point, Problem
 from inversion.diagnosis.search import Candidate, Search
 from inversion.forward.library import SurrogateLibrary
@@ -157,7 +157,7 @@ def left_out_error(
     """
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
-        search = Search([point], fixed=device)
+        search = Search([point], fixed=device, scope=ALIKE if found.plain else WHOLE)
         names = [effect.name for effect in found.effects if effect.name not in device]
         after = search.named(names, found.values)
         return HeldOutPart(

@@ -41,6 +41,9 @@ ALIKE = 8.0
 EXPLAINED = 1.5
 # Up to this many times nothing is asked: there is nothing to explain.
 NOISE = 1.2
+# What single effects leave more of, as it is weighed, than so many times the noise is no matter of
+# noise.
+FAR = 3.0
 # A weighted residual of so many times what noise leaves asks for no more effects.
 ENOUGH = 1.15
 _QUICK = 5
@@ -49,10 +52,10 @@ _QUICK = 5
 _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, and how heavily priors
 # weigh then, over what is left (first of the base model, then of the best start).
-_HALVING = ((24, 3), (12, 4), (8, 8), (4, 12))
+_HALVING = ((24, 3), (5, 6))
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
-_RESEEDED, _RESEEDS = 12, 4
+_RESEEDED, _RESEEDS = 5, 4
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
@@ -89,6 +92,8 @@ _LED_REFINED = 2
 # A set is expected to leave this part of what the best smaller one left; a fit is repeated when
 # the priors should have weighed so many times more or less.
 _EXPECTED, _SAME_WEIGHT = 0.3, 2.0
+# Iterations after which of several beginnings the best is told.
+_TOLD_APART = 8
 # What goes on from values that fit badly is fitted again so often, with lighter priors each time.
 _REWEIGHED = 3
 
@@ -203,6 +208,11 @@ class Search:
             return self._gone_on(chosen, [begun], 60)
         return self._fit(chosen, 60) if chosen else self.base()
 
+    def begun_at(self, found: Candidate) -> Candidate:
+        """The best set of effects that begins with what another search of the point found."""
+        fitted = self._gone_on(found.effects, [_values_of(found.fit)], _FULL_ITERATIONS)
+        return self._shrink(self._grown(self._better(self.base(), [self._shrink(fitted)])))
+
     def values(self, candidate: Candidate) -> dict[Key, float]:
         """Of all its unknowns."""
         return _values_of(candidate.fit)
@@ -258,6 +268,11 @@ class Search:
         starts = [_start_of_full(problem, values, {}) for values in begun]
         left = min(problem.data_cost(*start) for start in starts)
         weight = float(np.sqrt(left / problem.independent))
+        if len(starts) > 1 and self.scope.plain:
+            problem.prior_weight = max(1.0, weight)
+            tried = [fit(problem, device, own, _TOLD_APART) for device, own in starts]
+            best = min(tried, key=lambda attempt: attempt.cost)
+            starts, weight = [(best.device, list(best.own))], best.excess
         found = self._fit(ordered, iterations, starts, weight)
         for _ in range(_REWEIGHED):
             lighter = max(1.0, found.fit.excess)
@@ -289,8 +304,7 @@ class Search:
     def _misfit(self, found: Fit) -> float:
         """Information criterion without what the parameters cost."""
         bounds = sum(1 for unknown in found.at_bound() if unknown.effect is not None)
-        floor = max(found.excess**2, _FLOOR)
-        return float(self.independent * np.log(floor)) + _BOUND_COST * bounds
+        return self.independent * _misfit_of(found.excess**2) + _BOUND_COST * bounds
 
     def _starts(
         self, problem: Problem, names: frozenset[str]
@@ -347,12 +361,19 @@ class Search:
         return self._contact
 
     def run(
-        self, likely: Collection[str] = (), begun: Sequence[Mapping[Key, float]] = ()
+        self,
+        likely: Collection[str] = (),
+        begun: Sequence[Mapping[Key, float]] = (),
+        *,
+        beside: Candidate | None = None,
+        near: bool = False,
     ) -> Candidate:
         """The best set of effects; the base model when nothing is worth its parameters.
 
         Parameters
         ----------
+        beside : Candidate or None, what another search of the point found: it is a start, too
+        near : bool, whether to stop where single effects leave more than `FAR` times the noise
         likely : names of effects that are tried first, and taken when they explain all
         begun : values from which these may begin, as other fits of the point or of others of the
             same survey found them: then nothing else is looked for but what helps beside them
@@ -369,8 +390,13 @@ class Search:
             if first is not base and first.fit.excess <= ENOUGH:
                 return self._shrink(first)
         best = self._better(base, self._singles(base))
+        if beside is not None and beside.effects:
+            values = _values_of(beside.fit)
+            best = self._better(best, [self._gone_on(beside.effects, [values], _FULL_ITERATIONS)])
         if _asks_for_more(best):
             best = self._better(best, self._led_by_records())
+        if near and best.fit.excess > FAR:
+            return best
         if _asks_for_more(best):
             best = self._better(best, map(self._shrink, self._full_sets(best)))
         return self._shrink(self._grown(best))
@@ -380,6 +406,9 @@ class Search:
         grounds = [_values_of(base.fit), self._ground_of_contact()]
         promising = self._promising(base, self.catalogue, grounds)
         self._ranked = tuple(effect for effect, _ in promising)
+        if self.scope.plain:
+            # A single effect was tried by the noise, and left too much.
+            return []
         quick = [
             (self._fit((effect,), _SINGLE_QUICK, starts[:_SINGLE_STARTS]), starts)
             for effect, starts in promising[:_SINGLES]
@@ -430,8 +459,7 @@ class Search:
                     least = min(item[0] for item in tried)
                     tried.append((least, -1, _best_of_drops(problem, effect, ends)))
             tried.sort(key=lambda item: item[:2])
-            excess = max(tried[0][0] / self.independent, _FLOOR)
-            score = self.independent * float(np.log(excess))
+            score = self.independent * _misfit_of(tried[0][0] / self.independent)
             score += problem.size * float(np.log(self.independent))
             if score > most:
                 continue
@@ -646,6 +674,14 @@ class Search:
                 found.append((other.name, candidate))
         told = sorted(found, key=lambda named: named[1].score)[:_OTHERS_TOLD]
         return dict(told)
+
+
+def _misfit_of(square: float) -> float:
+    """What a mean square over the noise's costs, a sample.
+
+    Its logarithm, where the variance is not known; below the noise, whose variance is, the square.
+    """
+    return float(np.log(square)) if square > 1.0 else max(square, _FLOOR) - 1.0
 
 
 def past_bounds(candidate: Candidate) -> bool:

@@ -11,7 +11,8 @@ from inversion.diagnosis import FoundEffect
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.toml import toml_line
-from pfwd_survey.inverting.diagnosis.diagnose import DeviceValues, Diagnosed
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
+from pfwd_survey.inverting.diagnosis.points import DeviceValues
 from pfwd_survey.toml_reading import LARGEST_TOML, parse_toml
 
 _SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}

@@ -12,6 +12,7 @@ from inversion.diagnosis.acceptance import (
     reasons_to_reject,
     would_fit_anything,
 )
+from inversion.diagnosis.model import ALIKE, WHOLE, FitScope
 from inversion.diagnosis.problem import Unknown
 from inversion.effects.catalogue import BY_NAME
 from inversion.fitting.parameters import Parameter
@@ -31,6 +32,11 @@ class Fit:
     spread: float
     bounds: list[Unknown]
     excess: float = 2.0
+    scope: FitScope = WHOLE
+
+    @property
+    def problem(self) -> Any:
+        return SimpleNamespace(scope=self.scope)
 
     def deviations(self) -> Any:
         return np.full(len(self.unknowns), self.spread)
@@ -81,13 +87,35 @@ def at(parameter: Parameter, unit_value: float, spread: float, effect: Any = EFF
 
 
 @pytest.mark.parametrize(
-    ("over_noise", "excess", "accepted"),
-    [(1.4, 2.0, True), (2.4, 0.9, True), (2.4, 1.1, False), (2.6, 0.9, False)],
+    ("over_noise", "excess", "effects", "accepted"),
+    [
+        (1.4, 2.0, (EFFECT,), True),
+        (1.9, 0.9, (EFFECT,), True),
+        (1.9, 1.1, (EFFECT,), False),
+        (2.1, 0.9, (EFFECT,), False),
+        (2.4, 0.9, (), True),
+        (2.4, 1.1, (), False),
+        (2.6, 0.9, (), False),
+    ],
 )
-def test_what_is_left_has_to_be_noise(over_noise: float, excess: float, accepted: bool) -> None:
-    found = reasons(ONE, Candidate(over_noise, fit=Fit([], np.array([]), 0.0, [], excess)))
+def test_what_is_left_has_to_be_noise(
+    over_noise: float, excess: float, effects: tuple[Any, ...], accepted: bool
+) -> None:
+    """Slow noise may be large by chance; beside effects less of it is left."""
+    left = Fit([], np.array([]), 0.0, [], excess)
+    found = reasons(ONE, Candidate(over_noise, effects, left))
     assert bool(found) != accepted
     assert all("not explained" in text for text in found)
+
+
+@pytest.mark.parametrize(("scope", "accepted"), [(WHOLE, True), (ALIKE, False)])
+def test_what_is_small_and_not_like_the_noise_is_not_explained(
+    scope: FitScope, accepted: bool
+) -> None:
+    """Where every sample counted alike, nothing says that what is left is noise."""
+    found = reasons(ONE, Candidate(0.9, fit=Fit([], np.array([]), 0.0, [], 0.9, scope)))
+    assert bool(found) != accepted
+    assert all("not like the noise" in text for text in found)
 
 
 def test_many_effects_are_not_told_from_few_records() -> None:

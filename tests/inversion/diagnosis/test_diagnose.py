@@ -141,11 +141,11 @@ def test_an_interval_holds_95_percent_and_the_models_own_error(model_error: floa
 
 def test_calibration_is_in_every_interval() -> None:
     point: Any = point_of_heights(8000.0)
-    assert _model_error(point, ended(point, modulus_ratio=2.0)) == pytest.approx(0.015)
+    assert _model_error(point, ended(point, modulus_ratio=2.0)) == pytest.approx(0.028)
     layered = SimpleNamespace(model_error=lambda _: 0.015)
     problem = SimpleNamespace(values=lambda *_: [(layered, {})])
     of_layers: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem, device=None, own=[None]))
-    assert _model_error(point, of_layers) == pytest.approx(0.015 * 2**0.5)
+    assert _model_error(point, of_layers) == pytest.approx(np.hypot(0.028, 0.015))
 
 
 # --- which set of effects is told -----------------------------------------------------------------
@@ -264,7 +264,7 @@ def test_a_set_that_leaves_the_modulus_open_by_ten_is_not_taken_over(
     monkeypatch.setattr(name + "reasons_to_reject", lambda *_: ["much is left"])
     monkeypatch.setattr(name + "_told", tell)
     search: Any = SimpleNamespace(base=lambda: nothing)
-    arguments: Any = (None, search, nothing, best, "drop")
+    arguments: Any = (None, search, search, nothing, best, list(against), "drop")
     found: Any = _report(*arguments)
     assert found.told is (best if taken else nothing)
     assert ("not taken over" in " ".join(told[-1][1])) is not taken
@@ -330,7 +330,7 @@ def test_effects_that_cannot_be_told_apart_count_in_full() -> None:
     averaged = told((1.9, 2.1))
     assert _state(point, found, (), averaged).modulus_interval == pytest.approx((1.9, 2.1))
     # What they say is known no better than the calibration.
-    wide = 1.015
+    wide = 1.028
     low, high = _state(point, found, (1.5, 2.0), averaged).modulus_interval
     assert (low, high) == pytest.approx((1.5 / wide, 2.1))
     low, high = _state(point, found, (3.0,), averaged).modulus_interval

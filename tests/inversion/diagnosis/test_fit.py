@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.model import WHOLE, FitScope
 from inversion.diagnosis.problem import Problem, Unknown
 from inversion.effects import Parameter
 
@@ -27,6 +28,7 @@ class Lines:
     width: int
     parameter: Parameter = PLAIN
     prior_weight: float = 0.0
+    scope: FitScope = WHOLE
 
     @property
     def points(self) -> Sequence[Array]:

@@ -12,9 +12,10 @@ import pytest
 
 from inversion import Sensor, SurrogateLibrary
 from inversion.diagnosis import search as module
-from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.model import ALIKE as PLAIN
+from inversion.diagnosis.model import WHOLE, PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, NOISE, WORTH, Search
+from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, FAR, NOISE, WORTH, Search
 from inversion.effects import CATALOGUE, DropContext, Effect, Parameter
 from inversion.effects.base import ImpulseResponse, Values
 from tests.inversion.diagnosis.toys import (
@@ -64,13 +65,17 @@ def test_what_is_left_counts_over_the_noise_and_not_as_it_is_weighed(bench: Benc
 
 
 def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:
-    """From half the noise on, less is no better."""
+    """From half the noise on, less is no better; up to the noise it is by its square, from there on
+    by its logarithm.
+    """
 
     def score(rest: float) -> float:
         return bench.search((), {}, rest=rest).base().score
 
     assert score(0.1) == pytest.approx(score(0.45))
-    assert score(0.55) > score(0.45) + 0.1 * SAMPLES
+    assert score(0.9) - score(0.6) == pytest.approx((0.81 - 0.36) * SAMPLES)
+    assert score(1.0) - score(0.45) == pytest.approx(0.75 * SAMPLES)
+    assert score(3.0) - score(1.0) == pytest.approx(2.0 * np.log(3.0) * SAMPLES)
 
 
 @pytest.mark.parametrize(("more", "taken"), [(0.5, True), (-0.5, False)])
@@ -107,6 +112,28 @@ def test_of_two_effects_the_better_is_taken(bench: Bench) -> None:
     for other in (Toy("b", between), Toy("z", between)):
         assert bench.search((A, other), {"a": MUCH}).run().names == names("a")
         assert bench.search((other, A), MUCH * between).run().names == {other.name}
+
+
+@pytest.mark.parametrize(("factor", "together"), [(0.98, True), (1.02, False)])
+def test_by_the_noise_many_at_once_are_tried_only_near_it(
+    factor: float, together: bool, bench: Bench
+) -> None:
+    """Neither of the pair is worth it alone: what is left then is what the base model leaves."""
+    amount = np.sqrt(SAMPLES * (FAR**2 - 1.0)) * factor
+    search = bench.search(hidden_pair(), {"a": amount})
+    assert search.base().fit.excess == pytest.approx(FAR, rel=0.02)
+    assert (search.run(near=True).names == names("a", "b")) == together
+    # Without that word nothing is too far.
+    assert search.run().names == names("a", "b")
+
+
+def test_where_every_sample_counts_alike_none_is_fitted_alone_first(bench: Bench) -> None:
+    point = bench.search(hidden_pair(), {"a": MUCH}).points[0]
+    for scope, alone in ((WHOLE, True), (PLAIN, False)):
+        bench.tried.clear()
+        assert Search([point], hidden_pair(), scope=scope).run().names == names("a", "b")
+        together = bench.tried.index(names("a", "b"))
+        assert (names("a") in bench.tried[:together]) == alone
 
 
 @pytest.mark.parametrize(("more", "taken"), [(1.0, True), (-1.0, False)])

@@ -51,7 +51,7 @@ def holding(folder: Path) -> list[DiagnosisResult | None]:
 def test_the_same_question_is_answered_from_the_survey(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd_survey.inverting.diagnosis.diagnose.diagnose_point", None)
+    monkeypatch.setattr("pfwd_survey.inverting.diagnosis.points.diagnose_point", None)
     found = list(diagnose_files([str(survey)], use_kept=True))
     assert [it.result.stored for it in found if it.result] == [True, True]
     assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
@@ -107,8 +107,8 @@ def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> N
 
 
 def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    name = "pfwd_survey.inverting.diagnosis.diagnose.diagnose_point"
-    monkeypatch.setattr(name, lambda *_args: "refused")
+    name = "pfwd_survey.inverting.diagnosis.points.diagnose_point"
+    monkeypatch.setattr(name, lambda *_args, **_options: "refused")
     seen: list[tuple[str, int, int]] = []
     found = diagnose_files(files, progress=lambda *told: seen.append(told))
     assert [it.error for it in found] == [f"{file}: refused" for file in files]

@@ -1,0 +1,135 @@
+"""Points, each by itself: in this process or in several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, TypeVar
+
+from inversion import InversionError, SurrogateLibrary
+from inversion.diagnosis import (
+    LeaveOut,
+    PointDiagnosis,
+    PointRecords,
+    UnknownKey,
+    diagnose_point,
+)
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.spawning import worker_pool
+
+_R = TypeVar("_R")
+DeviceValues = dict[str, dict[str, float]]
+Progress = Callable[[str, int, int], None]
+"""Told what is being tried, how many points are done, and of how many."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a point is looked at, see `inversion.diagnosis.diagnose_point`.
+
+    Parameters
+    ----------
+    device, spread : values of device effects that are known, and their deviations
+    likely : effects that are tried first
+    begun : values from which they may begin
+    plain : whether every sample counts alike from the beginning
+    leave_out : what is predicted from the rest; None: nothing
+    brief : whether what the survey needs of it is enough
+    """
+
+    device: DeviceValues | None = None
+    spread: DeviceValues | None = None
+    likely: Sequence[str] = ()
+    begun: Sequence[Mapping[UnknownKey, float]] = ()
+    plain: bool = False
+    leave_out: LeaveOut | None = "drop"
+    brief: bool = False
+
+
+class Told:
+    """Counts points for who wants to know how far it is.
+
+    Parameters
+    ----------
+    progress : callable or None
+    what : str, what is being tried
+    total : int, points that are looked at, as far as is known
+    """
+
+    def __init__(self, progress: Progress | None, what: str, total: int) -> None:
+        self._progress = progress
+        self._what = what
+        self._done = 0
+        self.total = total
+
+    def counted(self, results: Iterable[PointDiagnosis | str]) -> list[PointDiagnosis | str]:
+        """Results in a list."""
+        found = []
+        for result in results:
+            found.append(result)
+            self._done += 1
+            if self._progress is not None:
+                self._progress(self._what, self._done, self.total)
+        return found
+
+
+class Workers:
+    """Processes that share the work; a single one, or none begun, is this one.
+
+    Parameters
+    ----------
+    count : int
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
+        """What a function gives for each row, in order."""
+        rows = len(columns[0])
+        if self._count <= 1 or rows < 2:
+            return map(function, *columns)
+        if self._pool is None:
+            self._pool = worker_pool(min(self._count, rows))
+        return self._pool.map(function, *columns)
+
+
+def diagnose_all(
+    work: Sequence[DiagnosisPoint], looks: Sequence[Look], workers: Workers, told: Told
+) -> list[PointDiagnosis | str]:
+    """Diagnoses, or why there is none, in order."""
+    records = [point.records for point in work if point.records is not None]
+    return told.counted(workers.map(_diagnose, records, looks)) if records else []
+
+
+def _diagnose(records: PointRecords, look: Look) -> PointDiagnosis | str:
+    try:
+        return diagnose_point(
+            records,
+            _library(),
+            look.device,
+            look.likely,
+            look.begun,
+            look.leave_out,
+            look.spread,
+            plain=look.plain,
+            brief=look.brief,
+        )
+    except InversionError as err:
+        return str(err)
+
+
+@cache
+def _library() -> SurrogateLibrary:
+    """Of this process."""
+    return SurrogateLibrary()

@@ -1,0 +1,349 @@
+"""Points of one device: what most of them show is the device's, and each is looked at with it.
+
+Of a survey a few points are looked at from nothing.  Where they show something of the device, the
+others begin where these ended, and from nothing only if they end worse.  Then the device is asked
+of all points together, and each point again with what they say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeGuard
+
+from inversion import SurrogateLibrary
+from inversion.diagnosis import (
+    DeviceFindings,
+    FoundEffect,
+    FoundParameter,
+    HeldOutPart,
+    LeaveOut,
+    PointDiagnosis,
+    PointRecords,
+    UnknownKey,
+    fit_device,
+    left_out_error,
+)
+from inversion.effects import BY_NAME
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.points import (
+    DeviceValues,
+    Look,
+    Progress,
+    Told,
+    Workers,
+    diagnose_all,
+)
+
+Found = dict[int, PointDiagnosis | str]
+"""Diagnoses, or why there is none, by the identity of the point."""
+# Points from which on their spread is told; of a normal distribution its middle distance from the
+# middle, as a deviation; and what contradicts the others: so many deviations, and this part.
+_FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.05
+# Part of a survey's points that show an effect, from which on the others are looked at for it.
+_COMMON = 0.2
+# So many points of a device are looked at from nothing first, where there are twice as many or
+# more; others that leave so much more than these in the middle are, too.
+_FIRST, _WORSE = 4, 1.5
+
+
+def looked_at_first(
+    work: Sequence[DiagnosisPoint],
+    workers: Workers,
+    leave_out: LeaveOut,
+    progress: Progress | None,
+) -> tuple[Found, set[int]]:
+    """Each point by itself; and which were looked at in brief, for what the survey needs."""
+    later: dict[str, list[DiagnosisPoint]] = {}
+    for points in _by_device(work).values():
+        if len(points) >= 2 * _FIRST:
+            first = {round(i * (len(points) - 1) / (_FIRST - 1)) for i in range(_FIRST)}
+            assert points[0].device is not None
+            later[points[0].device] = [p for i, p in enumerate(points) if i not in first]
+    waiting = {id(point) for points in later.values() for point in points}
+    told = Told(progress, "each point by itself", len(work))
+    found: Found = {}
+
+    def look_at(points: Sequence[DiagnosisPoint], looks: Sequence[Look] | None = None) -> None:
+        chosen = looks or [Look(leave_out=leave_out)] * len(points)
+        found.update(zip(map(id, points), diagnose_all(points, chosen, workers, told), strict=True))
+
+    look_at([point for point in work if id(point) not in waiting])
+    brief: set[int] = set()
+    for device, points in later.items():
+        shown = [d for p in work if p.device == device and _is_sound(d := found.get(id(p), ""))]
+        if not _device_names(shown):
+            look_at(points)
+            continue
+        likely, begun = _shown(shown, ())
+        plain = 2 * sum(d.plain for d in shown) > len(shown)
+        best = min(shown, key=lambda d: d.after.residual_rms_over_peak)
+        starts = [begun, best.values]
+        look = Look(likely=sorted(likely), begun=starts, plain=plain, brief=True)
+        look_at(points, [look] * len(points))
+        brief |= set(map(id, points))
+        usual = _median([d.after.residual_rms_over_peak for d in shown])
+        worse = [
+            point for point in points if _is_sound(d := found[id(point)]) and _ended_worse(d, usual)
+        ]
+        told.total += len(worse)
+        look_at(worse, [Look(brief=True)] * len(worse))
+    return found, brief
+
+
+def _ended_worse(found: PointDiagnosis, usual: float) -> bool:
+    left = found.after.residual_rms_over_peak
+    return found.verdict == "unexplained" and left > _WORSE * usual
+
+
+def _by_device(work: Sequence[DiagnosisPoint]) -> dict[str, list[DiagnosisPoint]]:
+    found: dict[str, list[DiagnosisPoint]] = {}
+    for point in work:
+        if point.device is not None:
+            found.setdefault(point.device, []).append(point)
+    return dict(sorted(found.items()))
+
+
+def looked_at_with_device(
+    work: Sequence[DiagnosisPoint],
+    found: Mapping[int, PointDiagnosis | str],
+    workers: Workers,
+    leave_out: LeaveOut | None,
+    progress: Progress | None,
+) -> Found:
+    """Diagnoses anew of the points whose device has effects that most of its points show."""
+    again: Found = {}
+    for points in _by_device(work).values():
+        sound = [point for point in points if _is_sound(found[id(point)])]
+        if len(sound) < 2:
+            continue
+        findings = _device_findings(sound, found)
+        if findings is None:
+            continue
+        alone = [_device_values(d, findings) for p in points if _is_sound(d := found[id(p)])]
+        findings = _with_spread(findings, [values for values in alone if values is not None])
+        first = [found[id(point)] for point in points]
+        # Where a point is left out, a drop of it is not.
+        as_points = leave_out in (None, "point")
+        within = None if as_points else leave_out
+        looks = [replace(look, leave_out=within) for look in _looks_of_survey(first, findings)]
+        told = Told(progress, "with what other points show", len(points))
+        anew = diagnose_all(points, looks, workers, told)
+        errors: list[HeldOutPart | None] = [None] * len(points)
+        if as_points:
+            errors = _left_out_errors(points, anew, _of_others(points, sound, findings), workers)
+        for point, found_anew, error in zip(points, anew, errors, strict=True):
+            if isinstance(found_anew, str):
+                again[id(point)] = found_anew
+                continue
+            diagnosis = with_device(found_anew, findings)
+            contradicting = _contradictions(found[id(point)], findings)
+            diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
+            if error is not None:
+                diagnosis = replace(
+                    diagnosis,
+                    held_out_before=error.before,
+                    held_out_after=error.after,
+                    held_out_mode="point",
+                    held_out_by=(error,),
+                )
+            again[id(point)] = diagnosis
+    return again
+
+
+def _is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
+    return isinstance(found, PointDiagnosis)
+
+
+def _with_spread(findings: DeviceFindings, alone: Sequence[DeviceValues]) -> DeviceFindings:
+    """By how much points differ of which each was asked by itself, and what that leaves unknown.
+
+    The middle of several points is known by the root of their number better than one of them.
+    """
+    spread: DeviceValues = {}
+    deviations: DeviceValues = {}
+    for name, values in findings.values.items():
+        for key in values:
+            shown = [own[name][key] for own in alone]
+            if len(shown) < _FEWEST_FOR_SPREAD:
+                continue
+            middle = _median(shown)
+            wide = _OF_NORMAL * _median([abs(value - middle) for value in shown])
+            spread.setdefault(name, {})[key] = wide
+            own_deviation = findings.deviations[name][key]
+            deviations.setdefault(name, {})[key] = math.hypot(
+                own_deviation if math.isfinite(own_deviation) else 0.0, wide / math.sqrt(len(shown))
+            )
+    merged = {
+        name: dict(known) | deviations.get(name, {}) for name, known in findings.deviations.items()
+    }
+    return replace(findings, deviations=merged, spread=spread)
+
+
+def _contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> list[str]:
+    """Where a point by itself shows another device than the others do."""
+    if isinstance(found, str):
+        return []
+    said = []
+    for effect in found.effects:
+        for p in effect.parameters:
+            wide = findings.spread.get(effect.name, {}).get(p.name)
+            if effect.scope != "device" or wide is None:
+                continue
+            own = p.deviation if math.isfinite(p.deviation) else 0.0
+            shared = findings.values[effect.name][p.name]
+            away = abs(p.value - shared)
+            if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
+                unit = "" if p.unit == "-" else f" {p.unit}"
+                said.append(
+                    f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
+                    f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
+                )
+    return said
+
+
+def _looks_of_survey(first: Sequence[PointDiagnosis | str], findings: DeviceFindings) -> list[Look]:
+    """How each point is looked at again: for its own effects and for those of several points.
+
+    From its own values, and from what the survey shows in the middle, for a point alone may have
+    ended in the wrong place. What it does not have is taken away again by the evidence.
+    """
+    common, middle = _shown([d for d in first if _is_sound(d)], findings.values)
+    looks = []
+    for found in first:
+        if not _is_sound(found):
+            looks.append(Look(device=findings.values))
+            continue
+        own = {e.name for e in found.effects if e.name not in findings.values}
+        ground = {key: value for key, value in found.values.items() if not key[1]}
+        looks.append(
+            Look(
+                device=findings.values,
+                likely=sorted(own | common),
+                begun=[found.values, middle | ground],
+                plain=found.plain,
+            )
+        )
+    return looks
+
+
+def _shown(
+    sound: Sequence[PointDiagnosis], known: Collection[str]
+) -> tuple[set[str], dict[UnknownKey, float]]:
+    """Effects that several points show, but what is known, and the middle of all values."""
+    named = [{e.name for e in d.effects if e.name not in known} for d in sound]
+    counts = {name: sum(name in own for own in named) for name in set().union(*named)}
+    common = {name for name, count in counts.items() if count >= max(2, _COMMON * len(named))}
+    shown: dict[UnknownKey, list[float]] = {}
+    for diagnosis in sound:
+        for key, value in diagnosis.values.items():
+            shown.setdefault(key, []).append(value)
+    return common, {key: _median(values) for key, values in shown.items()}
+
+
+def _of_others(
+    points: Sequence[DiagnosisPoint], sound: Sequence[DiagnosisPoint], findings: DeviceFindings
+) -> list[DeviceValues | None]:
+    """What other points say of the device, of each point that has a part in it."""
+    records = [point for point in sound if point.records is not None]
+    values = {id(p): v for p, v in zip(records, findings.of_others, strict=True)}
+    return [values.get(id(point)) for point in points]
+
+
+def _left_out_errors(
+    points: Sequence[DiagnosisPoint],
+    anew: Sequence[PointDiagnosis | str],
+    of_others: Sequence[DeviceValues | None],
+    workers: Workers,
+) -> list[HeldOutPart | None]:
+    """What each point leaves when its device is what other points say."""
+    work: list[tuple[int, PointRecords, PointDiagnosis, DeviceValues]] = []
+    for index, (entry, diagnosis, values) in enumerate(zip(points, anew, of_others, strict=True)):
+        if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and values:
+            work.append((index, entry.records, diagnosis, values))
+    errors: list[HeldOutPart | None] = [None] * len(points)
+    if not work:
+        return errors
+    indices, *columns = zip(*work, strict=True)
+    found = workers.map(left_out_error, *columns)
+    for index, error in zip(indices, found, strict=True):
+        errors[index] = error
+    return errors
+
+
+def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> DeviceValues | None:
+    """What one point alone says of the survey's device effects; None: not of all of them."""
+    own = {effect.name: effect for effect in diagnosis.effects}
+    if not set(findings.values) <= set(own):
+        return None
+    return {
+        name: {p.name: p.value for p in own[name].parameters if p.name in parameters}
+        for name, parameters in findings.values.items()
+    }
+
+
+def _median(values: Sequence[float]) -> float:
+    ordered = sorted(values)
+    middle = len(ordered) // 2
+    return ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
+
+
+def _device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
+    """Effects of the device: what belongs to it shows at most of its points."""
+    counts: dict[str, int] = {}
+    for diagnosis in sound:
+        for effect in diagnosis.effects:
+            if effect.scope == "device":
+                counts[effect.name] = counts.get(effect.name, 0) + 1
+    return [name for name in BY_NAME if 2 * counts.get(name, 0) >= max(len(sound), 1)]
+
+
+def _device_findings(
+    points: Sequence[DiagnosisPoint], found: Mapping[int, PointDiagnosis | str]
+) -> DeviceFindings | None:
+    diagnoses = [d for point in points if _is_sound(d := found[id(point)])]
+    names = _device_names(diagnoses)
+    if not names:
+        return None
+    records = [point.records for point in points if point.records is not None]
+    return fit_device(records, diagnoses, names, SurrogateLibrary())
+
+
+def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
+    """Known device effects; where nothing is said of them their deviations are not known."""
+    known = spread or {}
+    deviations = {
+        name: {key: known.get(name, {}).get(key, math.nan) for key in values}
+        for name, values in device.items()
+    }
+    return DeviceFindings(device, deviations, 0)
+
+
+def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDiagnosis:
+    """The diagnosis with the effects of the survey's device among its effects."""
+    shared = tuple(
+        FoundEffect(
+            name=name,
+            scope="device",
+            advice=BY_NAME[name].advice,
+            parameters=tuple(
+                FoundParameter(
+                    p.name,
+                    p.unit,
+                    # As the point moved it, where it might.
+                    diagnosis.values.get((0, name, p.name, None), values[p.name]),
+                    findings.deviations[name][p.name],
+                    None,
+                    False,
+                    findings.spread.get(name, {}).get(p.name, math.nan),
+                )
+                for p in BY_NAME[name].parameters
+            ),
+            evidence=math.nan,
+            alternatives=(),
+            probability=math.nan,
+        )
+        for name, values in findings.values.items()
+    )
+    return replace(diagnosis, effects=(*shared, *diagnosis.effects))

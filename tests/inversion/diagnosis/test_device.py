@@ -1,0 +1,74 @@
+"""What points say of a device that they share, on records that are sums of what acts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inversion.diagnosis.device import _device_values, _of_others
+from inversion.diagnosis.fit import Fit, fit
+from inversion.diagnosis.problem import Problem
+from inversion.effects import Parameter
+from tests.inversion.diagnosis.toys import SIZE, Toy, direction, toy_point
+
+# A device effect that looks half like an effect of single points: they follow it.
+HALF = np.sqrt(0.5) * (direction("a") + direction("b"))
+HELD = Parameter("size", "-", -100.0, 100.0, (10.0,), prior=(20.0, 4.0))
+OWN = Toy("b")
+AMOUNTS = ({"a": 10.0, "b": 30.0}, {"a": 14.0}, {"a": 30.0, "b": -20.0}, {"a": 12.0, "b": 4.0})
+
+
+def together(effect: Toy, points: list[int], weight: float) -> Fit:
+    """The fit of some of the points with the device's effect and one of their own each."""
+    made = [toy_point(AMOUNTS[point]) for point in points]
+    problem = Problem(made, (effect, OWN), prior_weight=weight)
+    return fit(problem, np.full(1, 0.5), [np.full(2, 0.5) for _ in points])
+
+
+@pytest.mark.parametrize("parameter", [SIZE, HELD])
+@pytest.mark.parametrize("weight", [0.0, 2.0])
+def test_of_each_point_the_others_say_what_a_fit_of_them_finds(
+    parameter: Parameter, weight: float
+) -> None:
+    effect = Toy("half", HALF, scope="device", parameters=(parameter,))
+    everything = together(effect, [0, 1, 2, 3], weight)
+    of_others = _of_others(everything)
+    shown = []
+    for left_out in range(4):
+        rest = together(effect, [p for p in range(4) if p != left_out], weight)
+        shown.append(_device_values(rest, rest.device)["half"]["size"])
+        assert of_others[left_out]["half"]["size"] == pytest.approx(shown[-1], abs=0.02)
+    # The third point is another's: what the rest say does not know of it.
+    assert abs(shown[2] - shown[0]) > 2.0
+
+
+def test_an_own_value_on_its_bound_does_not_follow() -> None:
+    effect = Toy("half", HALF, scope="device")
+    narrow = Toy("b", parameters=(Parameter("size", "-", -100.0, 0.0, (-10.0,), absent=0.0),))
+    points = [toy_point(amount) for amount in AMOUNTS]
+    problem = Problem(points, (effect, narrow))
+    everything = fit(problem, np.full(1, 0.5), [np.full(2, 0.5) for _ in points], 60)
+    assert any(own[1] > 0.999 for own in everything.own)
+    rest = Problem(points[1:], (effect, narrow))
+    expected = fit(rest, everything.device, everything.own[1:], 60)
+    found = _of_others(everything)[0]["half"]["size"]
+    assert found == pytest.approx(
+        _device_values(expected, expected.device)["half"]["size"], abs=0.1
+    )
+
+
+def test_a_single_point_has_no_others() -> None:
+    assert _of_others(together(Toy("half", HALF, scope="device"), [0], 0.0)) == ()
+
+
+def test_of_many_points_groups_are_left_out() -> None:
+    """Thirteen points are twelve groups: the first and the thirteenth go together."""
+    effect = Toy("a", scope="device")
+    points = [toy_point({"a": 10.0 + number}) for number in range(13)]
+    problem = Problem(points, (effect,))
+    of_others = _of_others(fit(problem, np.full(1, 0.5), [np.full(1, 0.5) for _ in points]))
+    sizes = [values["a"]["size"] for values in of_others]
+    numbers = np.arange(13)
+    assert sizes[0] == pytest.approx(10.0 + numbers[1:12].mean(), abs=0.01)
+    assert sizes[12] == sizes[0]
+    assert sizes[5] == pytest.approx(10.0 + np.delete(numbers, 5).mean(), abs=0.01)

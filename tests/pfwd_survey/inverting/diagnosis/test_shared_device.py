@@ -1,0 +1,125 @@
+"""Which points of a survey are looked at from nothing, and which begin where others ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from inversion.diagnosis import FoundEffect, FoundParameter, PointDiagnosis
+from inversion.diagnosis.findings import ModelState
+from pfwd_survey.inverting.diagnosis import shared_device
+from pfwd_survey.inverting.diagnosis.points import Look, Workers
+from pfwd_survey.inverting.diagnosis.shared_device import looked_at_first
+
+LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
+SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
+
+
+def diagnosis(left: float, *effects: Any, plain: bool = True) -> PointDiagnosis:
+    """A point that leaves so much of its peak, with these effects."""
+    state = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, left, left, 1e5, 4e7)
+    found = tuple(
+        FoundEffect(
+            name, scope, "", (FoundParameter(key, unit, value, 1e-6, None, False),), 50.0, ()
+        )
+        for name, scope, key, unit, value in effects
+    )
+    values = {(0, name, key, None): value for name, _, key, _, value in effects}
+    return PointDiagnosis(
+        "A", (1,), "unexplained", 1e-6, state, state, found, None, None, (), (),
+        values={(0, "", "modulus_ratio", None): 0.5, **values}, plain=plain,
+    )  # fmt: skip
+
+
+class Survey:
+    """Points of one device whose diagnoses are made up; remembers how each was looked at."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, cold: Sequence[Any], warm: Any = None) -> None:
+        self.points: list[Any] = [
+            SimpleNamespace(device="unit", records=object(), place=place)
+            for place in range(len(cold))
+        ]
+        self._cold, self._warm = cold, warm
+        self.looks: list[tuple[int, Look]] = []
+        patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
+
+    def _diagnose_all(
+        self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
+    ) -> Any:
+        self.looks += [(p.place, look) for p, look in zip(points, looks, strict=True)]
+        found = [
+            self._warm if look.likely else self._cold[point.place]
+            for point, look in zip(points, looks, strict=True)
+        ]
+        return told.counted(found)
+
+    def first(self) -> tuple[dict[int, Any], set[int]]:
+        """Looks at them; places of those that were looked at in brief."""
+        self.progress: list[tuple[str, int, int]] = []
+        found, brief = looked_at_first(
+            self.points, Workers(1), "drop", lambda *told: self.progress.append(told)
+        )
+        places = {id(point): point.place for point in self.points}
+        assert set(found) == set(places)
+        return {places[key]: value for key, value in found.items()}, {places[k] for k in brief}
+
+
+def test_few_points_are_looked_at_from_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    survey = Survey(monkeypatch, [diagnosis(0.01, LAG)] * 7)
+    assert survey.first()[1] == set()
+    assert [(place, look.likely, look.brief) for place, look in survey.looks] == [
+        (place, (), False) for place in range(7)
+    ]
+
+
+def test_of_many_the_others_begin_where_the_first_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    cold = [diagnosis(0.01 + 0.001 * place, LAG, SEATING) for place in range(8)]
+    survey = Survey(monkeypatch, cold, warm=diagnosis(0.012, LAG))
+    found, brief = survey.first()
+    assert [place for place, _ in survey.looks] == [0, 2, 5, 7, 1, 3, 4, 6]
+    assert brief == {1, 3, 4, 6}
+    for _, look in survey.looks[4:]:
+        assert look.likely == ["seating", "sensor_lag"]
+        assert look.plain
+        assert look.brief
+        # What they show in the middle, and the best of them.
+        assert [start[0, "", "modulus_ratio", None] for start in look.begun] == [0.5, 0.5]
+        assert look.begun[1] is cold[0].values
+    assert survey.progress[-1] == ("each point by itself", 8, 8)
+    assert found[0] is cold[0]
+
+
+@pytest.mark.parametrize(("left", "again"), [(0.0149, False), (0.0151, True)])
+def test_what_ends_worse_than_the_first_is_looked_at_from_nothing(
+    monkeypatch: pytest.MonkeyPatch, left: float, again: bool
+) -> None:
+    cold = [diagnosis(0.01, LAG)] * 8
+    survey = Survey(monkeypatch, cold, warm=diagnosis(left, LAG))
+    found, brief = survey.first()
+    from_nothing = [place for place, look in survey.looks if not look.likely]
+    assert from_nothing == ([0, 2, 5, 7, 1, 3, 4, 6] if again else [0, 2, 5, 7])
+    assert (found[1] is cold[1]) == again
+    assert brief == {1, 3, 4, 6}
+    assert survey.progress[-1][1:] == ((12, 12) if again else (8, 8))
+
+
+def test_where_nothing_is_the_devices_all_are_looked_at_from_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One of four shows a lag: that is no device's."""
+    cold = [diagnosis(0.01, LAG)] + [diagnosis(0.01, SEATING)] * 8
+    survey = Survey(monkeypatch, cold)
+    assert survey.first()[1] == set()
+    assert {look.likely for _, look in survey.looks} == {()}
+    assert not any(look.brief for _, look in survey.looks)
+
+
+def test_points_without_a_device_share_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    survey = Survey(monkeypatch, [diagnosis(0.01, LAG)] * 9)
+    for point in survey.points:
+        point.device = None
+    assert survey.first()[1] == set()
+    assert len(survey.looks) == 9
