@@ -28,6 +28,7 @@ _DISTANCES_FOR_LAYERS = 4
 def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     """Whether effects that do not explain the residual take at least half of it away.
 
+    Over the peaks, or over the noise: of sensors far away the peak is small, and much of it noise.
     A ground below layers whose numbers go on past their bounds is none. By few sensors layers are
     told only alone, and if what they leave is nearly noise as it is weighed.
     """
@@ -37,6 +38,8 @@ def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     alone = len(best.effects) == 1 and best.fit.excess <= EXPLAINED
     if layered and not alone and _distances(point) < _DISTANCES_FOR_LAYERS:
         return False
+    if best.over_noise <= _MOST_LEFT * base.over_noise:
+        return True
     left = residual_over_peak(point, best)
     return left <= _MOST_LEFT * residual_over_peak(point, base)
 

@@ -39,8 +39,9 @@ _BOUND_COST = 15.0
 ALIKE = 8.0
 # The residual is noise up to this many times the noise.
 EXPLAINED = 1.5
-# Up to this many times nothing is asked: there is nothing to explain.
-NOISE = 1.2
+# Up to this many times nothing is asked: there is nothing to explain; and up to so many where the
+# correlation of the noise tells that it is slow.
+NOISE, SLOW_NOISE = 1.2, 2.0
 # What single effects leave more of, as it is weighed, than so many times the noise is no matter of
 # noise.
 FAR = 3.0
@@ -304,7 +305,8 @@ class Search:
     def _misfit(self, found: Fit) -> float:
         """Information criterion without what the parameters cost."""
         bounds = sum(1 for unknown in found.at_bound() if unknown.effect is not None)
-        return self.independent * _misfit_of(found.excess**2) + _BOUND_COST * bounds
+        floor = max(found.excess**2, _FLOOR)
+        return float(self.independent * np.log(floor)) + _BOUND_COST * bounds
 
     def _starts(
         self, problem: Problem, names: frozenset[str]
@@ -379,7 +381,8 @@ class Search:
             same survey found them: then nothing else is looked for but what helps beside them
         """
         base = self.base()
-        if base.over_noise <= NOISE:
+        slow = base.over_noise <= SLOW_NOISE and base.fit.excess <= 1.0
+        if slow or base.over_noise <= NOISE:
             return base
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
@@ -459,7 +462,8 @@ class Search:
                     least = min(item[0] for item in tried)
                     tried.append((least, -1, _best_of_drops(problem, effect, ends)))
             tried.sort(key=lambda item: item[:2])
-            score = self.independent * _misfit_of(tried[0][0] / self.independent)
+            excess = max(tried[0][0] / self.independent, _FLOOR)
+            score = self.independent * float(np.log(excess))
             score += problem.size * float(np.log(self.independent))
             if score > most:
                 continue
@@ -674,14 +678,6 @@ class Search:
                 found.append((other.name, candidate))
         told = sorted(found, key=lambda named: named[1].score)[:_OTHERS_TOLD]
         return dict(told)
-
-
-def _misfit_of(square: float) -> float:
-    """What a mean square over the noise's costs, a sample.
-
-    Its logarithm, where the variance is not known; below the noise, whose variance is, the square.
-    """
-    return float(np.log(square)) if square > 1.0 else max(square, _FLOOR) - 1.0
 
 
 def past_bounds(candidate: Candidate) -> bool:

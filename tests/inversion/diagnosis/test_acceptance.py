@@ -153,6 +153,15 @@ def test_less_than_half_is_not_worth_reporting(
     assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("over_noise", "worth"), [(4.9, True), (5.1, False)])
+def test_half_of_what_is_left_over_the_noise_is_worth_reporting_too(
+    monkeypatch: pytest.MonkeyPatch, over_noise: float, worth: bool
+) -> None:
+    base, best = Candidate(10.0), Candidate(over_noise)
+    _leaving(monkeypatch, {id(base): 0.1, id(best): 0.09})
+    assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("name", "worth"), [("layer", False), ("bedrock", True)])
 def test_a_ground_below_layers_past_their_bounds_is_not_worth_reporting(
     monkeypatch: pytest.MonkeyPatch, name: str, worth: bool

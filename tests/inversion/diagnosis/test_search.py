@@ -64,18 +64,28 @@ def test_what_is_left_counts_over_the_noise_and_not_as_it_is_weighed(bench: Benc
         assert search.run().names == taken
 
 
+@pytest.mark.parametrize(
+    ("over_noise", "weighed", "asked"),
+    [(1.99, 0.99, False), (2.01, 0.99, True), (1.99, 1.01, True)],
+)
+def test_of_slow_noise_nothing_is_asked(
+    over_noise: float, weighed: float, asked: bool, bench: Bench
+) -> None:
+    search = bench.search((A, B), {}, rest=weighed)
+    search.points[0].drops[0].noise[:] = weighed / over_noise
+    assert search.base().over_noise == pytest.approx(over_noise, rel=1e-3)
+    search.run()
+    assert (names("a") in bench.tried) == asked
+
+
 def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:
-    """From half the noise on, less is no better; up to the noise it is by its square, from there on
-    by its logarithm.
-    """
+    """From half the noise on, less is no better."""
 
     def score(rest: float) -> float:
         return bench.search((), {}, rest=rest).base().score
 
     assert score(0.1) == pytest.approx(score(0.45))
-    assert score(0.9) - score(0.6) == pytest.approx((0.81 - 0.36) * SAMPLES)
-    assert score(1.0) - score(0.45) == pytest.approx(0.75 * SAMPLES)
-    assert score(3.0) - score(1.0) == pytest.approx(2.0 * np.log(3.0) * SAMPLES)
+    assert score(0.55) > score(0.45) + 0.1 * SAMPLES
 
 
 @pytest.mark.parametrize(("more", "taken"), [(0.5, True), (-0.5, False)])
