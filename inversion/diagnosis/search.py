@@ -53,10 +53,10 @@ _QUICK = 5
 _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, and how heavily priors
 # weigh then, over what is left (first of the base model, then of the best start).
-_HALVING = ((24, 3), (5, 6))
+_HALVING = ((24, 3), (8, 5), (4, 10))
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
-_RESEEDED, _RESEEDS = 5, 4
+_RESEEDED, _RESEEDS = 8, 4
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
