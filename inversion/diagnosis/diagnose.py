@@ -39,7 +39,8 @@ from inversion.diagnosis.prediction import (
     residual_over_peak,
 )
 from inversion.diagnosis.problem import Point, Unknown
-from inversion.diagnosis.search import EXPLAINED, FAR, Candidate, Search
+from inversion.diagnosis.search import ALIKE as AS_GOOD
+from inversion.diagnosis.search import EXPLAINED, FAR, Candidate, Search, past_bounds
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -97,9 +98,13 @@ def diagnose_point(
         point = Point(records, library or SurrogateLibrary())
         base = Search([point], priors=False).base()
         by_noise = Search([point], fixed=device, spread=spread)
-        for search, found in _looked_for(by_noise, likely, begun, plain):
-            best, objections = _accepted(point, search, base, found)
-            if best.effects:
+        search, best, objections = by_noise, base, [""]
+        for looked, found in _looked_for(by_noise, likely, begun, plain):
+            taken, against = _accepted(point, looked, base, found)
+            sound = bool(taken.effects) and not past_bounds(taken)
+            if sound or not best.effects:
+                search, best, objections = looked, taken, against
+            if sound:
                 break
         if brief:
             return _told(point, search, base, best, {}, objections, None, brief=True)
@@ -237,7 +242,8 @@ def _accepted(
     """The set of effects that is told, and what speaks against it.
 
     That is the best one, if nothing does; else the best of those that were tried against which
-    nothing speaks; else the best one that takes most of the residual away; else none.
+    nothing speaks; else the best one that takes most of the residual away, of those that are past
+    no bound if there are any; else none.
     """
     objections = reasons_to_reject(point, best)
     if not objections or not best.effects:
@@ -246,9 +252,10 @@ def _accepted(
     for candidate in tried:
         if not reasons_to_reject(point, candidate):
             return candidate, []
-    for candidate in (best, *(c for c in tried if can_be_told(point, c))):
-        if is_worth_reporting(point, base, candidate):
-            return candidate, reasons_to_reject(point, candidate)
+    near = [best, *(c for c in tried if can_be_told(point, c) or c.score < best.score + AS_GOOD)]
+    worth = [c for c in near if is_worth_reporting(point, base, c)]
+    for candidate in (*(c for c in worth if not past_bounds(c)), *worth):
+        return candidate, reasons_to_reject(point, candidate)
     objections = reasons_to_reject(point, search.base())
     if objections:
         objections.append(

@@ -180,13 +180,14 @@ class PointDiagnosis:
     def corrected(self) -> bool:
         """Whether the modulus after may be taken for corrected.
 
-        The point is explained, or to at most `NEARLY_EXPLAINED` of the peak; its modulus is known
-        better than it moved, calibration apart, which is in both; and drops that were held out are
-        predicted better than before.
+        The point is explained, or to at most `NEARLY_EXPLAINED` of the peak by effects none of
+        which would go on past its bounds; its modulus is known better than it moved, calibration
+        apart, which is in both; and drops that were held out are predicted better than before.
         """
         if not self.effects or not math.isfinite(self.after.modulus):
             return False
-        near = self.after.residual_rms_over_peak <= NEARLY_EXPLAINED
+        past_bounds = any(p.at_bound for effect in self.effects for p in effect.parameters)
+        near = self.after.residual_rms_over_peak <= NEARLY_EXPLAINED and not past_bounds
         low, high = self.after.modulus_interval
         half = 0.5 * math.log(high / low)
         alone = math.sqrt(max(half**2 - math.log1p(CALIBRATION) ** 2, 0.0))

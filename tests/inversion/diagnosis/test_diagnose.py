@@ -160,6 +160,7 @@ class Tried:
     against: tuple[str, ...] = ()
     worth: bool = True
     told: bool = True
+    past: bool = False
 
 
 def accepted(monkeypatch: pytest.MonkeyPatch, best: Tried, *tried: Tried) -> Any:
@@ -167,6 +168,7 @@ def accepted(monkeypatch: pytest.MonkeyPatch, best: Tried, *tried: Tried) -> Any
     monkeypatch.setattr(name + "reasons_to_reject", lambda _, found: list(found.against))
     monkeypatch.setattr(name + "is_worth_reporting", lambda _, base, found: found.worth)
     monkeypatch.setattr(name + "can_be_told", lambda _, found: found.told)
+    monkeypatch.setattr(name + "past_bounds", lambda found: found.past)
     base = Tried(1000.0, (), ("much is left",))
     search = SimpleNamespace(fitted=[base, best, *tried], base=lambda: base)
     arguments: Any = (None, search, base, best)
@@ -202,6 +204,21 @@ def test_where_none_explains_the_best_that_takes_most_away_is_told(
     assert accepted(monkeypatch, best, other, third) is third
     third.worth = False
     assert accepted(monkeypatch, best, other, third).effects == ()
+
+
+def test_a_set_past_its_bounds_is_told_only_if_no_other_takes_most_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    against = ("much is left",)
+    best, other = Tried(10.0, against=against, past=True), Tried(90.0, against=against)
+    assert accepted(monkeypatch, best, other) is other
+    other.worth = False
+    assert accepted(monkeypatch, best, other) is best
+    # One with more effects than can be told, if it fits as well: by 8 of the criterion.
+    other.worth, other.told = True, False
+    assert accepted(monkeypatch, best, other) is best
+    other.score = 17.9
+    assert accepted(monkeypatch, best, other) is other
 
 
 @dataclass(eq=False)

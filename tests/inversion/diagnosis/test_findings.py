@@ -11,6 +11,7 @@ import pytest
 from inversion.diagnosis.findings import (
     NEARLY_EXPLAINED,
     FoundEffect,
+    FoundParameter,
     ModelState,
     PointDiagnosis,
     Verdict,
@@ -87,6 +88,14 @@ def test_it_is_explained_or_nearly(verdict: Verdict, left: float, corrected: boo
 
 def test_nearly_explained_is_two_hundredths_of_the_peak() -> None:
     assert NEARLY_EXPLAINED == 0.02
+
+
+@pytest.mark.parametrize("at_bound", [False, True])
+def test_nearly_explained_by_what_would_go_on_past_its_bounds_is_not(at_bound: bool) -> None:
+    parameter = FoundParameter("depth", "m", 1.0, 0.1, None, at_bound)
+    rock = replace(ROCK, parameters=(parameter,))
+    assert diagnosis("unexplained", effects=(rock,)).corrected is not at_bound
+    assert diagnosis("explained", effects=(rock,)).corrected
 
 
 # As wide as the modulus moved, and the calibration, which is in both, on top of it: 2 % of load
