@@ -192,9 +192,13 @@ def _told(
     averaged = None
     if not any(effect.replaces_ground for effect in best.effects):
         alike = [candidate for found in others.values() for candidate in found.values()]
+        fitted = search.fitted
+        if objections:
+            # What would not be told says nothing of the modulus.
+            fitted = [c for c in fitted if is_worth_reporting(point, base, c)]
         averaged = average(
             best,
-            [*search.fitted, *alike],
+            [*fitted, *alike],
             search.independent,
             partial(_modulus, point),
             partial(_model_error, point),

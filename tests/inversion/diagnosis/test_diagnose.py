@@ -20,6 +20,7 @@ from inversion.diagnosis.diagnose import (
     _report,
     _simpler,
     _state,
+    _told,
     _warnings,
 )
 from inversion.diagnosis.discrepancy import Discrepancy
@@ -219,6 +220,29 @@ def test_a_set_past_its_bounds_is_told_only_if_no_other_takes_most_away(
     assert accepted(monkeypatch, best, other) is best
     other.score = 17.9
     assert accepted(monkeypatch, best, other) is other
+
+
+class AskedError(Exception):
+    """What was asked for, in place of an answer."""
+
+
+@pytest.mark.parametrize(("against", "counted"), [((), 2), (("much is left",), 1)])
+def test_what_would_not_be_told_says_nothing_of_the_modulus_where_much_is_left(
+    monkeypatch: pytest.MonkeyPatch, against: tuple[str, ...], counted: int
+) -> None:
+    name = "inversion.diagnosis.diagnose."
+    best, other = Tried(10.0), Tried(5.0, worth=False)
+
+    def asked(_: Any, others: Any, *rest: Any) -> Any:
+        raise AskedError(len(others))
+
+    monkeypatch.setattr(name + "is_worth_reporting", lambda _, base, found: found.worth)
+    monkeypatch.setattr(name + "average", asked)
+    search = SimpleNamespace(fitted=[best, other], independent=80.0)
+    arguments: Any = (None, search, None, best, {}, list(against), None)
+    with pytest.raises(AskedError) as found:
+        _told(*arguments)
+    assert found.value.args == (counted,)
 
 
 @dataclass(eq=False)
