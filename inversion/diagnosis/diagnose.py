@@ -44,6 +44,7 @@ from inversion.diagnosis.search import EXPLAINED, FAR, Candidate, Search, past_b
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
+from inversion.measured.steps import find_step
 from inversion.threads import single_threaded_blas
 
 # Pa: the stress at which moduli of different drops are compared.
@@ -98,6 +99,9 @@ def diagnose_point(
         point = Point(records, library or SurrogateLibrary())
         base = Search([point], priors=False).base()
         by_noise = Search([point], fixed=device, spread=spread)
+        stepped = _steps(point)
+        if stepped:
+            return _told(point, by_noise, base, by_noise.base(), {}, stepped, leave_out)
         search, best, objections = by_noise, base, [""]
         for looked, found in _looked_for(by_noise, likely, begun, plain):
             taken, against = _accepted(point, looked, base, found)
@@ -109,6 +113,25 @@ def diagnose_point(
         if brief:
             return _told(point, search, base, best, {}, objections, None, brief=True)
         return _report(point, by_noise, search, base, best, objections, leave_out)
+
+
+def _steps(point: Point) -> list[str]:
+    """What is said of records that step in the contact, where no motion could."""
+    said = []
+    for number, model in zip(point.records.numbers, point.drops, strict=True):
+        time = model.record.time
+        first, end = np.searchsorted(
+            time, model.drop.start + np.array([0.0, model.context.contact_end])
+        )
+        for sensor in model.record.sensors:
+            place = find_step(sensor.values, int(first), int(end))
+            if place is not None:
+                said.append(
+                    f"drop {number}, sensor at {sensor.offset:g} m: the record steps "
+                    f"{1e3 * (time[place] - time[first]):.1f} ms into the pulse, where no motion "
+                    "could: samples are missing, or its range was switched; measure again"
+                )
+    return said
 
 
 def _looked_for(

@@ -149,6 +149,23 @@ def test_calibration_is_in_every_interval() -> None:
     assert _model_error(point, of_layers) == pytest.approx(np.hypot(0.028, 0.015))
 
 
+def test_a_record_that_steps_in_the_contact_is_not_explained(
+    drop: SimulatedDrop, library: SurrogateLibrary
+) -> None:
+    whole = drop.plate_displacement
+    place = 40
+    moved = whole + np.where(np.arange(whole.size) < place, 0.0, 0.1 * whole.max())
+    found = diagnose(drop, library, displacement=moved)
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert not found.corrected
+    # Priors count after: no more is between them.
+    assert found.after.modulus == pytest.approx(found.before.modulus, rel=0.03)
+    (said,) = [text for text in found.warnings if "steps" in text]
+    assert said.startswith("drop 1, sensor at 0 m: the record steps ")
+    assert "samples are missing, or its range was switched; measure again" in said
+
+
 # --- which set of effects is told -----------------------------------------------------------------
 
 
