@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard
 
-from pfwd_survey.digits import rounded
+from pfwd_survey.digits import rounded, with_ends
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectResult,
@@ -21,6 +21,12 @@ _VERDICT = {
 }
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
+# An interval of so many times leaves the modulus open: a value within it would say nothing.
+_OPEN = 10.0
+# From this part on no digits after the point.
+_TENTH = 0.1
+# One of so many times is told by its nearer end: its width would leave no digit.
+_WIDE = 3.0
 
 
 def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[str]:
@@ -45,7 +51,7 @@ def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[s
         lines.append(f"  before  {_state(result.before)}")
         lines.append(f"  after   {_state(result.after)}")
         if result.effects:
-            lines += _change(result.before.modulus_pa, result.after.modulus_pa)
+            lines += _change(result.before, result.after)
         lines += _advice(result)
     for effect in result.effects or ():
         lines += _effect(effect)
@@ -76,14 +82,7 @@ def diagnosis_line(point: str, result: DiagnosisResult) -> str:
     after = result.after or FittedState()
     left = _percent(after.residual_rms_over_peak)
     effects = ", ".join(clean(effect.name).replace("_", " ") for effect in result.effects or ())
-    interval = after.modulus_interval_pa
-    if not _is_finite(after.modulus_pa) or interval is None:
-        modulus = "no modulus"
-    else:
-        low, high = (end / 1e6 for end in interval)
-        wide = high - low
-        middle = rounded(after.modulus_pa / 1e6, wide)
-        modulus = f"E {middle} MPa ({rounded(low, wide)} to {rounded(high, wide)})"
+    modulus = _modulus(after) or "no modulus"
     word = (result.verdict or "").upper()
     if result.corrected and result.verdict == "unexplained":
         word = "CORRECTED"
@@ -97,9 +96,12 @@ def _advice(result: DiagnosisResult) -> list[str]:
     after = result.after
     if after is None or not _is_finite(after.modulus_pa) or after.modulus_interval_pa is None:
         return []
+    if _is_open(after):
+        return ["  The record leaves the modulus open: take none from it."]
     low, high = after.modulus_interval_pa
     wide = (high - low) / 1e6
-    between = f"{rounded(low / 1e6, wide)} and {rounded(high / 1e6, wide)} MPa"
+    _, *ends = _shown(after.modulus_pa, after.modulus_interval_pa)
+    between = f"{' and '.join(ends)} MPa"
     if result.verdict == "clean":
         return [f"  Nothing has to be corrected: E lies between {between}."]
     if result.corrected:
@@ -130,15 +132,41 @@ def _held_out(held: HeldOut | None) -> list[str]:
     return lines
 
 
-def _state(state: FittedState) -> str:
+def _is_open(state: FittedState) -> bool:
+    """Whether the interval leaves the modulus open."""
+    interval = state.modulus_interval_pa
+    return (
+        interval is not None
+        and all(map(math.isfinite, interval))
+        and interval[1] > _OPEN * interval[0]
+    )
+
+
+def _modulus(state: FittedState) -> str:
+    """The modulus with its interval, MPa, with the digits that it supports; empty: no ground."""
     modulus, interval = state.modulus_pa, state.modulus_interval_pa
-    text = "no ground"
-    if _is_finite(modulus):
-        text = f"E {modulus / 1e6:.3g} MPa"
-        if interval is not None and all(map(math.isfinite, interval)):
-            low, high = (bound / 1e6 for bound in interval)
-            middle, wide = modulus / 1e6, high - low
-            text = f"E {rounded(middle, wide)} MPa ({rounded(low, wide)} to {rounded(high, wide)})"
+    if not _is_finite(modulus):
+        return ""
+    if interval is None or not all(map(math.isfinite, interval)):
+        return f"E {modulus / 1e6:.3g} MPa"
+    if _is_open(state):
+        low, high = (rounded(end / 1e6, end / 1e6) for end in interval)
+        return f"E left open ({low} to {high} MPa)"
+    middle, *ends = _shown(modulus, interval)
+    return f"E {middle} MPa ({' to '.join(ends)})"
+
+
+def _shown(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """A modulus and the ends of its interval, MPa, with the digits that it supports."""
+    middle, low, high = (value / 1e6 for value in (modulus, *interval))
+    if high > _WIDE * low:
+        return with_ends(middle, (low, high))
+    wide = high - low
+    return rounded(middle, wide), rounded(low, wide), rounded(high, wide)
+
+
+def _state(state: FittedState) -> str:
+    text = _modulus(state) or "no ground"
     over_noise = state.residual_over_noise
     times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
     return (
@@ -148,10 +176,11 @@ def _state(state: FittedState) -> str:
     )
 
 
-def _change(before: float | None, after: float | None) -> list[str]:
-    if not _is_finite(before) or not _is_finite(after):
+def _change(before: FittedState, after: FittedState) -> list[str]:
+    first, last = before.modulus_pa, after.modulus_pa
+    if not _is_finite(first) or not _is_finite(last) or _is_open(before) or _is_open(after):
         return []
-    return [f"  the modulus changes by {100 * (after / before - 1):+.1f} %"]
+    return [f"  the modulus changes by {100 * (last / first - 1):+.1f} %"]
 
 
 def _effect(effect: EffectResult) -> list[str]:
@@ -184,7 +213,9 @@ def _effect(effect: EffectResult) -> list[str]:
 
 
 def _percent(value: float | None) -> str:
-    return f"{100 * value:.2g} %" if _is_finite(value) else "-"
+    if not _is_finite(value):
+        return "-"
+    return f"{100 * value:.0f} %" if value >= _TENTH else f"{100 * value:.2g} %"
 
 
 def _short(value: float | None) -> str:

@@ -1,7 +1,9 @@
 """Diagnoses of many points: each warning once."""
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings
+import pytest
+
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
+from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, diagnosis_warnings
 
 
 def diagnosis(point: str | None, *warnings: str) -> DiagnosisResult:
@@ -23,3 +25,42 @@ def test_several_points_have_each_warning_once_as_ranges() -> None:
         "  warning, D, E: left 3.1 and 4.5 %",
     ]
     assert diagnosis_warnings(found[:3]) == ["  warning, all points: no plate mass"]
+
+
+def state(modulus: float, low: float, high: float) -> FittedState:
+    return FittedState(
+        model="half-space",
+        modulus_pa=modulus,
+        modulus_interval_pa=(low, high),
+        residual_rms_over_peak=0.2,
+        stress_pa=1e5,
+    )
+
+
+@pytest.mark.parametrize(("factor", "known"), [(9.9, True), (10.1, False)])
+def test_a_modulus_that_the_record_leaves_open_is_not_told(factor: float, known: bool) -> None:
+    found = DiagnosisResult(
+        file="survey",
+        verdict="unexplained",
+        before=state(40e6, 38e6, 42e6),
+        after=state(50e6, 20e6, 20e6 * factor),
+        effects=(EffectResult(name="bedrock"),),
+    )
+    text = "\n".join(diagnosis_lines(found))
+    line = diagnosis_line("A", found)
+    assert ("after   E 50 MPa (20 to 200), half" in text) == known
+    assert ("after   E left open (20 to 200 MPa), half" in text) == (not known)
+    assert ("E left open (20 to 200 MPa), UNEXPLAINED" in line) == (not known)
+    assert ("The record leaves the modulus open: take none from it." in text) == (not known)
+    assert ("the modulus changes by +25.0 %" in text) == known
+    assert "before  E 40 MPa (38 to 42)" in text
+
+
+@pytest.mark.parametrize(
+    ("left", "told"), [(0.0123, "1.2 %"), (0.0996, "10 %"), (0.237, "24 %"), (1.037, "104 %")]
+)
+def test_what_is_left_is_told_in_percent(left: float, told: str) -> None:
+    found = DiagnosisResult(
+        file="survey", before=FittedState(), after=FittedState(residual_rms_over_peak=left)
+    )
+    assert f"residual {told} of the peak" in "\n".join(diagnosis_lines(found))
