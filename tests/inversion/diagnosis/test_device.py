@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,14 @@ def test_of_each_point_the_others_say_what_a_fit_of_them_finds(
         assert of_others[left_out]["half"]["size"] == pytest.approx(shown[-1], abs=0.02)
     # The third point is another's: what the rest say does not know of it.
     assert abs(shown[2] - shown[0]) > 2.0
+
+
+def test_it_does_not_matter_where_the_fit_of_all_points_ended() -> None:
+    """On straight lines one step leads to the end from everywhere."""
+    ended = together(Toy("half", HALF, scope="device"), [0, 1, 2, 3], 2.0)
+    before = replace(ended, device=ended.device + 0.01, own=tuple(own - 0.02 for own in ended.own))
+    for here, there in zip(_of_others(ended), _of_others(before), strict=True):
+        assert there["half"]["size"] == pytest.approx(here["half"]["size"], abs=0.3)
 
 
 def test_an_own_value_on_its_bound_does_not_follow() -> None:

@@ -15,7 +15,7 @@ from inversion.diagnosis import search as module
 from inversion.diagnosis.model import ALIKE as PLAIN
 from inversion.diagnosis.model import WHOLE, PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, FAR, NOISE, WORTH, Search
+from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, NOISE, WORTH, Search
 from inversion.effects import CATALOGUE, DropContext, Effect, Parameter
 from inversion.effects.base import ImpulseResponse, Values
 from tests.inversion.diagnosis.toys import (
@@ -129,9 +129,10 @@ def test_by_the_noise_many_at_once_are_tried_only_near_it(
     factor: float, together: bool, bench: Bench
 ) -> None:
     """Neither of the pair is worth it alone: what is left then is what the base model leaves."""
-    amount = np.sqrt(SAMPLES * (FAR**2 - 1.0)) * factor
+    far = 3.0
+    amount = np.sqrt(SAMPLES * (far**2 - 1.0)) * factor
     search = bench.search(hidden_pair(), {"a": amount})
-    assert search.base().fit.excess == pytest.approx(FAR, rel=0.02)
+    assert search.base().fit.excess == pytest.approx(far, rel=0.02)
     assert (search.run(near=True).names == names("a", "b")) == together
     # Without that word nothing is too far.
     assert search.run().names == names("a", "b")
