@@ -19,6 +19,7 @@ _VERDICT = {
     "explained": "EXPLAINED: the effects below bring the residual to the noise",
     "unexplained": "NOT EXPLAINED: more than noise is left, the warnings say why",
 }
+_NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
 # An interval of so many times leaves the modulus open: a value within it would say nothing.
@@ -42,7 +43,8 @@ def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[s
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
     lines = [f"{clean(result.file)}{point}{device}, drops {drops}"]
-    lines.append(f"  {_VERDICT.get(result.verdict or '', clean(result.verdict))}")
+    verdict = _VERDICT.get(result.verdict or "", clean(result.verdict))
+    lines.append(f"  {_NO_DROP if result.drops == () else verdict}")
     if result.before is not None and result.after is not None:
         lines.append(
             f"  {result.plate} plate of radius {_short(result.plate_radius_m)} m, Poisson's ratio "
@@ -204,7 +206,10 @@ def _effect(effect: EffectResult) -> list[str]:
     strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
-    lines = [f"  {clean(effect.name)}: {'; '.join(numbers)} [{strength}]"]
+    told = f": {'; '.join(numbers)}" if numbers else ""
+    # What was found without a fit has no scope, and no strength.
+    told += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
+    lines = [f"  {clean(effect.name)}{told}"]
     if effect.alternatives:
         lines.append(f"    could as well be {', '.join(map(clean, effect.alternatives))}")
     if effect.advice:

@@ -374,11 +374,11 @@ class Search:
 
         Parameters
         ----------
-        beside : Candidate or None, what another search of the point found: it is a start, too
-        near : bool, whether to stop where single effects leave more than `FAR` times the noise
         likely : names of effects that are tried first, and taken when they explain all
         begun : values from which these may begin, as other fits of the point or of others of the
             same survey found them: then nothing else is looked for but what helps beside them
+        beside : Candidate or None, what another search of the point found: it is a start, too
+        near : bool, whether to stop where single effects leave more than `FAR` times the noise
         """
         base = self.base()
         slow = base.over_noise <= SLOW_NOISE and base.fit.excess <= 1.0

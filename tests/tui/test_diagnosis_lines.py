@@ -64,3 +64,19 @@ def test_what_is_left_is_told_in_percent(left: float, told: str) -> None:
         file="survey", before=FittedState(), after=FittedState(residual_rms_over_peak=left)
     )
     assert f"residual {told} of the peak" in "\n".join(diagnosis_lines(found))
+
+
+def test_a_point_without_a_drop_that_can_be_used_says_so() -> None:
+    found = DiagnosisResult(
+        file="survey",
+        drops=(),
+        verdict="unexplained",
+        effects=(EffectResult(name="false_trigger"),),
+        rejected=("drop 1: peaks only",),
+    )
+    assert diagnosis_lines(found) == [
+        "survey, drops none",
+        "  NOTHING TO DIAGNOSE: no drop of the point can be used",
+        "  false_trigger",
+        "  drop 1: peaks only",
+    ]
