@@ -157,9 +157,14 @@ def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> N
     report.record(what="thickness", **_summary(errors, inside, widths))
     report.record(
         what="processor time, s",
-        two_media=float(np.median([s for c, _, _, s in solved if len(c.layers) == 2])),
-        three_media=float(np.median([s for c, _, _, s in solved if len(c.layers) == 3])),
+        two_media=_median([s for c, _, _, s in solved if len(c.layers) == 2]),
+        three_media=_median([s for c, _, _, s in solved if len(c.layers) == 3]),
     )
+
+
+def _median(values: Sequence[float]) -> float | None:
+    """None of none: few cases may have no ground of three media among them."""
+    return float(np.median(values)) if values else None
 
 
 def _summary(

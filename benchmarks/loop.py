@@ -6,6 +6,7 @@ the inversion.  They are diagnosed first, from their folder alone; only then is 
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -69,9 +70,10 @@ class Judged:
     def error(self, when: str) -> float | None:
         """Relative error of the modulus `before` or `after`; none where there is no modulus."""
         state = self.record[when] if self.record else None
-        if state is None or state["modulus_pa"] is None or self.case.modulus_pa is None:
-            return None
-        return abs(float(state["modulus_pa"]) / self.case.modulus_pa - 1)
+        modulus = state["modulus_pa"] if state else None
+        if modulus is None or math.isnan(modulus) or self.case.modulus_pa is None:
+            return None  # on a rig there is none
+        return abs(float(modulus) / self.case.modulus_pa - 1)
 
     @property
     def held(self) -> bool | None:
@@ -93,7 +95,8 @@ class Judged:
     def _interval(self) -> Sequence[float] | None:
         after = self.record["after"] if self.record else None
         interval = after.get("modulus_interval_pa") if after else None
-        return None if interval is None or None in interval else interval
+        told = interval is not None and all(e is not None and math.isfinite(e) for e in interval)
+        return interval if told else None
 
     @property
     def visible(self) -> bool:
