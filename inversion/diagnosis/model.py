@@ -13,7 +13,7 @@ from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
 from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
 from inversion.diagnosis.ground_response import GroundResponse
-from inversion.diagnosis.mains_line import without_mains_line
+from inversion.diagnosis.rest import DropAtRest, drops_at_rest
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
@@ -119,6 +119,7 @@ class DropModel:
     layers : FirstLook or None, the point's drops as layered ground
     response : GroundResponse or None, which the drops of a point share
     duration : float or None, s, of the longest record of the point: what is shared has one length
+    rest : DropAtRest or None, the drop with its noise as all drops of the point tell it
     """
 
     def __init__(
@@ -131,12 +132,15 @@ class DropModel:
         layers: FirstLook | None = None,
         response: GroundResponse | None = None,
         duration: float | None = None,
+        rest: DropAtRest | None = None,
     ) -> None:
         # The surrogate answers in this order, whatever order the record has.
         record = record.nearest_first()
         drop = prepare(record)
         self._layers = layers
-        whole, self._harmonics = without_mains_line(drop.with_tail(), record)
+        at_rest = rest or drops_at_rest([record])[0]
+        self._harmonics = at_rest.harmonics
+        whole = at_rest.drop
         self.drop: PreparedDrop = whole
         self.record = record
         # What the geophone does belongs to the record stage, behind what the ground does in time.

@@ -17,6 +17,7 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
+from inversion.diagnosis.rest import drops_at_rest
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.layered.misfit import LayeredDrop
@@ -99,8 +100,10 @@ class Point:
             layers.drops[0].drop.offsets,
         )
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, records, layers, response, longest)
-            for index, record in enumerate(records.records)
+            DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
+            for index, (record, rest) in enumerate(
+                zip(records.records, drops_at_rest(records.records), strict=True)
+            )
         )
         peaks = [
             peak_modulus(
@@ -261,6 +264,20 @@ class Problem:
         self.solves = 0
         self._residuals: dict[_Place, FloatArray] = {}
         self._jacobians: dict[_Place, FloatArray] = {}
+
+    def of_one_drop(self, drop: int) -> Problem:
+        """The same unknowns of a single point, of which one drop alone counts."""
+        others = range(len(self.points[0].drops))
+        return Problem(
+            self.points,
+            self.effects,
+            self.fixed,
+            scope=self.scope,
+            left_out=[(0, other) for other in others if other != drop],
+            silent=self.silent,
+            held=self.held,
+            spread=self.spread,
+        )
 
     def _fitted(self, effect: Effect) -> Sequence[Parameter]:
         """Parameters of a device effect that are fitted; given ones beside what is given."""

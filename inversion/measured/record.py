@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -201,6 +202,24 @@ class NoiseModel:
         """Root of the variance, in the channel's unit."""
         return float(np.sqrt(self.autocovariance[0]))
 
+    @classmethod
+    def pooled(cls, models: Sequence[NoiseModel]) -> NoiseModel:
+        """First-order autoregressive noise of several quiet parts of one channel.
+
+        Of one drop's time before the pulse slow noise is told by a few turns of it: its
+        correlation and variance are those of all drops, each by its samples.
+        """
+        known = [model for model in models if model.samples]
+        if len(known) < 2:
+            return known[0] if known else models[0]
+        counts = np.array([model.samples for model in known], dtype=float)
+        variance = float(counts @ [model.autocovariance[0] for model in known]) / counts.sum()
+        if variance == 0.0:
+            return known[0]
+        neighbours = [m.autocovariance[1] if m.autocovariance.size > 1 else 0.0 for m in known]
+        correlation = float(counts @ neighbours) / counts.sum() / variance
+        return _autoregressive(variance, correlation, int(counts.sum()))
+
     def quadratic_form(self, rows: FloatArray) -> FloatArray:
         """Covariance rows C rows^T, (k, k), for ``rows`` (k, n) applied to the noise."""
         size = 1 << int(np.ceil(np.log2(rows.shape[1] + self.autocovariance.size)))
@@ -397,8 +416,12 @@ def noise_before(quiet: FloatArray) -> NoiseModel:
     correlation = float(np.clip((found + 2.0 / count) / (1.0 - 4.0 / count), 0.0, 0.98))
     memory = (1.0 + correlation) / (1.0 - correlation)
     variance = power / count / max(0.3, 1.0 - 2.0 * memory / count)
+    return _autoregressive(variance, correlation, count)
+
+
+def _autoregressive(variance: float, correlation: float, samples: int) -> NoiseModel:
     lags = 1 if correlation == 0.0 else 1 + int(np.ceil(np.log(1e-3) / np.log(correlation)))
-    return NoiseModel(variance * correlation ** np.arange(lags), count)
+    return NoiseModel(variance * correlation ** np.arange(lags), samples)
 
 
 def _quantum(values: FloatArray) -> float:
