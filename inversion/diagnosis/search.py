@@ -51,12 +51,13 @@ _QUICK = 5
 # Effects that are fitted alone, of those that could take most of the residual to first order, and
 # the starts that each of them is fitted from.
 _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
-# Of the full set: how many starts are kept after how many iterations each, and how heavily priors
-# weigh then, over what is left (first of the base model, then of the best start).
-_HALVING = ((24, 3), (8, 5), (4, 10))
+# Of the full set: how many starts are kept after how many iterations each, by one drop alone and
+# then by all, and how heavily priors weigh then, over what is left (first of the base model, then
+# of the best start).
+_BY_ONE_DROP, _BY_ALL = ((24, 3), (10, 6), (5, 12)), ((4, 8),)
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
-_RESEEDED, _RESEEDS = 8, 4
+_RESEEDED, _RESEEDS = 10, 4
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
@@ -525,15 +526,14 @@ class Search:
             _start_of_full(problem, known, there) for there in self._presences(problem, known)
         ]
         weight = _FIRST_WEIGHT * self.base().fit.excess
-        for kept, iterations in _HALVING:
-            if self.priors:
-                problem.prior_weight = max(1.0, weight)
-            tried = [fit(problem, device, own, iterations) for device, own in starts[:kept]]
-            tried.sort(key=lambda attempt: attempt.cost)
-            starts = [(attempt.device, list(attempt.own)) for attempt in tried]
-            if kept == _RESEEDED:
-                starts = [s for attempt in tried[:_RESEEDS] for s in _with_other_starts(attempt)]
-            weight = min(weight, _LATER_WEIGHT * tried[0].excess)
+        last = len(self.points[0].drops) - 1
+        if last:
+            alone = problem.of_one_drop(last)
+            starts, weight = self._halved(alone, starts, weight, _BY_ONE_DROP)
+            starts = [(device, [_like_drop(problem, own[0], last)]) for device, own in starts]
+            starts, weight = self._halved(problem, starts, weight, _BY_ALL)
+        else:
+            starts, weight = self._halved(problem, starts, weight, (*_BY_ONE_DROP, *_BY_ALL))
         if self.priors:
             problem.prior_weight = max(1.0, weight)
         fits = [fit(problem, *start, _FULL_ITERATIONS) for start in starts[:ends]]
@@ -545,6 +545,30 @@ class Search:
             if end.excess <= _NEAR_END * best.excess and not _same(end, best)
         ]
         return [self._made(effects, end, True) for end in (*other[:_FOLLOWED], best)]
+
+    def _halved(
+        self, problem: Problem, starts: list[Start], weight: float, steps: Sequence[tuple[int, int]]
+    ) -> tuple[list[Start], float]:
+        """Starts followed some iterations at a time, fewer of them each time, the best first.
+
+        Parameters
+        ----------
+        weight : float, of the priors; it falls with what the best one leaves
+        steps : how many are followed, and how far
+        """
+        for kept, iterations in steps:
+            if self.priors:
+                problem.prior_weight = max(1.0, weight)
+            tried = [fit(problem, device, own, iterations) for device, own in starts[:kept]]
+            tried.sort(key=lambda attempt: attempt.cost)
+            starts = [(attempt.device, list(attempt.own)) for attempt in tried]
+            if kept == _RESEEDED:
+                begun_anew = [
+                    s for attempt in tried[:_RESEEDS] for s in _with_other_starts(attempt)
+                ]
+                starts = [*begun_anew, *starts[_RESEEDS:]]
+            weight = min(weight, _LATER_WEIGHT * tried[0].excess)
+        return starts, weight
 
     def _presences(
         self, problem: Problem, known: Mapping[Key, float]
@@ -760,6 +784,23 @@ def _with_other_starts(end: Fit) -> list[Start]:
         if best is None or least < best[0]:
             best = least, _best_of_drops(problem, effect, ends)
     return [here] if best is None else [here, best[1]]
+
+
+def _like_drop(problem: Problem, own: FloatArray, drop: int) -> FloatArray:
+    """A point's unknowns with those of single drops as one drop has them, where it has them."""
+    found = {
+        (unknown.effect, unknown.parameter.name): unit_value
+        for unknown, unit_value in zip(problem.own[0], own, strict=True)
+        if unknown.drop == drop
+    }
+    return np.array(
+        [
+            unit_value
+            if unknown.drop is None
+            else found.get((unknown.effect, unknown.parameter.name), unit_value)
+            for unknown, unit_value in zip(problem.own[0], own, strict=True)
+        ]
+    )
 
 
 def _same(one: Fit, other: Fit) -> bool:

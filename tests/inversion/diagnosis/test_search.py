@@ -298,6 +298,33 @@ def test_the_full_set_begins_absent_and_present_in_every_way(bench: Bench) -> No
     assert starts_of(bench, *"abcd") >= set(ways)
 
 
+def test_a_large_set_begins_by_the_last_drop_alone(bench: Bench) -> None:
+    a, b, c = Toy("a", scope="drop"), Toy("b"), Toy("c")
+    amounts = tuple({"a": size, "b": MUCH} for size in (30.0, 90.0, 60.0))
+    search = bench.search((a, b, c), *amounts)
+    whole: list[dict[int | None, float]] = []
+    alone: list[frozenset[tuple[int, int]]] = []
+    inner = module.fit
+
+    def seen(problem: Any, device: Array, own: Any, *rest: Any) -> Any:
+        if len(problem.effects) == 3 and problem.left_out:
+            alone.append(problem.left_out)
+        elif len(problem.effects) == 3:
+            whole.append(
+                {u.drop: x for u, x in zip(problem.own[0], own[0], strict=True) if u.effect is a}
+            )
+        return inner(problem, device, own, *rest)
+
+    bench.patch.setattr(module, "fit", seen)
+    search._full((a, b, c), {})
+    assert set(alone) == {frozenset({(0, 0), (0, 1)})}
+    first = whole[0]
+    assert first[0] == first[1] == first[2]
+    assert SIZE.value(first[2]) == pytest.approx(60.0, rel=0.05)
+    # Then each drop has its own.
+    assert SIZE.value(whole[-1][1]) == pytest.approx(90.0, rel=0.05)
+
+
 def test_an_effect_behind_a_hill_is_found_from_where_it_is_present(bench: Bench) -> None:
     class Hill(Toy):
         """Small values make it worse, large ones better."""

@@ -179,6 +179,7 @@ class Bench:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.tried: list[Names] = []
         self.starts: dict[Names, list[dict[str, float]]] = {}
+        self.patch = patch
         self._fit = module.fit
         patch.setattr(module, "fit", self._remembered)
 
