@@ -56,6 +56,11 @@ _NEARLY = 3.0
 _NOT_FIXED, _NO_MORE_THAN_PRIOR = 0.25, 0.8
 # Deviation of a logarithm beyond which nothing is known.
 _UNKNOWN = 3.0
+# Relative error (95 %) of the modulus over what is left unexplained of the peak. What the model
+# lacks shows only as far as its parameters cannot imitate it: what they imitate is not seen, and
+# nothing says that it is less. Of undeclared effects in finite elements twice of what is left
+# holds as many as it should (docs/theory.md).
+_BEHIND_LEFT = 2.0
 # A range of moduli so wide is told; one so wide that it leaves the modulus open is none.
 _WIDE, _OPEN = 1.1, 10.0
 
@@ -177,7 +182,7 @@ def _report(
     leave_out: LeaveOut | None,
 ) -> PointDiagnosis:
     others = _alternatives(point, search, best)
-    simpler = _simpler(best, others)
+    simpler = _simpler(best, others) or _on_ground(best, others)
     if simpler is not None and not reasons_to_reject(point, simpler):
         best, objections = simpler, []
         others = _alternatives(point, search, best)
@@ -234,6 +239,8 @@ def _told(
         # So many effects fit anything: the modulus is between what they say and what none says.
         moduli.append(_modulus(point, base))
     after = _state(point, best, moduli, averaged)
+    if objections:
+        after = _left_open(after)
     effects = _effects(point, search, best, others, averaged, brief=brief)
     helped = bool(effects) or bool(search.fixed)
     verdict: Verdict = "unexplained"
@@ -318,6 +325,18 @@ def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> 
     return min(found, key=lambda c: (c.fit.problem.size, c.score), default=None)
 
 
+def _on_ground(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> Candidate | None:
+    """Of what cannot be told from a rig the best one on ground, as drops usually are."""
+    found = [
+        candidate
+        for effect in best.effects
+        if effect.replaces_ground
+        for candidate in others[effect.name].values()
+        if not any(other.replaces_ground for other in candidate.effects)
+    ]
+    return min(found, key=lambda c: c.score, default=None)
+
+
 def _modulus(point: Point, candidate: Candidate) -> float:
     """Of the ground under the last drop, secant at its stress, Pa."""
     return _ground(point, candidate).modulus * _bent(point, candidate, _stress(point))
@@ -391,6 +410,21 @@ def _state(
         stress=_stress(point),
         modulus_100kpa=math.nan if rig else ground.modulus * _bent(point, candidate, _REFERENCE_PA),
     )
+
+
+def _left_open(state: ModelState) -> ModelState:
+    """A state with the error of the modulus that may be behind what is left unexplained."""
+    if math.isnan(state.modulus):
+        return state
+    left = max(state.residual_rms_over_peak, state.contact_residual_rms_over_peak)
+    behind = math.log1p(_BEHIND_LEFT * left)
+    low, high = (
+        state.modulus * math.exp(sign * math.hypot(math.log(edge / state.modulus), behind))
+        for sign, edge in zip((-1.0, 1.0), state.modulus_interval, strict=True)
+    )
+    relative = state.modulus_deviation / state.modulus
+    deviation = state.modulus * math.hypot(relative, behind / NORMAL_95)
+    return replace(state, modulus_interval=(low, high), modulus_deviation=deviation)
 
 
 def _model_error(point: Point, candidate: Candidate) -> float:

@@ -15,8 +15,10 @@ from inversion.diagnosis.averaging import Averaged
 from inversion.diagnosis.diagnose import (
     _accepted,
     _interval,
+    _left_open,
     _model_error,
     _modulus,
+    _on_ground,
     _report,
     _simpler,
     _state,
@@ -114,9 +116,17 @@ def test_what_no_effect_explains_is_called_so(
     assert found.verdict == "unexplained"
     assert not found.corrected
     assert any("not explained" in text for text in found.warnings)
+    # What shows of it is as much of the peak as what does not may be, twice.
+    low, high = found.after.modulus_interval
+    left = found.after.contact_residual_rms_over_peak
+    assert left > 0.01
+    assert low < found.after.modulus / (1 + 2 * left)
+    assert high > found.after.modulus * (1 + 2 * left)
 
 
-@pytest.mark.parametrize(("frequency", "verdict"), [(0.8, "unexplained"), (4.5, "explained")])
+@pytest.mark.parametrize(
+    ("frequency", "verdict"), [(0.3, "unexplained"), (0.8, "unexplained"), (4.5, "explained")]
+)
 def test_a_response_that_no_geophone_has_is_no_explanation(
     drop: SimulatedDrop, library: SurrogateLibrary, frequency: float, verdict: str
 ) -> None:
@@ -147,6 +157,30 @@ def test_calibration_is_in_every_interval() -> None:
     problem = SimpleNamespace(values=lambda *_: [(layered, {})])
     of_layers: Any = SimpleNamespace(fit=SimpleNamespace(problem=problem, device=None, own=[None]))
     assert _model_error(point, of_layers) == pytest.approx(np.hypot(0.028, 0.015))
+
+
+@pytest.mark.parametrize(("whole", "contact"), [(0.04, 0.01), (0.01, 0.04)])
+def test_what_is_left_unexplained_opens_the_interval(whole: float, contact: float) -> None:
+    point = point_of_heights(8000.0)
+    state = replace(
+        _state(point, ended(point, modulus_ratio=2.0)),
+        modulus=4e7,
+        modulus_deviation=8e5,
+        modulus_interval=(3.9e7, 4.2e7),
+        residual_rms_over_peak=whole,
+        contact_residual_rms_over_peak=contact,
+    )
+    opened = _left_open(state)
+    behind = np.log(1.08)
+    low, high = np.log(np.array(opened.modulus_interval) / 4e7)
+    assert low == pytest.approx(-np.hypot(np.log(4.0 / 3.9), behind))
+    assert high == pytest.approx(np.hypot(np.log(4.2 / 4.0), behind))
+    assert opened.modulus == 4e7
+    assert opened.modulus_deviation == pytest.approx(
+        4e7 * np.hypot(0.02, behind / norm.ppf(0.975)), rel=1e-4
+    )
+    rig = replace(state, modulus=np.nan)
+    assert _left_open(rig) is rig
 
 
 def test_a_record_that_steps_in_the_contact_is_not_explained(
@@ -294,6 +328,17 @@ def test_of_two_that_leave_noise_the_simpler_one_is_told(other: InItsPlace, take
     others["layer"]["bedrock"] = worse
     assert _simpler(best, others) is (other if taken else worse)
     assert _simpler(best, {}) is None
+
+
+def test_ground_that_does_in_the_place_of_a_rig_is_told() -> None:
+    rig, rock, stiff = BY_NAME["spring_rig"], BY_NAME["bedrock"], BY_NAME["stress_dependence"]
+    best: Any = Tried(10.0, (rig,))
+    worse, ground, other = Tried(17.0, (rock,)), Tried(15.0, (stiff,)), Tried(11.0, (rig,))
+    others: Any = {"spring_rig": {"bedrock": worse, "stress_dependence": ground, "x": other}}
+    assert _on_ground(best, others) is ground
+    assert _on_ground(best, {"spring_rig": {}}) is None
+    soil: Any = Tried(10.0, (rock,))
+    assert _on_ground(soil, {"bedrock": {"x": ground}}) is None
 
 
 # --- what is told of a set of effects ------------------------------------------------------------
