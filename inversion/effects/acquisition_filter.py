@@ -20,7 +20,7 @@ class AcquisitionFilter(Effect):
     name = "acquisition_filter"
     scope = "device"
     parameters = (
-        Parameter("corner", "Hz", 20.0, 2000.0, (150.0,), logarithmic=True, absent=2000.0),
+        Parameter("corner", "Hz", 20.0, 2000.0, (150.0, 300.0), logarithmic=True, absent=2000.0),
         Parameter("advance", "s", -1e-3, 6e-3, (0.0, 2e-3), prior=(0.0, 2e-3), absent=0.0),
     )
     in_full_set = False

@@ -14,16 +14,17 @@ class GeophoneResponse(Effect):
     scope = "device"
     parameters = (
         # Those of deflectometers have 4.5 Hz and more.  Below some 2 Hz a pulse and its tail feel
-        # no more of the response than a slow creep, which much else leaves as well.
+        # no more of the response than a slow creep, which a coupling without direct current
+        # leaves, and much else as well.
         Parameter(
             "natural_frequency",
             "Hz",
-            0.5,
+            0.15,
             30.0,
-            (4.5, 10.0),
+            (4.5, 10.0, 0.5),
             logarithmic=True,
             usual=(2.0, 30.0),
-            absent=0.5,
+            absent=0.15,
         ),
         # Open ones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical damping.
         Parameter(

@@ -97,7 +97,7 @@ def test_files_of_two_devices_cannot_be_one_calibration() -> None:
         ("[no_such_effect]\nx = 1", "expected device effects of the catalogue"),
         ("[bedrock]\ndepth_m = 1", "expected device effects of the catalogue"),
         ("[sensor_lag]\ndelay = 1", r"expected \[sensor_lag\] delay_s as a number"),
-        ("[sensor_lag]\ndelay_s = 1.0", r"delay_s from -0.003 to 0.003"),
+        ("[sensor_lag]\ndelay_s = 1.0", r"delay_s from -0.008 to 0.008"),
         ("[sensor_lag", "expected TOML"),
     ],
 )
