@@ -30,8 +30,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
-from scipy.stats import t as student
+from scipy.special import stdtrit  # scipy.stats has the same, and takes 0.3 s to import
 
 from inversion.arrays import FloatArray
 from inversion.errors import InversionError
@@ -172,7 +171,7 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
     spread, freedom = _jackknife(best, drops)
     within = np.sqrt(np.maximum(np.diag(covariance)[:4], 0.0))
     deviation = np.maximum(spread, within)
-    factor = float(student.ppf(0.975, freedom))
+    factor = float(stdtrit(freedom, 0.975))
     constants = tuple(
         _constant(name, unit, logarithmic, float(best[index]), float(deviation[index]), factor)
         for index, (name, unit, logarithmic) in enumerate(
@@ -327,6 +326,8 @@ def _answer(
     As one filter of the fourth order its coefficients lose ten digits: a geophone's poles lie close
     to 1. Sample by sample takes a hundred times as long.
     """
+    from scipy.signal import lfilter  # takes 0.3 s to import, and nothing else needs it
+
     poles, modes = np.linalg.eig(phi)
     weights = (shown @ modes)[0] * np.linalg.solve(modes, enters.astype(complex))[:, 0]
     before = np.concatenate([[0.0], load[:-1]])

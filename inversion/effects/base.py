@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg.lapack import dtbtrs
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.layered.first_look import FirstLook
@@ -270,7 +270,12 @@ def geophone(
     # The rule counts both ends half.
     halved = record.copy()
     halved[:, 0] *= 0.5
-    oscillation = lfilter(top, bottom, halved, axis=1) - 0.5 * top[0] * record
+    driven = top[0] * halved
+    driven[:, 1:] += top[1] * halved[:, :-1]
+    # A recursion is a banded system. As a filter of scipy.signal it takes 0.3 s to import.
+    bands = np.broadcast_to(bottom[:, None], (3, record.shape[1]))
+    moved, _ = dtbtrs(bands, driven.T, uplo="L", overwrite_b=True)
+    oscillation = moved.T - 0.5 * top[0] * record
     result: FloatArray = record - step * oscillation
     return result
 
