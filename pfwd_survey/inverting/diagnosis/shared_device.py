@@ -207,9 +207,13 @@ def _looks_of_survey(first: Sequence[PointDiagnosis | str], findings: DeviceFind
     """How each point is looked at again: for its own effects and for those of several points.
 
     From its own values, and from what the survey shows in the middle, for a point alone may have
-    ended in the wrong place. What it does not have is taken away again by the evidence.
+    ended in the wrong place; one that leaves more than the middle of them also from those of the
+    point that leaves the least. What it does not have is taken away again by the evidence.
     """
-    common, middle = _shown([d for d in first if _is_sound(d)], findings.values)
+    sound = [d for d in first if _is_sound(d)]
+    common, middle = _shown(sound, findings.values)
+    usual = _median([d.after.residual_rms_over_peak for d in sound])
+    best = min(sound, key=lambda d: d.after.residual_rms_over_peak)
     looks = []
     for found in first:
         if not _is_sound(found):
@@ -217,11 +221,14 @@ def _looks_of_survey(first: Sequence[PointDiagnosis | str], findings: DeviceFind
             continue
         own = {e.name for e in found.effects if e.name not in findings.values}
         ground = {key: value for key, value in found.values.items() if not key[1]}
+        begun = [found.values, middle | ground]
+        if found.after.residual_rms_over_peak > usual:
+            begun.append(dict(best.values) | ground)
         looks.append(
             Look(
                 device=findings.values,
                 likely=sorted(own | common),
-                begun=[found.values, middle | ground],
+                begun=begun,
                 plain=found.plain,
             )
         )

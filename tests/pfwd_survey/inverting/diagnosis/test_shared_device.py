@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from inversion.diagnosis import FoundEffect, FoundParameter, PointDiagnosis
+from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
 from pfwd_survey.inverting.diagnosis import shared_device
 from pfwd_survey.inverting.diagnosis.points import Look, Workers
-from pfwd_survey.inverting.diagnosis.shared_device import looked_at_first
+from pfwd_survey.inverting.diagnosis.shared_device import _looks_of_survey, looked_at_first
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
 SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
@@ -123,3 +123,20 @@ def test_points_without_a_device_share_nothing(monkeypatch: pytest.MonkeyPatch) 
         point.device = None
     assert survey.first()[1] == set()
     assert len(survey.looks) == 9
+
+
+def test_points_that_leave_much_begin_as_the_best_one_ended_too() -> None:
+    first: list[Any] = [
+        diagnosis(0.03, LAG, ("seating", "drop", "modulus_ratio", "-", 0.9)),
+        diagnosis(0.01, LAG, ("seating", "drop", "modulus_ratio", "-", 0.5)),
+        diagnosis(0.02, LAG, SEATING),
+        "refused",
+    ]
+    seating, ground = (0, "seating", "modulus_ratio", None), (0, "", "modulus_ratio", None)
+    first[0].values[ground] = 0.7
+    looks = _looks_of_survey(first, DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {}, 9))
+    begun = [[start[seating] for start in look.begun] for look in looks]
+    # Its own values, those in the middle, and of what leaves more than the middle the best one's.
+    assert begun == [[0.9, 0.8, 0.5], [0.5, 0.8], [0.8, 0.8], []]
+    assert [start[ground] for start in looks[0].begun] == [0.7, 0.7, 0.7]
+    assert first[1].values[ground] == 0.5
