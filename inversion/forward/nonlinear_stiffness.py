@@ -12,7 +12,10 @@ reference's, both on linear ground,
 
 .. math:: P(x; p, x_0) = \frac{(x + x_0)^p - x_0^p}{(1 + x_0)^p - x_0^p}
 
-so that its stiffness at rest is not zero.  Unloading from the peak :math:`w_p`:
+so that its stiffness at rest is not zero.  Where a plate that swings back relieves it of more than
+half of that (:math:`x < -x_0/2`) the tangent goes on: the power itself would be without any
+stiffness a little further up, and as stiff in tension as under load beyond.  Unloading from the
+peak :math:`w_p`:
 :math:`R = R(w_p) P(x; q/(1-n), x_0 w_r/w_p)`, :math:`x = (w/w_p - u)/(1-u)`. With n = 0, q = 1,
 u = 0 this is the linear model to rounding.
 
@@ -41,6 +44,8 @@ _NEXT_CONVERGED = 1e-4
 _FAR = 0.5
 # The ground unloads from its largest displacement while the load is above this fraction.
 _LOADED = 0.2
+# Of the stress at rest: ground that is relieved of more goes on along its tangent.
+_RELIEVED = 0.5
 # Below this ratio a power is a straight line: its slope at rest stays finite.
 _STRAIGHT_BELOW = 1e-6
 # Under so many times the stress of a drop the way back is a straight line to a thousandth.
@@ -303,7 +308,11 @@ def _march(
 
 def _power_of(ratio: float, exponent: float, rest: float) -> tuple[float, float]:
     """`_power` of one number."""
-    value, slope = _odd_power_of(ratio + rest, exponent)
+    least, place = _RELIEVED * rest, ratio + rest
+    relieved = rest > 0.0 and place < least
+    value, slope = _odd_power_of(least if relieved else place, exponent)
+    if relieved:
+        value += slope * (place - least)
     below, above = _odd_power_of(rest, exponent)[0], _odd_power_of(1.0 + rest, exponent)[0]
     return (value - below) / (above - below), slope / (above - below)
 
@@ -398,21 +407,39 @@ def _force(ratio: FloatArray, exponent: FloatArray, rest: FloatArray) -> FloatAr
     """What `_power` gives, of rows with exponents and rests (m, 1)."""
     below = _odd_power(rest, exponent)
     above = _odd_power(1.0 + rest, exponent)
-    result: FloatArray = (_odd_power(ratio + rest, exponent) - below) / (above - below)
+    least, place = _RELIEVED * rest, ratio + rest
+    value = _odd_power(place, exponent)
+    relieved = (place < least) & (rest > 0.0)
+    if relieved.any():
+        steep = np.where(least < _STRAIGHT_BELOW, 1.0, exponent)
+        slope = steep * np.maximum(least, _STRAIGHT_BELOW) ** (exponent - 1.0)
+        value = np.where(relieved, _odd_power(least, exponent) + slope * (place - least), value)
+    result: FloatArray = (value - below) / (above - below)
     return result
 
 
 def _power(
     ratio: FloatArray, exponent: float, rest: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """P(x; p, x_0) and its derivatives by x and by x_0, p > 0; x negative: an odd power."""
-    value, slope = _odd_power_with_slope(ratio + rest, exponent)
+    """P(x; p, x_0) and its derivatives by x and by x_0, p > 0; with x_0 = 0 an odd power."""
+    place = ratio + rest
+    value, slope = _odd_power_with_slope(place, exponent)
     (below, above), (below_slope, above_slope) = _odd_power_with_slope(
         np.array([rest, 1.0 + rest]), exponent
     )
     whole = above - below
+    least = _RELIEVED * rest
+    beyond = None
+    if rest > 0.0 and place.min() < least:
+        beyond = np.minimum(place - least, 0.0)
+        tangent, steep = _odd_power_with_slope(np.array([least]), exponent)
+        value = np.where(beyond < 0.0, tangent + steep * beyond, value)
+        slope = np.where(beyond < 0.0, steep, slope)
     value, slope = (value - below) / whole, slope / whole
     in_rest = slope - (below_slope + value * (above_slope - below_slope)) / whole
+    if beyond is not None:
+        # The tangent turns with where it begins.
+        in_rest += slope * beyond * (exponent - 1.0) * _RELIEVED / least
     return value, slope, in_rest
 
 

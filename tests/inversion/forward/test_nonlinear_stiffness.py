@@ -6,7 +6,10 @@ from scipy.integrate import solve_ivp
 
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
+    _force,
     _march,
+    _power,
+    _power_of,
     _resistance,
     effective_force,
     hat_response,
@@ -127,6 +130,33 @@ def test_ground_under_stress_at_rest_follows_its_equation_of_motion(
     np.testing.assert_allclose(got, found, atol=1e-2 * max(found))
     marched = _march(hats[0], load, law, stiffness, reference)
     np.testing.assert_allclose(solved, marched, atol=1e-6 * max(found))
+
+
+@pytest.mark.parametrize("power", [0.7, 1.4, 2.2])
+@pytest.mark.parametrize("rest", [0.02, 0.3])
+def test_ground_relieved_of_half_its_stress_goes_on_along_the_tangent(
+    power: float, rest: float
+) -> None:
+    whole = (1 + rest) ** power - rest**power
+    near, far = np.array([-0.499 * rest, 0.4, 1.0]), np.array([-0.501 * rest, -rest, -1.0])
+    value, slope, _ = _power(near, power, rest)
+    assert value == pytest.approx(((near + rest) ** power - rest**power) / whole)
+    assert slope == pytest.approx(power * (near + rest) ** (power - 1) / whole)
+    # Half of the stress at rest is left where x is -x0/2.
+    edge, steep = (rest / 2) ** power, power * (rest / 2) ** (power - 1)
+    value, slope, in_rest = _power(far, power, rest)
+    assert value == pytest.approx((edge + steep * (far + rest / 2) - rest**power) / whole)
+    assert slope == pytest.approx(np.full(3, steep / whole))
+    # In tension it is no stiffer than there, and it never pulls the plate down.
+    assert np.all(np.diff(_power(np.linspace(-2.0, 1.0, 50), power, rest)[0]) > 0.0)
+    step = 1e-6
+    ahead, behind = _power(far, power, rest + step)[0], _power(far, power, rest - step)[0]
+    assert in_rest == pytest.approx((ahead - behind) / (2 * step), rel=1e-5)
+    for x in (*near, *far):
+        found, of_slope, _ = _power(np.array([x]), power, rest)
+        assert _power_of(float(x), power, rest) == pytest.approx((found[0], of_slope[0]))
+        of_many = _force(np.array([[x]]), np.array([[power]]), np.array([[rest]]))
+        assert of_many[0, 0] == pytest.approx(found[0])
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.05, 0.3])
