@@ -8,6 +8,7 @@ of all points together, and each point again with what they say.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeGuard
@@ -46,6 +47,8 @@ _COMMON = 0.2
 # So many points of a device are looked at from nothing first, where there are twice as many or
 # more; others that leave so much more than these in the middle are, too.
 _FIRST, _WORSE = 4, 1.5
+# Of an effect that points of a device share; and the part of a range at whose end it does nothing.
+_MOST_ALTERNATIVES, _AT_END = 2, 2e-3
 
 
 def looked_at_first(
@@ -133,11 +136,12 @@ def looked_at_with_device(
         errors: list[HeldOutPart | None] = [None] * len(points)
         if as_points:
             errors = _left_out_errors(points, anew, _of_others(points, sound, findings), workers)
+        others = _alternatives([d for point in sound if _is_sound(d := found[id(point)])])
         for point, found_anew, error in zip(points, anew, errors, strict=True):
             if isinstance(found_anew, str):
                 again[id(point)] = found_anew
                 continue
-            diagnosis = with_device(found_anew, findings)
+            diagnosis = with_device(found_anew, findings, others)
             contradicting = _contradictions(found[id(point)], findings)
             diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
             if error is not None:
@@ -314,7 +318,22 @@ def _device_findings(
     if not names:
         return None
     records = [point.records for point in points if point.records is not None]
-    return fit_device(records, diagnoses, names, SurrogateLibrary())
+    library = SurrogateLibrary()
+    findings = fit_device(records, diagnoses, names, library)
+    there = [name for name in names if not _is_absent(name, findings.values[name])]
+    if there == names:
+        return findings
+    return fit_device(records, diagnoses, there, library) if there else None
+
+
+def _is_absent(name: str, values: Mapping[str, float]) -> bool:
+    """Whether all points together take an effect to the bound where it does nothing."""
+    ends = []
+    for p in BY_NAME[name].parameters:
+        absent = None if p.absent is None else p.unit_value(p.absent)
+        if absent is not None and absent in (0.0, 1.0):
+            ends.append(abs(p.unit_value(values[p.name]) - absent) < _AT_END)
+    return bool(ends) and all(ends)
 
 
 def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
@@ -327,8 +346,34 @@ def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFin
     return DeviceFindings(device, deviations, 0)
 
 
-def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDiagnosis:
-    """The diagnosis with the effects of the survey's device among its effects."""
+def _alternatives(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:
+    """Of device effects what points by themselves could not tell them from, the most named first.
+
+    As many as a point has.
+    """
+    counts: dict[str, Counter[str]] = {}
+    for diagnosis in alone:
+        for effect in diagnosis.effects:
+            if effect.scope == "device":
+                counts.setdefault(effect.name, Counter()).update(effect.alternatives)
+    return {
+        name: tuple(other for other, _ in found.most_common(_MOST_ALTERNATIVES))
+        for name, found in counts.items()
+    }
+
+
+def with_device(
+    diagnosis: PointDiagnosis,
+    findings: DeviceFindings,
+    others: Mapping[str, Sequence[str]] | None = None,
+) -> PointDiagnosis:
+    """The diagnosis with the effects of the survey's device among its effects.
+
+    Parameters
+    ----------
+    others : of effects what they cannot be told from
+    """
+    told = {name: tuple(others.get(name, ())) if others else () for name in findings.values}
     shared = tuple(
         FoundEffect(
             name=name,
@@ -348,9 +393,16 @@ def with_device(diagnosis: PointDiagnosis, findings: DeviceFindings) -> PointDia
                 for p in BY_NAME[name].parameters
             ),
             evidence=math.nan,
-            alternatives=(),
+            alternatives=told[name],
             probability=math.nan,
         )
         for name, values in findings.values.items()
     )
-    return replace(diagnosis, effects=(*shared, *diagnosis.effects))
+    said = [
+        f"{name} cannot be told from {', '.join(names)}" for name, names in told.items() if names
+    ]
+    return replace(
+        diagnosis,
+        effects=(*shared, *diagnosis.effects),
+        warnings=(*diagnosis.warnings, *said),
+    )

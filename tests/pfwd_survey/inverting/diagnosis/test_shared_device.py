@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +14,13 @@ from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, Poi
 from inversion.diagnosis.findings import ModelState
 from pfwd_survey.inverting.diagnosis import shared_device
 from pfwd_survey.inverting.diagnosis.points import Look, Workers
-from pfwd_survey.inverting.diagnosis.shared_device import _looks_of_survey, looked_at_first
+from pfwd_survey.inverting.diagnosis.shared_device import (
+    _alternatives,
+    _device_findings,
+    _looks_of_survey,
+    looked_at_first,
+    with_device,
+)
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
 SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
@@ -140,3 +148,74 @@ def test_points_that_leave_much_begin_as_the_best_one_ended_too() -> None:
     assert begun == [[0.9, 0.8, 0.5], [0.5, 0.8], [0.8, 0.8], []]
     assert [start[ground] for start in looks[0].begun] == [0.7, 0.7, 0.7]
     assert first[1].values[ground] == 0.5
+
+
+def with_others(*names: str) -> PointDiagnosis:
+    """A point whose lag could be one of these, too."""
+    found = diagnosis(0.01, LAG, SEATING)
+    lag, seating = found.effects
+    return replace(
+        found,
+        effects=(replace(lag, alternatives=names), replace(seating, alternatives=("rebound",))),
+    )
+
+
+def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
+    alone = [
+        with_others("acquisition_filter"),
+        with_others("geophone_response", "acquisition_filter"),
+        with_others("geophone_response", "acquisition_filter"),
+        with_others("layer"),
+        with_others(),
+    ]
+    others = _alternatives(alone)
+    assert others == {"sensor_lag": ("acquisition_filter", "geophone_response")}
+    findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
+    shown = with_device(diagnosis(0.01), findings, others)
+    (effect,) = shown.effects
+    assert effect.alternatives == ("acquisition_filter", "geophone_response")
+    said = "sensor_lag cannot be told from acquisition_filter, geophone_response"
+    assert shown.warnings == (said,)
+    plain = with_device(diagnosis(0.01), findings)
+    assert plain.effects[0].alternatives == ()
+    assert plain.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("frequency", "fits"), [(0.15, 2), (0.1515, 2), (0.155, 1), (4.5, 1), (30.0, 1)]
+)
+def test_a_device_effect_that_all_points_take_to_nothing_is_none(
+    monkeypatch: pytest.MonkeyPatch, frequency: float, fits: int
+) -> None:
+    geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
+    points: Any = [SimpleNamespace(records=object()) for _ in range(3)]
+    found: Any = {id(point): diagnosis(0.01, LAG, geophone) for point in points}
+    asked: list[list[str]] = []
+
+    def fit_device(records: Any, diagnoses: Any, names: Any, library: Any) -> DeviceFindings:
+        asked.append(list(names))
+        values = {
+            "geophone_response": {"natural_frequency": frequency, "damping": 0.5},
+            "sensor_lag": {"delay": 6e-4},
+        }
+        return DeviceFindings({name: values[name] for name in names}, {}, 9)
+
+    monkeypatch.setattr(shared_device, "fit_device", fit_device)
+    findings = _device_findings(points, found)
+    assert findings is not None
+    assert len(asked) == fits
+    assert set(asked[0]) == {"geophone_response", "sensor_lag"}
+    assert set(findings.values) == (set(asked[0]) if fits == 1 else {"sensor_lag"})
+    # A lag of nothing lies in the middle of its range, where noise puts it as well.
+    assert math.isclose(findings.values["sensor_lag"]["delay"], 6e-4)
+
+
+def test_where_all_of_the_device_is_nothing_there_is_no_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
+    points: Any = [SimpleNamespace(records=object()) for _ in range(2)]
+    found: Any = {id(point): diagnosis(0.01, geophone) for point in points}
+    values = {"geophone_response": {"natural_frequency": 0.15, "damping": 0.5}}
+    monkeypatch.setattr(shared_device, "fit_device", lambda *_: DeviceFindings(values, {}, 9))
+    assert _device_findings(points, found) is None
