@@ -40,7 +40,7 @@ from inversion.diagnosis.prediction import (
 )
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import ALIKE as AS_GOOD
-from inversion.diagnosis.search import EXPLAINED, FAR, Candidate, Search, past_bounds
+from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, Candidate, Search, past_bounds
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -320,7 +320,7 @@ def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> 
         for candidate in alternatives.values()
         if candidate.fit.problem.size < best.fit.problem.size
         and candidate.over_noise <= EXPLAINED
-        and candidate.fit.excess <= 1.0
+        and candidate.fit.excess <= ENOUGH
     ]
     return min(found, key=lambda c: (c.fit.problem.size, c.score), default=None)
 

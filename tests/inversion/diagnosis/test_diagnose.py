@@ -317,7 +317,8 @@ class InItsPlace:
         (InItsPlace(size=4), False),
         (InItsPlace(over_noise=1.49), True),
         (InItsPlace(over_noise=1.51), False),
-        (InItsPlace(excess=1.01), False),
+        (InItsPlace(excess=1.14), True),
+        (InItsPlace(excess=1.16), False),
     ],
 )
 def test_of_two_that_leave_noise_the_simpler_one_is_told(other: InItsPlace, taken: bool) -> None:
