@@ -191,7 +191,7 @@ class PointDiagnosis:
         low, high = self.after.modulus_interval
         half = 0.5 * math.log(high / low)
         alone = math.sqrt(max(half**2 - math.log1p(CALIBRATION) ** 2, 0.0))
-        wide = 2.0 * self.after.modulus * math.sinh(alone)
+        wide = (high - low) * (alone / half if half else 1.0)
         moved = abs(self.after.modulus - self.before.modulus)
         worse = (
             self.held_out_before is not None

@@ -121,6 +121,15 @@ def test_it_is_known_better_than_it_moved(
     assert found.corrected is corrected
 
 
+def test_an_interval_that_reaches_back_to_the_modulus_before_corrects_nothing() -> None:
+    # Far wider to one side: by its logarithm alone it would be narrower than the move.
+    wide = after(modulus=19e6, modulus_interval=(15.5e6, 38e6))
+    before = replace(BEFORE, modulus=37e6)
+    assert not diagnosis(before=before, after=wide).corrected
+    narrow = after(modulus=19e6, modulus_interval=(15.5e6, 33e6))
+    assert diagnosis(before=before, after=narrow).corrected
+
+
 def test_an_interval_that_is_not_known_corrects_nothing() -> None:
     found = diagnosis(after=after(modulus_interval=(math.nan, math.nan)))
     assert not found.corrected
