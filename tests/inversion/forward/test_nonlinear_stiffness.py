@@ -134,9 +134,7 @@ def test_ground_under_stress_at_rest_follows_its_equation_of_motion(
 
 @pytest.mark.parametrize("power", [0.7, 1.4, 2.2])
 @pytest.mark.parametrize("rest", [0.02, 0.3])
-def test_ground_relieved_of_a_quarter_goes_on_along_the_tangent(
-    power: float, rest: float
-) -> None:
+def test_ground_relieved_of_a_quarter_goes_on_along_the_tangent(power: float, rest: float) -> None:
     whole = (1 + rest) ** power - rest**power
     near, far = np.array([-0.249 * rest, 0.4, 1.0]), np.array([-0.251 * rest, -rest, -1.0])
     value, slope, _ = _power(near, power, rest)
