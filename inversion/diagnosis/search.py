@@ -530,7 +530,9 @@ class Search:
         if last:
             alone = problem.of_one_drop(last)
             starts, weight = self._halved(alone, starts, weight, _BY_ONE_DROP)
-            starts = [(device, [_like_drop(problem, own[0], last)]) for device, own in starts]
+            starts = [
+                (device, [_like_drop(problem, own[0], last), *own[1:]]) for device, own in starts
+            ]
             starts, weight = self._halved(problem, starts, weight, _BY_ALL)
         else:
             starts, weight = self._halved(problem, starts, weight, (*_BY_ONE_DROP, *_BY_ALL))
