@@ -137,6 +137,11 @@ def test_a_response_that_no_geophone_has_is_no_explanation(
     found = diagnose(drop, library, displacement=moved)
     (effect,) = found.effects
     assert effect.name == "geophone_response"
+    assert not any(parameter.at_bound for parameter in effect.parameters)
+    # What is slow tells the product with the damping better than the frequency.
+    told = {parameter.name: parameter.value for parameter in effect.parameters}
+    assert told["natural_frequency"] * told["damping"] == pytest.approx(0.6 * frequency, rel=0.1)
+    assert told["natural_frequency"] == pytest.approx(frequency, rel=0.2)
     assert found.verdict == verdict
     assert any("no instrument in use" in text for text in found.warnings) == (frequency < 2)
     assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
