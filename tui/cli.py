@@ -40,6 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(FIRST_STEPS)
         return DONE
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)  # said in the end, as a message
+    # On a disk without locks the file itself is the lock: nothing that a user could act on.
+    warnings.filterwarnings("ignore", message="flock not supported", category=UserWarning)
     try:
         with stopped_by_signals(), children_shielded():
             status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))

@@ -102,8 +102,9 @@ def clear_leftovers(target: Path) -> None:
         # A link might lead the lock, which is opened for writing, to a file of somebody's.
         if path.is_symlink() or not path.is_file():
             continue
-        # Somebody is at it; or the disk has no locks, which filelock says as NotImplementedError,
-        # and then nobody can tell whose it is. Either way it stays.
+        # Somebody is at it; or the disk has no locks, and nobody can tell whose it is: then
+        # filelock takes the file itself for one that is held, or, in earlier versions, says
+        # NotImplementedError. Either way it stays, in nobody's way.
         with contextlib.suppress(Timeout, OSError, NotImplementedError):
             with FileLock(path, timeout=0):
                 _remove(path.with_suffix(".tmp"))
@@ -120,8 +121,9 @@ def _own_draft(target: Path) -> Iterator[Path]:
     draft = target.with_name(f"{target.name}.{secrets.token_hex(4)}.tmp")
     path = draft.with_suffix(".lock")
     lock = FileLock(path)
-    # On a disk without locks (filelock says NotImplementedError) nobody can tell whose draft it is,
-    # and it is left to its user; one that takes no file at all is said with the draft.
+    # On a disk without locks the draft goes without one: nobody takes it away while it is written,
+    # see `clear_leftovers`, for nobody else can hold its lock either. A disk that takes no file at
+    # all is said with the draft, which follows.
     with contextlib.suppress(OSError, NotImplementedError):
         lock.acquire()
     try:

@@ -28,6 +28,8 @@ from simulators.firmware import (
 from tests.firmware.test_host_board import QUICK, assert_recorded_bit_for_bit
 from tests.tui.console import pfwd
 
+# A compiler for another processor is no part of an installation, and the image cannot be built
+# without it. `.ci/run` installs it, and QEMU, where it can, and says where it cannot.
 needs_zig = pytest.mark.skipif(zig_command() is None, reason="needs zig (pip install ziglang)")
 needs_qemu = pytest.mark.skipif(
     emulator() is None or sys.platform == "win32", reason="needs qemu-system-arm and a terminal"
@@ -37,7 +39,7 @@ pytestmark = [needs_zig, pytest.mark.slow]
 
 MOST_CODE = 24 * 1024
 MOST_MEMORY = 16 * 1024
-"""Beside the ring, with all of the stack: what issue and docs promise of a Cortex-M3."""
+"""Beside the ring, with all of the stack: what the docs promise of a Cortex-M3."""
 RING = 48 * 1024
 
 

@@ -1,5 +1,6 @@
 """What a killed export leaves, and who takes it away."""
 
+import errno
 import re
 import subprocess
 import sys
@@ -135,6 +136,34 @@ def test_the_lock_of_the_dead_is_free_at_once(tmp_path: Path) -> None:
     begun = time.monotonic()
     with FileLock(path, timeout=5):
         assert time.monotonic() - begun < 1
+
+
+@pytest.mark.posix
+@pytest.mark.filterwarnings("ignore:flock not supported")
+@pytest.mark.parametrize("said_by", ["the system", "filelock"])
+def test_a_disk_without_locks_takes_an_export_and_keeps_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said_by: str
+) -> None:
+    if said_by == "the system":
+
+        def no_locks(*_: object) -> None:
+            raise OSError(errno.ENOSYS, "Function not implemented")
+
+        monkeypatch.setattr("fcntl.flock", no_locks)
+    else:  # as it did in earlier versions
+
+        def not_implemented(*_: object, **__: object) -> None:
+            raise NotImplementedError
+
+        monkeypatch.setattr(FileLock, "acquire", not_implemented)
+    left = ["out.abcdef01.lock", "out.abcdef01.tmp"]
+    for name in left:
+        (tmp_path / name).write_text("somebody's")
+    with new_file(tmp_path / "out", force=False) as draft:
+        draft.write_text("all of it")
+    assert (tmp_path / "out").read_text() == "all of it"
+    assert names(tmp_path) == ["out", *left]
+    assert (tmp_path / left[1]).read_text() == "somebody's"
 
 
 def test_an_export_to_a_folder_leaves_nothing_beside_it(survey: Path, tmp_path: Path) -> None:
