@@ -40,7 +40,7 @@ from inversion.diagnosis.prediction import (
 )
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import ALIKE as AS_GOOD
-from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, Candidate, Search, past_bounds
+from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, WORTH, Candidate, Search, past_bounds
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -61,6 +61,8 @@ _UNKNOWN = 3.0
 # nothing says that it is less. Of undeclared effects in finite elements twice of what is left
 # holds as many as it should (docs/theory.md).
 _BEHIND_LEFT = 2.0
+# Of sets with a value on its bound one without is told that leaves at most so many times as much.
+_AS_CLOSE = 1.5
 # A range of moduli so wide is told; one so wide that it leaves the modulus open is none.
 _WIDE, _OPEN = 1.1, 10.0
 
@@ -182,7 +184,7 @@ def _report(
     leave_out: LeaveOut | None,
 ) -> PointDiagnosis:
     others = _alternatives(point, search, best)
-    simpler = _simpler(best, others) or _on_ground(best, others)
+    simpler = _simpler(search.base(), best, others) or _on_ground(best, others)
     if simpler is not None and not reasons_to_reject(point, simpler):
         best, objections = simpler, []
         others = _alternatives(point, search, best)
@@ -287,8 +289,12 @@ def _accepted(
         if not reasons_to_reject(point, candidate):
             return candidate, []
     near = [best, *(c for c in tried if can_be_told(point, c) or c.score < best.score + AS_GOOD)]
-    worth = [c for c in near if is_worth_reporting(point, base, c)]
-    for candidate in (*(c for c in worth if not past_bounds(c)), *worth):
+    close = [*near, *(c for c in tried if c.fit.excess < _AS_CLOSE * best.fit.excess)]
+    worth, inside = (
+        [c for c in some if is_worth_reporting(point, base, c)]
+        for some in (near, (c for c in close if not past_bounds(c)))
+    )
+    for candidate in (*inside, *worth):
         return candidate, reasons_to_reject(point, candidate)
     objections = reasons_to_reject(point, search.base())
     if objections:
@@ -309,10 +315,13 @@ def _alternatives(point: Point, search: Search, best: Candidate) -> dict[str, di
     return {e.name: search.alternatives(best, e) if near else {} for e in best.effects}
 
 
-def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> Candidate | None:
+def _simpler(
+    base: Candidate, best: Candidate, others: Mapping[str, Mapping[str, Candidate]]
+) -> Candidate | None:
     """Of the alternatives one of fewer numbers that leaves no more than noise as well.
 
-    Below that a better fit tells nothing: what is taken for noise holds the model's own error.
+    Below that a better fit tells nothing: what is taken for noise holds the model's own error. It
+    has to be worth its numbers all the same.
     """
     found = [
         candidate
@@ -321,6 +330,7 @@ def _simpler(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -> 
         if candidate.fit.problem.size < best.fit.problem.size
         and candidate.over_noise <= EXPLAINED
         and candidate.fit.excess <= ENOUGH
+        and candidate.score < base.score - WORTH * len(candidate.effects)
     ]
     return min(found, key=lambda c: (c.fit.problem.size, c.score), default=None)
 

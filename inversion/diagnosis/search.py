@@ -39,8 +39,8 @@ _BOUND_COST = 15.0
 ALIKE = 8.0
 # The residual is noise up to this many times the noise.
 EXPLAINED = 1.5
-# Up to this many times nothing is asked: there is nothing to explain; and up to so many where the
-# correlation of the noise tells that it is slow.
+# Up to this many times nothing is asked, if as it is weighed the residual is noise as well: there
+# is nothing to explain; and up to so many where the correlation of the noise tells that it is slow.
 NOISE, SLOW_NOISE = 1.2, 2.0
 # What single effects leave more of, as it is weighed, than so many times the noise is no matter of
 # noise.
@@ -75,8 +75,11 @@ _MOST_LOST = 30.0
 # Without one of them a set is given up after the first few iterations when it is so much worse
 # then: no set comes back from there.
 _FIRST_ITERATIONS, _LOST = 5, 200.0
-# Effects beside a set that are fitted, of those that could take most of what it leaves.
-_GROWN = 2
+# Effects beside a set that are fitted, of those that could take most of what it leaves, and how
+# far: some begin wrong, and gain late.
+_GROWN, _GROWN_ITERATIONS = 2, 40
+# How often what was found is filled up again with all other effects.
+_EXPANDED = 2
 # So many starts are followed to the end.
 _REFINED = 2
 # What is so much worse after a few steps, and leaves more than so many times the noise, will not
@@ -383,7 +386,8 @@ class Search:
         """
         base = self.base()
         slow = base.over_noise <= SLOW_NOISE and base.fit.excess <= 1.0
-        if slow or base.over_noise <= NOISE:
+        quiet = base.over_noise <= NOISE and base.fit.excess <= EXPLAINED
+        if slow or quiet:
             return base
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
@@ -403,7 +407,42 @@ class Search:
             return best
         if _asks_for_more(best):
             best = self._better(best, map(self._shrink, self._full_sets(best)))
-        return self._shrink(self._grown(best))
+        best = self._shrink(self._grown(self._settled(best)))
+        if not near:
+            best = self._expanded(best)
+        return self._pruned(best)
+
+    def _expanded(self, best: Candidate) -> Candidate:
+        """A set with all others of the full set beside it again, and without what is not asked for.
+
+        Where it is, now that it describes the record, no guess would have begun.
+        """
+        common = [effect for effect in self._ranked if effect.in_full_set]
+        for _ in range(_EXPANDED):
+            chosen = self._ordered((*best.effects, *self._beside(best.effects, common)))
+            if not best.effects or best.fit.excess <= FAR or chosen == best.effects:
+                break
+            problem, known = self._problem(chosen), _values_of(best.fit)
+            begun = [
+                _start_of_full(problem, known, there) for there in self._presences(problem, known)
+            ]
+            weight = _LATER_WEIGHT * best.fit.excess
+            begun, _ = self._halved(problem, begun, weight, ((len(begun), _TOLD_APART),))
+            full = self._fit(chosen, _FULL_ITERATIONS, begun[:1], weight)
+            if self._misfit(full.fit) > self._misfit(best.fit) - WORTH:
+                break
+            found = self._pruned(self._settled(self._shrink(full)))
+            if found.score > best.score - WORTH:
+                break
+            best = self._shrink(self._grown(found))
+        return best
+
+    def _settled(self, best: Candidate) -> Candidate:
+        """A set that was found by taking away, followed to its end if more will be asked of it."""
+        if not best.effects or not _asks_for_more(best):
+            return best
+        start = _values_start(best)
+        return self._fit(best.effects, _FULL_ITERATIONS, [start], best.fit.excess)
 
     def _singles(self, base: Candidate) -> list[Candidate]:
         """Fits of the effects that could take most of the residual, alone."""
@@ -598,7 +637,12 @@ class Search:
             values = _values_of(best.fit)
             offered = self._promising(best, self.catalogue, [values])[:_GROWN]
             fits = [
-                self._fit(self._ordered((*best.effects, effect)), 20, starts[:1], best.fit.excess)
+                self._fit(
+                    self._ordered((*best.effects, effect)),
+                    _GROWN_ITERATIONS,
+                    starts[:1],
+                    best.fit.excess,
+                )
                 for effect, starts in offered
             ]
             larger = self._better(best, fits)
@@ -655,6 +699,20 @@ class Search:
                     break
             else:
                 break
+        return best
+
+    def _pruned(self, best: Candidate) -> Candidate:
+        """Without effects that do harm beside the others, which no test of one fit tells.
+
+        What a set is worth without each of its effects is told of it anyway.
+        """
+        while best.effects:
+            smaller = min(
+                (self.without(best, effect) for effect in best.effects), key=lambda c: c.score
+            )
+            if smaller.score > best.score:
+                break
+            best = self._shrink(smaller)
         return best
 
     def without(self, candidate: Candidate, effect: Effect) -> Candidate:

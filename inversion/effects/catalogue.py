@@ -13,6 +13,7 @@ from inversion.effects.bedrock import Bedrock
 from inversion.effects.geophone_response import GeophoneResponse
 from inversion.effects.hysteretic_unloading import HystereticUnloading
 from inversion.effects.layer import Layer
+from inversion.effects.load_filter import LoadFilter
 from inversion.effects.load_gain import LoadGain
 from inversion.effects.load_shape import LoadShape
 from inversion.effects.mains_hum import MainsHum
@@ -46,6 +47,7 @@ OWN: tuple[Effect, ...] = (
     # what sensor and processing make of it
     LoadGain(),
     SensorGain(),
+    LoadFilter(),
     GeophoneResponse(),
     AcquisitionFilter(),
     SensorLag(),

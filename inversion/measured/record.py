@@ -24,6 +24,9 @@ _TAIL_IN_CONTACTS = 0.0
 # The pulse starts where the load last passed this fraction of the peak before it.
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
+# A channel moves, and does not rest, from so many deviations of its baseline on, if that is also
+# this part of its largest value.
+_MOVES, _MOVES_OF_PEAK = 8.0, 0.01
 _LEAST_BASELINE_SAMPLES = 8
 _SETTLED_S = 2.0e-3
 # m; two sides whose distances differ by less than this stand at one distance: positions are given
@@ -264,6 +267,10 @@ def prepare(record: Record) -> PreparedDrop:
     if not load[peak] > 0.0:
         raise RecordError("load: expected a positive pulse (downward is positive), found none")
     first = _start_index(load, peak, step)
+    if baseline:
+        first = min(
+            [first, *(_start_of_motion(s.values, baseline, first, step) for s in record.sensors)]
+        )
     displacement = np.stack([_displacement(s, baseline, first, step) for s in record.sensors])
     own_time = step * np.arange(time.size - first)
     contact_end, window_end, tail_end = _windows(load[first:], peak - first, step)
@@ -393,6 +400,21 @@ def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, fl
     tail = max(end, end + int(again[0]) - 1) if again.size else load.size - 1
     last = min(tail, end + round(_TAIL_IN_CONTACTS * (end - begun)))
     return end * step, last * step, tail * step
+
+
+def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float) -> int:
+    """Where a channel begins to move, if that is before the load does, as it is recorded."""
+    moved = np.abs(values - values[:baseline].mean())
+    threshold = max(
+        _MOVES * float(values[:baseline].std()),
+        _MOVES_OF_PEAK * float(moved.max()),
+        _quantum(values),
+    )
+    still = np.flatnonzero(moved[baseline:first] <= threshold)
+    onset = baseline + (int(still[-1]) if still.size else 0)
+    if onset + 1 >= first:
+        return first
+    return max(baseline, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
 
 
 def noise_before(quiet: FloatArray) -> NoiseModel:

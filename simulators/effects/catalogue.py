@@ -253,16 +253,7 @@ EFFECTS: dict[str, SimulatedEffect] = {
         SimulatedEffect("load_shape", "drop", (0.1, 0.3, 0.6), _m.load_shape, "wrong peak"),
         SimulatedEffect("acquisition_filter", "device", (1500.0, 500.0, 200.0), _filter, "damping"),
         SimulatedEffect("sensor_lag", "device", (2e-5, 1e-4, 5e-4), _lag, "viscosity"),
-        # A lag is what a filter that delays one channel makes: here the load's, so that the
-        # deflection comes early.
-        SimulatedEffect(
-            "sensor_lag",
-            "device",
-            (800.0, 200.0, 60.0),
-            _smoothed_load,
-            "a lead",
-            variant="load_filter",
-        ),
+        SimulatedEffect("load_filter", "device", (800.0, 200.0, 60.0), _smoothed_load, "a lead"),
         SimulatedEffect("geophone_response", "device", (0.3, 2.0, 8.0), _geophone, "bedrock"),
         SimulatedEffect("baseline_drift", "drop", (2e-4, 2e-3, 2e-2), _drift, "a permanent set"),
         SimulatedEffect("mains_hum", "drop", (5e-4, 5e-3, 5e-2), _hum, "a resonance"),

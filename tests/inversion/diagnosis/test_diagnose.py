@@ -218,6 +218,11 @@ class Tried:
     worth: bool = True
     told: bool = True
     past: bool = False
+    excess: float = 4.0
+
+    @property
+    def fit(self) -> Any:
+        return SimpleNamespace(excess=self.excess)
 
 
 def accepted(monkeypatch: pytest.MonkeyPatch, best: Tried, *tried: Tried) -> Any:
@@ -255,8 +260,8 @@ def test_where_none_explains_the_best_that_takes_most_away_is_told(
     assert accepted(monkeypatch, best, other) is best
     best.worth = False
     assert accepted(monkeypatch, best, other) is other
-    # In the place of the best one none that has more effects than can be told.
-    other.told = False
+    # In the place of the best one none that has more effects than can be told and leaves more.
+    other.told, other.excess = False, 7.0
     third = Tried(40.0, against=against)
     assert accepted(monkeypatch, best, other, third) is third
     third.worth = False
@@ -271,11 +276,16 @@ def test_a_set_past_its_bounds_is_told_only_if_no_other_takes_most_away(
     assert accepted(monkeypatch, best, other) is other
     other.worth = False
     assert accepted(monkeypatch, best, other) is best
-    # One with more effects than can be told, if it fits as well: by 8 of the criterion.
-    other.worth, other.told = True, False
+    # One with more effects than can be told, if it fits as well: by 8 of the criterion,
+    other.worth, other.told, other.excess = True, False, 6.1
     assert accepted(monkeypatch, best, other) is best
     other.score = 17.9
     assert accepted(monkeypatch, best, other) is other
+    # or leaves at most half as much again.
+    other.score, other.excess = 90.0, 5.9
+    assert accepted(monkeypatch, best, other) is other
+    other.past = True
+    assert accepted(monkeypatch, best, other) is best
 
 
 class AskedError(Exception):
@@ -309,6 +319,7 @@ class InItsPlace:
     over_noise: float = 0.9
     excess: float = 0.9
     score: float = 0.0
+    effects: tuple[Effect, ...] = (BY_NAME["bedrock"],)
 
     @property
     def fit(self) -> Any:
@@ -328,12 +339,22 @@ class InItsPlace:
 )
 def test_of_two_that_leave_noise_the_simpler_one_is_told(other: InItsPlace, taken: bool) -> None:
     best: Any = InItsPlace(size=4, score=-100.0)
+    base: Any = InItsPlace(score=500.0)
     others: Any = {"layer": {"rough_contact": other}}
-    assert _simpler(best, others) is (other if taken else None)
+    assert _simpler(base, best, others) is (other if taken else None)
     worse: Any = InItsPlace(score=1.0)
     others["layer"]["bedrock"] = worse
-    assert _simpler(best, others) is (other if taken else worse)
-    assert _simpler(best, {}) is None
+    assert _simpler(base, best, others) is (other if taken else worse)
+    assert _simpler(base, best, {}) is None
+
+
+@pytest.mark.parametrize(("more", "taken"), [(0.1, True), (-0.1, False)])
+def test_the_simpler_one_has_to_be_worth_its_numbers(more: float, taken: bool) -> None:
+    """Else it says nothing of the record, and may move the modulus anywhere."""
+    base: Any = InItsPlace(size=2, score=12.0 + more)
+    best: Any = InItsPlace(size=4, score=-100.0)
+    other: Any = InItsPlace()
+    assert _simpler(base, best, {"layer": {"bedrock": other}}) is (other if taken else None)
 
 
 def test_ground_that_does_in_the_place_of_a_rig_is_told() -> None:

@@ -57,11 +57,15 @@ def test_where_noise_is_left_nothing_is_tried(more: float, asked: bool, bench: B
     assert (names("a") in bench.tried) == asked
 
 
-def test_what_is_left_counts_over_the_noise_and_not_as_it_is_weighed(bench: Bench) -> None:
-    for noise, taken in ((1.0, names("a")), (7.0, names())):
-        search = bench.search((A,), {"a": MUCH}, rest=1.0)
-        search.points[0].drops[0].noise[:] = noise
-        assert search.run().names == taken
+@pytest.mark.parametrize(("weighed", "asked"), [(1.49, False), (1.51, True)])
+def test_what_noise_could_be_at_single_samples_is_none_as_it_is_weighed(
+    weighed: float, asked: bool, bench: Bench
+) -> None:
+    search = bench.search((A, B), {}, rest=weighed)
+    search.points[0].drops[0].noise[:] = 7.0
+    assert search.base().over_noise < 0.3
+    search.run()
+    assert (names("a") in bench.tried) == asked
 
 
 @pytest.mark.parametrize(
@@ -477,6 +481,62 @@ def test_what_came_last_may_make_another_go(bench: Bench, monkeypatch: pytest.Mo
     search = bench.search((A, B), {"a": MUCH})
     monkeypatch.setattr(search, "_grown", lambda best: search.candidate((A, B)))
     assert search.run().names == names("a")
+
+
+def test_what_seems_strong_by_its_own_fit_goes_when_the_set_is_better_without_it(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Far from where it is absent an effect passes the test of one fit, whatever it is worth."""
+    search = bench.search((A, B, C), {"a": MUCH, "c": MUCH})
+    best = search.candidate((A, B, C))
+    monkeypatch.setattr(module, "_strength", lambda _, effect: float(effect is B))
+    assert search._shrink(best) is best
+    assert search._pruned(best).names == names("a", "c")
+    assert search._pruned(search.candidate((A, C))).names == names("a", "c")
+
+
+def test_what_came_from_another_goes_when_it_is_pruned(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = bench.search((A, B), {"a": MUCH})
+    monkeypatch.setattr(search, "_shrink", lambda best: best)
+    monkeypatch.setattr(search, "_full_sets", lambda best: [search.candidate((A, B))])
+    monkeypatch.setattr(search, "_singles", lambda base: [])
+    assert search.run().names == names("a")
+
+
+@pytest.mark.parametrize(("rest", "found"), [(3.1, names("a", "b", "d")), (2.9, names("d"))])
+def test_what_was_found_is_filled_up_again_where_much_is_left(
+    rest: float, found: Names, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside it no other helps alone, and what was fitted at once at first ended elsewhere."""
+    search = bench.search((*hidden_pair(), D), {"a": worth(60.0, 2, 1.0), "d": MUCH}, rest=1.0)
+    best = search.candidate((D,))
+    assert search._grown(best) is best
+    monkeypatch.setattr(module, "FAR", best.fit.excess * 3.0 / rest)
+    assert search._expanded(best).names == found
+    assert search._expanded(search.base()) is search.base()
+
+
+def test_what_is_filled_up_has_to_be_worth_it(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = bench.search((A, B, D), {"d": MUCH}, rest=5.0)
+    best = search.candidate((D,))
+    assert search._expanded(best) is best
+    assert bench.tried.count(names("a", "b", "d")) > 0
+    assert names("a", "d") not in bench.tried
+
+
+def test_a_set_of_which_more_is_asked_is_followed_to_its_end(bench: Bench) -> None:
+    search = bench.search((A, B), {"a": MUCH, "b": MUCH}, rest=2.0)
+    problem = search._problem((A, B))
+    early = search._fit((A, B), 1, [module._start(problem, {}, 0)], 1.0)
+    assert early.fit.excess > 2.5
+    assert search._settled(early).fit.excess == pytest.approx(2.0, abs=0.05)
+    quiet = bench.search((A, B), {"a": MUCH}, rest=0.9)
+    found = quiet.candidate((A,))
+    assert quiet._settled(found) is found
 
 
 def test_a_set_without_an_effect_is_fitted_once(bench: Bench) -> None:

@@ -18,8 +18,14 @@ GROUND = Ground(TRUTH["modulus"], TRUTH["viscosity"], TRUTH["density"], 0.0, 10.
 # Of the peak.
 LITTLE = 1e-3
 # Effects whose bounds end where they still change something: the deepest rock that the tables
-# cover, the slowest geophone, and the fastest filter, which is a lag of a fifth of a millisecond.
-NEARLY = {"bedrock": 4e-3, "geophone_response": 0.05, "acquisition_filter": 0.04}
+# cover, the slowest geophone, and the fastest filters, which are lags of up to a fifth of a
+# millisecond.
+NEARLY = {
+    "bedrock": 4e-3,
+    "geophone_response": 0.05,
+    "acquisition_filter": 0.04,
+    "load_filter": 8e-3,
+}
 ABSENT = [
     effect
     for effect in CATALOGUE

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import butter, sosfilt
 
 from inversion.effects import BY_NAME, CATALOGUE, DropContext, Ground
 from inversion.effects.base import Effect, geophone, shift
@@ -335,6 +336,28 @@ def test_a_filter_lets_slow_things_through_and_takes_fast_ones() -> None:
     fast = np.sin(2 * np.pi * 400 * TIME)[None] * 1e-4
     quiet = effect.record(fast, {"corner": 50.0, "advance": 0.0}, context(offsets=np.zeros(1)))
     assert np.abs(quiet[0, 200:-50]).max() < 1e-6
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_a_load_through_a_filter_is_steeper_than_it_looks(order: int) -> None:
+    """What linear ground makes of a load follows it through any filter: so the filter is undone."""
+    rate = 1.0 / float(TIME[1] - TIME[0])
+    known = butter(order, 90.0, fs=rate, output="sos")
+    smoothed = sosfilt(known, np.roll(MOTION, 60, axis=1), axis=1)
+    values = {"corner": 90.0, "order": float(order)}
+    found = BY_NAME["load_filter"].record(smoothed, values, context())
+    np.testing.assert_allclose(found, np.roll(MOTION, 60, axis=1), atol=5e-3 * MOTION.max())
+
+
+def test_between_two_orders_of_a_filter_its_delay_is_between() -> None:
+    ramp, drop = 1e-3 * TIME[None], context(offsets=np.zeros(1))
+    delays = [
+        BY_NAME["load_filter"].record(ramp, {"corner": 90.0, "order": order}, drop)[0, 300]
+        for order in (2.0, 2.5, 3.0)
+    ]
+    first, between, last = (1e3 * delay - TIME[300] for delay in delays)
+    assert (first, last) == pytest.approx(np.array([np.sqrt(2.0), 2.0]) / (2 * np.pi * 90.0))
+    assert between == pytest.approx(0.5 * (first + last))
 
 
 def test_a_rig_is_a_resonator() -> None:

@@ -20,6 +20,7 @@ EXCLUSIVE = {
         ("spring_rig", "layer"),
         ("spring_rig", "seating"),
         ("spring_rig", "sensor_lag"),
+        ("load_filter", "sensor_lag"),
         ("permanent_set", "hysteretic_unloading"),
         ("layer", "rough_contact"),
     )

@@ -117,6 +117,26 @@ def test_start_is_just_before_the_pulse() -> None:
     assert np.max(np.abs(drop.load[:4])) == 0.0
 
 
+@pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: Quantity) -> None:
+    """What moves before the load does is neither noise nor a baseline."""
+    time = time_axis()
+    velocity, displacement = swing(time)
+    values = velocity if quantity == "velocity" else displacement
+    noise = 1e-4 * values.max() * np.random.default_rng(3).standard_normal(time.size)
+    late = make_record(values + noise, quantity, load=PEAK * half_sine(time, start=5e-3))
+    drop = prepare(late)
+    assert -2.5e-3 < drop.start <= 0.5e-3
+    (channel,) = drop.channels
+    assert channel.model.rms == pytest.approx(1e-4 * values.max(), rel=0.3)
+    assert drop.displacement[0].max() == pytest.approx(displacement.max(), rel=0.02)
+    # Less than a hundredth of the peak is no motion, and neither are a few deviations.
+    for bump in (0.008 * values.max(), 4e-4 * values.max()):
+        early = noise + np.where((time > -4e-3) & (time < 0.0), bump, 0.0)
+        still = make_record(late.sensors[0].values * (time >= 5e-3) + early, quantity, late.load)
+        assert prepare(still).start > 3e-3
+
+
 def test_sensors_keep_their_order() -> None:
     time = time_axis()
     velocity, displacement = swing(time)
