@@ -388,7 +388,9 @@ class Search:
         slow = base.over_noise <= SLOW_NOISE and base.fit.excess <= 1.0
         quiet = base.over_noise <= NOISE and base.fit.excess <= EXPLAINED
         if slow or quiet:
-            return base
+            return self._better(
+                base, [self.candidate((e,)) for e in self.catalogue if e.looks_like_noise]
+            )
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
             fitted = self._gone_on(self._ordered(expected), begun, _FULL_ITERATIONS)

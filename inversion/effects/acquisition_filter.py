@@ -7,7 +7,7 @@ Butterworth of order N and corner :math:`\omega_c`: poles
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.effects.base import DropContext, Effect, Values, shift
+from inversion.effects.base import DropContext, Effect, Values, held, shift
 from inversion.fitting.parameters import Parameter
 
 ORDER = 4
@@ -39,9 +39,5 @@ class AcquisitionFilter(Effect):
         places = np.arange(1, ORDER + 1)
         poles = corner * np.exp(1j * np.pi * (2 * places + ORDER - 1) / (2 * ORDER))
         gain = np.prod(-poles / (s[:, None] - poles), axis=1)
-        # The record goes on at its last value, so that its end makes no step.
-        held = np.concatenate([record, np.repeat(record[:, -1:], size - n, axis=1)], axis=1)
-        fade = np.ones(size)
-        fade[n:] = np.linspace(1.0, 0.0, size - n)
-        filtered = np.fft.irfft(np.fft.rfft(held * fade, axis=1) * gain, size, axis=1)[:, :n]
+        filtered = np.fft.irfft(np.fft.rfft(held(record, size)) * gain, size)[:, :n]
         return shift(filtered, -values["advance"], drop.time)

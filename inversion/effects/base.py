@@ -141,6 +141,9 @@ class Effect:
     present: ClassVar[tuple[Mapping[str, float], ...]] = ()
     """Values from which the fits of the full set begin as well, because the way there from where
     its parameters are `absent` leads over a hill. Those that are not named begin as if absent."""
+    looks_like_noise: ClassVar[bool] = False
+    """Whether it is there before the pulse, too, where it may be taken for noise: then it is looked
+    for where no more than noise is left."""
     imitates: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that it looks like in records that cannot show it by itself: there it is
     named as their alternative, if it fits as well."""
@@ -285,6 +288,13 @@ def forced_motion(impulse_motion: FloatArray, force: FloatArray, step: float) ->
     if not force.any():
         return np.zeros_like(impulse_motion)
     return np.stack([step * np.convolve(row, force)[: force.size] for row in impulse_motion])
+
+
+def held(record: FloatArray, size: int) -> FloatArray:
+    """Records (k, n) that go on at their last value and fade, (k, size): their end is no step."""
+    count = size - record.shape[1]
+    fading = record[:, -1:] * np.linspace(1.0, 0.0, count)
+    return np.concatenate([record, fading], axis=1)
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:

@@ -45,6 +45,7 @@ class MainsHum(Effect):
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
     )
     in_full_set = False
+    looks_like_noise = True
     advice = "keep the cable away from mains and generators"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

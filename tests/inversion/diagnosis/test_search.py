@@ -82,6 +82,17 @@ def test_of_slow_noise_nothing_is_asked(
     assert (names("a") in bench.tried) == asked
 
 
+@pytest.mark.parametrize(("more", "taken"), [(0.5, True), (-0.5, False)])
+def test_what_looks_like_noise_is_looked_for_where_no_more_is_left(
+    more: float, taken: bool, bench: Bench
+) -> None:
+    hum = Toy("a", looks_like_noise=True)
+    search = bench.search((hum, B), {"a": worth(WORTH + more, rest=0.8), "b": 0.1}, rest=0.8)
+    assert search.base().over_noise < NOISE
+    assert search.run().names == (names("a") if taken else names())
+    assert names("b") not in bench.tried
+
+
 def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:
     """From half the noise on, less is no better."""
 

@@ -60,6 +60,11 @@ def test_the_full_set() -> None:
     }
 
 
+def test_what_may_be_taken_for_noise() -> None:
+    """Drift is a straight line, which the noise is told without."""
+    assert {effect.name for effect in CATALOGUE if effect.looks_like_noise} == {"mains_hum"}
+
+
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
 def test_what_an_effect_names_is_there(effect: Effect) -> None:
     assert effect.excludes <= set(BY_NAME)
