@@ -54,7 +54,7 @@ _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, by one drop alone and
 # then by all, and how heavily priors weigh then, over what is left (first of the base model, then
 # of the best start).
-_BY_ONE_DROP, _BY_ALL = ((24, 3), (10, 6), (5, 12)), ((4, 8),)
+_BY_ONE_DROP, _BY_ALL = ((25, 3), (10, 6), (5, 12)), ((4, 8),)
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
 _RESEEDED, _RESEEDS = 10, 4
@@ -456,7 +456,8 @@ class Search:
             return []
         quick = [
             (self._fit((effect,), _SINGLE_QUICK, starts[:_SINGLE_STARTS]), starts)
-            for effect, starts in promising[:_SINGLES]
+            for place, (effect, starts) in enumerate(promising)
+            if place < _SINGLES or effect.is_no_small_step
         ]
         quick.sort(key=lambda item: item[0].score)
         return [
@@ -539,7 +540,8 @@ class Search:
             found += self._full(chosen, _values_of(led.fit))
         else:
             chosen = self._ordered(self._beside((), common))
-            found += self._full(chosen, self._ground_of_contact())
+            begun = [_values_of(c.fit) for c in (best,) if _is_no_small_step(c)]
+            found += self._full(chosen, self._ground_of_contact(), begun=begun)
         for effect in self.catalogue:
             if not effect.replaces_ground:
                 continue
@@ -550,7 +552,11 @@ class Search:
         return found
 
     def _full(
-        self, effects: tuple[Effect, ...], known: Mapping[Key, float], ends: int = _ENDS
+        self,
+        effects: tuple[Effect, ...],
+        known: Mapping[Key, float],
+        ends: int = _ENDS,
+        begun: Sequence[Mapping[Key, float]] = (),
     ) -> list[Candidate]:
         """A large set from many starts, of which the worse are given up early; the best ends.
 
@@ -561,9 +567,11 @@ class Search:
         ----------
         known : values of the ground, and of effects that are known to be there
         ends : int, how many starts are fitted to their end
+        begun : values of smaller sets, which are starts as well
         """
         problem = self._problem(effects)
-        starts = [
+        starts = [_start_of_full(problem, values, {}) for values in begun]
+        starts += [
             _start_of_full(problem, known, there) for there in self._presences(problem, known)
         ]
         weight = _FIRST_WEIGHT * self.base().fit.excess
@@ -769,6 +777,10 @@ class Search:
 def past_bounds(candidate: Candidate) -> bool:
     """Whether an effect would go on past its bounds: then it is none, whatever it fits."""
     return any(unknown.effect is not None for unknown in candidate.fit.at_bound())
+
+
+def _is_no_small_step(candidate: Candidate) -> bool:
+    return any(effect.is_no_small_step for effect in candidate.effects)
 
 
 def _asks_for_more(best: Candidate) -> bool:

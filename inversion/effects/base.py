@@ -144,6 +144,9 @@ class Effect:
     looks_like_noise: ClassVar[bool] = False
     """Whether it is there before the pulse, too, where it may be taken for noise: then it is looked
     for where no more than noise is left."""
+    is_no_small_step: ClassVar[bool] = False
+    """Whether a straight line to it says nothing of what it could explain: it is tried alone in any
+    case."""
     imitates: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that it looks like in records that cannot show it by itself: there it is
     named as their alternative, if it fits as well."""

@@ -40,6 +40,7 @@ class Rebound(Effect):
             prior=(math.log(20.0), _MASS_SPREAD),
         ),
     )
+    is_no_small_step = True
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:

@@ -252,6 +252,27 @@ def test_what_promises_much_and_fits_badly_does_not_take_the_place_of_others(
     assert "a" in best.names
 
 
+@pytest.mark.parametrize("told", [False, True])
+def test_what_a_straight_line_does_not_tell_of_is_tried_alone(told: bool, bench: Bench) -> None:
+    others = [Toy(f"b{n}", in_full_set=False) for n in range(module._SINGLES)]
+    amounts = {effect.name: 6.0 + n for n, effect in enumerate(others)}
+    lone = Toy("a", in_full_set=False, is_no_small_step=told)
+    bench.search((*others, lone), amounts).run()
+    assert (names("a") in bench.tried) == told
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_the_full_set_begins_where_what_is_no_small_step_ended_alone(
+    told: bool, bench: Bench
+) -> None:
+    jump = Toy("a", is_no_small_step=told)
+    search = bench.search((jump, B, C), {"a": MUCH, "b": MUCH / 2, "c": MUCH / 2})
+    search.run()
+    first, second = (start["a.size"] for start in bench.starts[names("a", "b", "c")][:2])
+    assert first == pytest.approx(MUCH if told else 0.0, abs=0.5)
+    assert second == pytest.approx(0.0, abs=0.5) or not told
+
+
 def hidden_pair(**attributes: Any) -> tuple[Toy, Toy]:
     """Two that take an eighth of direction a each when they are alone, together all of it."""
     near = 0.35

@@ -65,6 +65,11 @@ def test_what_may_be_taken_for_noise() -> None:
     assert {effect.name for effect in CATALOGUE if effect.looks_like_noise} == {"mains_hum"}
 
 
+def test_where_a_straight_line_says_nothing() -> None:
+    """A plate lifts off at one of many moments, and lands at another: none lies next to absent."""
+    assert {effect.name for effect in CATALOGUE if effect.is_no_small_step} == {"rebound"}
+
+
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
 def test_what_an_effect_names_is_there(effect: Effect) -> None:
     assert effect.excludes <= set(BY_NAME)
