@@ -8,7 +8,7 @@ polynomial: of a Butterworth filter of order N and corner :math:`\omega_c` with 
 .. math:: 1 + a s + c_2 (a s)^2 + c_3 (a s)^3 + c_4 (a s)^4
 
 The recorded load has noise, which its fourth derivative would be full of: what the filter B lets
-through of less than a hundredth stays away, :math:`B / (1 + \epsilon |B|^2)` (Wiener).
+through of less than a thirtieth stays away, :math:`B / (1 + \epsilon (|B|^2 - 1))` (Wiener).
 """
 
 import math
@@ -29,7 +29,7 @@ _POWERS = (
     (0.0, 0.0, 0.0, 0.0214466),
 )
 # Square of what is left of a signal where the filter is not undone any more.
-_LOST = 1e-4
+_LOST = 1e-3
 # Hz: what it lets through as if it were not there.
 _OPEN_HZ = 4000.0
 
@@ -66,6 +66,6 @@ class LoadFilter(Effect):
         gain = 1.0 + s
         for power, factors in enumerate(_POWERS, start=2):
             gain = gain + float(np.interp(order, _ORDERS, factors)) * s**power
-        gain = gain / (1.0 + _LOST * np.abs(gain) ** 2)
+        gain = gain / (1.0 + _LOST * (np.abs(gain) ** 2 - 1.0))
         found: FloatArray = np.fft.irfft(np.fft.rfft(held(record, size)) * gain, size)[:, :n]
         return found
