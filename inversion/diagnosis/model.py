@@ -44,6 +44,8 @@ _FROM_SAMPLE = 1
 INDEPENDENT_HZ = 800.0
 # The deflection has its peak within so many contact times.
 _SOON = 1.3
+# Noise so many times the model's own error is seen beside it.
+_LOUD = 2.0
 
 Active = Sequence[tuple[Effect, Values]]
 _Motion = tuple[FloatArray, FloatArray | None]
@@ -178,6 +180,11 @@ class DropModel:
         self._under_plate = self.context.offsets < self.context.plate_radius
         self.nonlinear_solves = 0
         """How often nonlinear ground was solved for: six times the work of linear ground."""
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether some channel has more noise before the pulse than the model's own error."""
+        return bool(np.any(self.noise > _LOUD * self._floor))
 
     def _prepare_transform(self, load: FloatArray) -> None:
         """From compliances at Laplace frequencies to motions under the load, and after a hat."""

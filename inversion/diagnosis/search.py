@@ -388,9 +388,9 @@ class Search:
         slow = base.over_noise <= SLOW_NOISE and base.fit.excess <= 1.0
         quiet = base.over_noise <= NOISE and base.fit.excess <= EXPLAINED
         if slow or quiet:
-            return self._better(
-                base, [self.candidate((e,)) for e in self.catalogue if e.looks_like_noise]
-            )
+            loud = any(model.is_loud for point in self.points for model in point.drops)
+            noises = [e for e in self.catalogue if loud and e.looks_like_noise]
+            return self._better(base, [self.candidate((effect,)) for effect in noises])
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
             fitted = self._gone_on(self._ordered(expected), begun, _FULL_ITERATIONS)

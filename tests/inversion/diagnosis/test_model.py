@@ -70,6 +70,15 @@ def test_a_motion_under_a_force_is_that_of_impulses(model: DropModel) -> None:
     assert found == pytest.approx(expected, abs=0.01 * expected.max())
 
 
+@pytest.mark.parametrize(("times", "loud"), [(0.0, False), (1.7, False), (2.4, True)])
+def test_noise_is_loud_beside_the_error_of_the_model(
+    times: float, loud: bool, library: SurrogateLibrary
+) -> None:
+    peak = made(library, Scene()).peak[0]
+    noisy = made(library, Scene(sensor_noise=times * 3e-3 * peak, length=0.1, seed=4))
+    assert noisy.is_loud == loud
+
+
 def test_effects_act_in_their_stage(model: DropModel) -> None:
     plain = model.predict(GROUND, [])
     heavy = model.predict(GROUND, [(BY_NAME["plate_inertia"], {"mass": 5.0})])

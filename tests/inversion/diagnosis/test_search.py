@@ -91,6 +91,10 @@ def test_what_looks_like_noise_is_looked_for_where_no_more_is_left(
     assert search.base().over_noise < NOISE
     assert search.run().names == (names("a") if taken else names())
     assert names("b") not in bench.tried
+    # Where the noise is less than the model's own error, that is no noise.
+    still = bench.search((hum,), {"a": worth(WORTH + more, rest=0.8)}, rest=0.8)
+    still.points[0].drops[0].is_loud = False
+    assert still.run().names == names()
 
 
 def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:

@@ -74,6 +74,7 @@ class ToyDrop:
 
     before = 0
     nonlinear_solves = 0
+    is_loud = True
 
     def __init__(self, observed: Array, drop: DropContext) -> None:
         self.observed = observed[None]
