@@ -15,7 +15,7 @@ _MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
 _MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
 # Times the noise that slow noise may reach by chance, alone and beside effects, which take its part
 # of it.
-_SLOW_NOISE, _SLOW_BESIDE = 2.5, 2.0
+_SLOW_NOISE, _SLOW_BESIDE = 3.0, 2.0
 # Standard deviations by which a value may miss what is usual.
 _CHANCE = 2.0
 # Of the residual: effects that leave more of it are not what is behind it.

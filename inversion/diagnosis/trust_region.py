@@ -287,7 +287,7 @@ def _choose(
 
 def _to_walls(x: FloatArray, step: FloatArray) -> tuple[float, FloatArray]:
     """The share of a step at which it meets the first wall, and which unknowns meet it, (n,)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         shares = np.maximum(-x / step, (1.0 - x) / step)
     shares[step == 0.0] = np.inf
     least = float(shares.min())

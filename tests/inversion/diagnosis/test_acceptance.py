@@ -93,9 +93,9 @@ def at(parameter: Parameter, unit_value: float, spread: float, effect: Any = EFF
         (1.9, 0.9, (EFFECT,), True),
         (1.9, 1.1, (EFFECT,), False),
         (2.1, 0.9, (EFFECT,), False),
-        (2.4, 0.9, (), True),
-        (2.4, 1.1, (), False),
-        (2.6, 0.9, (), False),
+        (2.9, 0.9, (), True),
+        (2.9, 1.1, (), False),
+        (3.1, 0.9, (), False),
     ],
 )
 def test_what_is_left_has_to_be_noise(
