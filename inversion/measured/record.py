@@ -25,8 +25,8 @@ _TAIL_IN_CONTACTS = 0.0
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
 # A channel moves, and does not rest, from so many deviations of its baseline on, if that is also
-# this part of its largest value.
-_MOVES, _MOVES_OF_PEAK = 8.0, 0.01
+# this part of its largest value, and for so many samples: fewer are a spike.
+_MOVES, _MOVES_OF_PEAK, _LEAST_MOVING = 8.0, 0.01, 3
 _LEAST_BASELINE_SAMPLES = 8
 _SETTLED_S = 2.0e-3
 # m; two sides whose distances differ by less than this stand at one distance: positions are given
@@ -412,7 +412,7 @@ def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float)
     )
     still = np.flatnonzero(moved[baseline:first] <= threshold)
     onset = baseline + (int(still[-1]) if still.size else 0)
-    if onset + 1 >= first:
+    if first - 1 - onset < _LEAST_MOVING:
         return first
     return max(baseline, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
 

@@ -137,6 +137,17 @@ def test_a_load_that_is_recorded_late_is_not_where_the_motion_starts(quantity: Q
         assert prepare(still).start > 3e-3
 
 
+@pytest.mark.parametrize(("samples", "starts_there"), [(2, False), (3, True)])
+def test_a_spike_before_the_pulse_is_no_motion(samples: int, starts_there: bool) -> None:
+    still = make_record()
+    start = prepare(still).start
+    values = still.sensors[0].values.copy()
+    place = int(np.searchsorted(still.time, start - 0.25 / RATE))
+    values[place - samples : place] = values.max()
+    drop = prepare(make_record(values))
+    assert (drop.start < start) == starts_there
+
+
 def test_sensors_keep_their_order() -> None:
     time = time_axis()
     velocity, displacement = swing(time)
