@@ -27,6 +27,9 @@ _MARGIN_BEFORE_ONSET_S = 1.0e-3
 # A channel moves, and does not rest, from so many deviations of its baseline on, if that is also
 # this part of its largest value, and for so many samples: fewer are a spike.
 _MOVES, _MOVES_OF_PEAK, _LEAST_MOVING = 8.0, 0.01, 3
+# Channels that all stand still for so many samples at the record's end, all of a sudden: the last
+# step was more than so many of the smallest.  Filters that look ahead have no more to tell there.
+_LEAST_HELD, _SUDDEN = 5, 3.0
 _LEAST_BASELINE_SAMPLES = 8
 _SETTLED_S = 2.0e-3
 # m; two sides whose distances differ by less than this stand at one distance: positions are given
@@ -126,7 +129,8 @@ class PreparedDrop:
     peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
     window_end : float, s, on ``time``: last sample the fit uses
-    tail_end : float, s, on ``time``: last sample before a second contact or the record's end
+    tail_end : float, s, on ``time``: last sample before a second contact, before all channels
+        are held to the record's end, or that end
     trigger : float, s, on ``time``
     channels : tuple of the native channels with their noise, for the uncertainty
     load_noise : NoiseModel of the load, N
@@ -273,7 +277,10 @@ def prepare(record: Record) -> PreparedDrop:
         )
     displacement = np.stack([_displacement(s, baseline, first, step) for s in record.sensors])
     own_time = step * np.arange(time.size - first)
-    contact_end, window_end, tail_end = _windows(load[first:], peak - first, step)
+    told = _told_samples(record)
+    contact_end, window_end, tail_end = _windows(
+        load[first : max(told, peak + 2)], peak - first, step
+    )
     window = slice(0, int(np.searchsorted(own_time, window_end)))
     channels = tuple(
         ChannelNoise(
@@ -400,6 +407,23 @@ def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, fl
     tail = max(end, end + int(again[0]) - 1) if again.size else load.size - 1
     last = min(tail, end + round(_TAIL_IN_CONTACTS * (end - begun)))
     return end * step, last * step, tail * step
+
+
+def _told_samples(record: Record) -> int:
+    """Samples before every channel is held to the record's end, as a maker's filter leaves them.
+
+    The first of those that are held is what is held, in one channel or another.
+    """
+    size = record.time.size
+    ends = []
+    for values in (record.load, *(sensor.values for sensor in record.sensors)):
+        steps = np.abs(np.diff(values))
+        moving = np.flatnonzero(steps)
+        if moving.size == 0 or steps[moving[-1]] <= _SUDDEN * _quantum(values):
+            return size
+        ends.append(int(moving[-1]) + 1)
+    held = max(ends) - min(ends) <= 1 and size - max(ends) >= _LEAST_HELD
+    return max(ends) if held else size
 
 
 def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float) -> int:

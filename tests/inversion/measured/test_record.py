@@ -205,6 +205,47 @@ def test_second_contact_ends_the_tail(height: float) -> None:
     assert drop.contact_end < again
 
 
+def held(values: Array, samples: int) -> Array:
+    """The last samples are all the one before them."""
+    result = values.copy()
+    result[-samples:] = result[-samples - 1]
+    return result
+
+
+def makers_record(samples: int, quantity: Quantity = "displacement") -> Record:
+    """What a filter that looks ahead leaves: the motion stands, the load is nought."""
+    time = time_axis(end=0.04)
+    velocity, displacement = swing(time)
+    load = PEAK * half_sine(time) - 90.0 * (time > PULSE)
+    load[-samples:] = 0.0
+    values = displacement if quantity == "displacement" else velocity
+    return make_record(held(values, samples), quantity, load, time)
+
+
+@pytest.mark.parametrize(("samples", "ends"), [(5, True), (27, True), (4, False)])
+def test_channels_that_are_held_end_the_tail(samples: int, ends: bool) -> None:
+    drop = prepare(makers_record(samples))
+    left = drop.time[-1] - drop.tail_end
+    assert left == pytest.approx(samples * drop.step if ends else 0.0, abs=1e-9)
+
+
+def test_channels_at_rest_are_not_held() -> None:
+    time = time_axis(end=0.3)
+    _, displacement = swing(time)
+    # A micrometre is the last digit: the swing comes to rest by it, the load did long ago.
+    at_rest = make_record(np.round(displacement, 6), "displacement", time=time)
+    assert at_rest.sensors[0].values[-1] == at_rest.sensors[0].values[-30]
+    drop = prepare(at_rest)
+    assert drop.tail_end == pytest.approx(drop.time[-1])
+
+
+def test_one_channel_that_stands_ends_nothing() -> None:
+    record = makers_record(27)
+    moves = Sensor(0.3, "displacement", 0.5 * swing(record.time)[1])
+    drop = prepare(replace(record, sensors=(*record.sensors, moves)))
+    assert drop.tail_end == pytest.approx(drop.time[-1])
+
+
 def test_ripple_is_no_second_contact() -> None:
     time = time_axis()
     drop = prepare(make_record(load=PEAK * (half_sine(time) + 0.05 * half_sine(time, 0.05))))
