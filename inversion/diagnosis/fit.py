@@ -69,7 +69,7 @@ class Fit:
 
     def at_bound(self) -> list[Unknown]:
         """Unknowns on a bound."""
-        near = on_bound(self.unit_values)
+        near = on_bound(self.unit_values, *stretches(self.unknowns, self.unit_values))
         return [
             unknown
             for unknown, hit in zip(self.unknowns, near, strict=True)
@@ -107,7 +107,8 @@ class Fit:
                 first = residual.size - width - own.size
                 jacobian = np.delete(jacobian, range(first, first + width), axis=0)
                 residual = np.delete(residual, range(first, first + width))
-            free = np.flatnonzero(~on_bound(own)) + width
+            bound = on_bound(own, *stretches(problem.own[index], own))
+            free = np.flatnonzero(~bound) + width
             mine, others = jacobian[:, :width], jacobian[:, free]
             both = others.T @ np.column_stack([mine, residual])
             square = others.T @ others
@@ -159,14 +160,16 @@ def fit(
     device, owns = np.clip(device, 0.0, 1.0), [np.clip(values, 0.0, 1.0) for values in own]
     residuals = _residuals(problem, device, owns)
     cost = _cost(residuals)
+    unknowns = [*problem.device, *(unknown for own in problem.own for unknown in own)]
+    low, high = stretches(unknowns, np.concatenate([device, *owns]))
     damping = 1e-2
     normal, gradient = _linearise(problem, device, owns, residuals)
     for _ in range(iterations):
         unit_values = np.concatenate([device, *owns])
         accepted = False
         for _ in range(6):
-            step = _step(normal, gradient, damping, unit_values)
-            trial = np.clip(unit_values + step, 0.0, 1.0)
+            step = _step(normal, gradient, damping, unit_values, low, high)
+            trial = np.clip(unit_values + step, low, high)
             new_device, new_owns = _split(problem, trial)
             new_residuals = _residuals(problem, new_device, new_owns)
             new_cost = _cost(new_residuals)
@@ -204,18 +207,24 @@ def _fit_point(
     """
     width = len(device)
 
-    def residual(unit_values: FloatArray) -> FloatArray:
+    start = np.concatenate([device, own])
+    low, high = stretches([*problem.device, *problem.own[0]], start)
+    wide = high - low
+
+    def residual(places: FloatArray) -> FloatArray:
+        unit_values = low + wide * places
         found = problem.residual(0, unit_values[:width], unit_values[width:])
         return np.nan_to_num(found, nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
-    def jacobian(unit_values: FloatArray, there: FloatArray) -> FloatArray:
+    def jacobian(places: FloatArray, there: FloatArray) -> FloatArray:
+        unit_values = low + wide * places
         found = problem.jacobian(0, unit_values[:width], unit_values[width:], there)
-        return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        return wide * np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
-    start = np.clip(np.concatenate([device, own]), _INSIDE, 1.0 - _INSIDE)
+    places = np.clip((start - low) / wide, _INSIDE, 1.0 - _INSIDE)
     secants = _SECANTS if iterations > _FAR_STEPS else 0
-    found = least_squares(residual, jacobian, start, iterations, enough, secants)
-    unit_values, cost = found.place, found.cost
+    found = least_squares(residual, jacobian, places, iterations, enough, secants)
+    unit_values, cost = low + wide * found.place, found.cost
     if problem.prior_weight:
         cost = problem.data_cost(unit_values[:width], [unit_values[width:]])
     return Fit(
@@ -226,6 +235,18 @@ def _fit_point(
         problem.independent,
         problem.prior_weight,
     )
+
+
+def stretches(
+    unknowns: Sequence[Unknown], unit_values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where each unknown may go without a jump, the lower and upper ends, (n,) each."""
+    pairs = [
+        unknown.parameter.stretch(float(x))
+        for unknown, x in zip(unknowns, unit_values, strict=True)
+    ]
+    low, high = np.array(pairs, dtype=float).reshape(-1, 2).T
+    return low, high
 
 
 def _cost(residuals: Sequence[FloatArray]) -> float:
@@ -265,9 +286,14 @@ def _linearise(
 
 
 def _step(
-    normal: FloatArray, gradient: FloatArray, damping: float, unit_values: FloatArray
+    normal: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+    unit_values: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
 ) -> FloatArray:
-    free = ~((unit_values <= 0.0) & (gradient > 0)) & ~((unit_values >= 1.0) & (gradient < 0))
+    free = ~((unit_values <= low) & (gradient > 0)) & ~((unit_values >= high) & (gradient < 0))
     step = np.zeros(unit_values.size)
     if not free.any():
         return step

@@ -63,6 +63,31 @@ def without_mains_line(
     return replace(drop, channels=channels).with_tail(), found[0]
 
 
+def most_hum(quiet: FloatArray, step: float, *, velocity: bool) -> float:
+    """How large hum of 50 or 60 Hz may be by the time before the pulse, m/s; inf: it tells nothing.
+
+    What a line fits there, and its deviation by what it leaves.
+
+    Parameters
+    ----------
+    quiet : (n,) ndarray of float, m/s or m
+    step : float, s
+    velocity : bool, whether it is a velocity, else a displacement
+    """
+    most = 0.0
+    for frequency in (50.0, 60.0):
+        turn = 2.0 * np.pi * frequency * step * np.arange(quiet.size)
+        columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
+        if quiet.size <= columns.shape[1]:
+            return np.inf
+        left, factors = _fitted(columns, quiet)
+        variance = float(left @ left) / (quiet.size - columns.shape[1])
+        deviations = variance * np.diag(np.linalg.inv(columns.T @ columns))[1:]
+        amplitude = float(np.sqrt(factors[1:] @ factors[1:] + deviations.sum()))
+        most = max(most, amplitude if velocity else 2.0 * np.pi * frequency * amplitude)
+    return most
+
+
 def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
     """The line of the mains in the time before the pulse; None where there is none.
 

@@ -141,7 +141,7 @@ class DropModel:
         drop = prepare(record)
         self._layers = layers
         at_rest = rest or drops_at_rest([record])[0]
-        self._harmonics = at_rest.harmonics
+        self._harmonics, self._most_hum = at_rest.harmonics, at_rest.most_hum
         whole = at_rest.drop
         self.drop: PreparedDrop = whole
         self.record = record
@@ -237,6 +237,7 @@ class DropModel:
             ),
             rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
             harmonics=self._harmonics,
+            most_hum=self._most_hum,
         )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:

@@ -453,8 +453,12 @@ class Problem:
         result = np.zeros((there.size, device.size + own.size))
         unknowns = [*self.device, *self.own[index]]
         here = np.concatenate([device, own])
-        # Away from the nearer bound.
-        steps = np.where(here > 0.5, -_STEP, _STEP)
+        # Away from the nearer bound, or jump.
+        middles = [
+            0.5 * sum(unknown.parameter.stretch(float(x)))
+            for unknown, x in zip(unknowns, here, strict=True)
+        ]
+        steps = np.where(here > np.array(middles), -_STEP, _STEP)
         drops = self._drops(index, device, own)
         point.look_ahead(drops, nearby=True)
         for number, ground, active in drops:

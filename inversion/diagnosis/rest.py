@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from inversion.diagnosis.mains_line import without_mains_line
+from inversion.diagnosis.mains_line import most_hum, without_mains_line
 from inversion.measured.record import NoiseModel, PreparedDrop, Record, prepare
 
 # Times by which the rms of noise differs between two drops by chance: correlated noise of a few
@@ -20,11 +20,12 @@ class DropAtRest:
     Parameters
     ----------
     drop : PreparedDrop, sensors from the plate outward
-    harmonics : of the hum before the pulse, see `DropContext.harmonics`
+    harmonics, most_hum : of the hum before the pulse, see `DropContext`
     """
 
     drop: PreparedDrop
     harmonics: tuple[tuple[int, float, float], ...]
+    most_hum: float
 
 
 def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
@@ -43,7 +44,12 @@ def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
     for record in records:
         # Models answer in this order, whatever order the record has.
         ordered = record.nearest_first()
-        found.append(DropAtRest(*without_mains_line(prepare(ordered).with_tail(), ordered)))
+        drop = prepare(ordered).with_tail()
+        hum = max(
+            most_hum(sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates)
+            for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
+        )
+        found.append(DropAtRest(*without_mains_line(drop, ordered), hum))
     of_channels = [
         _pooled([channel.model for channel in channels])
         for channels in zip(*(one.drop.channels for one in found), strict=True)

@@ -59,6 +59,7 @@ class DropContext:
     rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
     harmonics : tuple of the harmonics of hum before the pulse: order, share of the first one, and
         phase against as many turns of it, rad
+    most_hum : float, m/s, how large hum may be by the time before the pulse
     plate_mass : float, kg, declared
     has_bedrock : bool, whether a rigid base is declared
     elastic : bool, whether the base model's ground is
@@ -82,6 +83,7 @@ class DropContext:
     flat_load: float | None = None
     rest: tuple[float, ...] = ()
     harmonics: tuple[tuple[int, float, float], ...] = ()
+    most_hum: float = np.inf
     plate_mass: float = 0.0
     has_bedrock: bool = False
     elastic: bool = False

@@ -91,6 +91,10 @@ class Parameter:
             return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit_value), self.upper - self.lower)
 
+    def stretch(self, unit_value: float) -> tuple[float, float]:
+        """The part of the unit interval around a point in which the value does not jump."""
+        return 0.0, 1.0
+
     def from_prior(self, unit_value: float) -> tuple[float, float]:
         """Distance from the prior's centre in its standard deviations, and its slope."""
         if self.inverse_prior is not None:
@@ -118,9 +122,11 @@ class Parameter:
         return float(self.slopes(unit_value) * of_unit_value)
 
 
-def on_bound(unit_values: FloatArray) -> NDArray[np.bool_]:
-    """Which unit values (...,) sit on a bound."""
-    return np.asarray((unit_values < _ON_BOUND) | (unit_values > 1.0 - _ON_BOUND))
+def on_bound(
+    unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
+) -> NDArray[np.bool_]:
+    """Which unit values (...,) sit on a bound; of the unit interval, if no others are given."""
+    return np.asarray((unit_values < low + _ON_BOUND) | (unit_values > high - _ON_BOUND))
 
 
 def soil_parameters(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:

@@ -125,6 +125,30 @@ def test_what_would_go_on_stays_at_the_bound_and_is_named(
     assert found.unit_values[free] == pytest.approx(held, abs=5e-3)
 
 
+class Halved(Parameter):
+    """A value that jumps in the middle of its range."""
+
+    def stretch(self, unit_value: float) -> tuple[float, float]:
+        return (0.0, 0.5) if unit_value < 0.5 else (0.5, 1.0)
+
+
+@pytest.mark.parametrize("counts", [(4,), (2, 2)])
+@pytest.mark.parametrize(
+    ("start", "there", "end"), [(0.4, 0.7, 0.5), (0.6, 0.3, 0.5), (0.4, 0.3, 0.3)]
+)
+def test_a_fit_does_not_go_beyond_a_jump(
+    counts: tuple[int, ...], start: float, there: float, end: float
+) -> None:
+    # The others lie where all of them may go to.
+    truth = np.full(5, 0.2 if start < 0.5 else 0.8)
+    truth[2] = there
+    problem = lines(counts, 1, truth)
+    problem.parameter = Halved("size", "-", 0.0, 1.0)
+    found = fitted(problem, start)
+    assert found.unit_values[2] == pytest.approx(end, abs=0.02 if end == there else 1e-3)
+    assert len(found.at_bound()) == (end != there)
+
+
 def test_a_bound_of_nature_is_not_named() -> None:
     truth = INSIDE.copy()
     truth[2] = -0.3

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from inversion import Record, Sensor
 from inversion.diagnosis import PointRecords, diagnose_point
-from inversion.diagnosis.mains_line import find_line
+from inversion.diagnosis.mains_line import find_line, most_hum
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -60,6 +60,35 @@ def test_a_line_of_half_a_turn_may_be_any_slow_noise() -> None:
     time = STEP * np.arange(50)
     assert find_line(hum(time, 3e-3), STEP, velocity=True) is None
     assert find_line(np.empty(0), STEP, velocity=True) is None
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("frequency", [50.0, 60.0])
+@pytest.mark.parametrize(("samples", "rel"), [(100, 0.15), (30, 0.6)])
+def test_how_large_hum_is_by_the_time_before_the_pulse(
+    velocity: bool, frequency: float, samples: int, rel: float
+) -> None:
+    time = STEP * np.arange(samples)
+    line = 3e-3 * np.sin(2 * np.pi * frequency * time + 0.4)
+    if not velocity:
+        line = -3e-3 / (2 * np.pi * frequency) * np.cos(2 * np.pi * frequency * time + 0.4)
+    assert most_hum(0.2 + line, STEP, velocity=velocity) == pytest.approx(3e-3, rel=rel)
+
+
+def test_a_quiet_time_before_the_pulse_leaves_no_room_for_hum() -> None:
+    # Ten samples of a record at 3.7 kHz that move by 10 nm.
+    step, noise = 2.667e-4, np.random.default_rng(5).standard_normal((50, 10))
+    most = [most_hum(1e-8 * row, step, velocity=False) for row in noise]
+    assert max(most) < 2e-4
+    # More noise leaves more, a longer time less.
+    assert most_hum(1e-6 * noise[0], step, velocity=False) == pytest.approx(100 * most[0])
+    longer = np.random.default_rng(5).standard_normal(60)
+    assert most_hum(1e-8 * longer, step, velocity=False) < 0.1 * np.median(most)
+
+
+@pytest.mark.parametrize("samples", [0, 3])
+def test_too_few_samples_tell_nothing_of_hum(samples: int) -> None:
+    assert most_hum(np.zeros(samples), STEP, velocity=True) == np.inf
 
 
 @pytest.fixture(scope="module")

@@ -155,6 +155,22 @@ def test_priors_stand_last_and_weigh_as_said(point: Point) -> None:
     assert weighed.data_cost(device, [own]) == pytest.approx(float(plain @ plain))
 
 
+@pytest.mark.parametrize("place", [0.5 - 1e-9, 0.5, 0.5 + 1e-9])
+def test_derivatives_are_those_of_one_side_of_a_jump(point: Point, place: float) -> None:
+    # Hum of 51 Hz, and of 59 Hz just above: between them there is no slope.
+    problem = Problem([point], [BY_NAME["mains_hum"]])
+    own = np.full(len(problem.own[0]), 0.4)
+    column = [u.parameter.name for u in problem.own[0]].index("frequency")
+    own[column] = place
+    device = np.empty(0)
+    found = problem.jacobian(0, device, own, problem.residual(0, device, own))[:, column]
+    inside = own.copy()
+    inside[column] += 1e-3 if place >= 0.5 else -1e-3
+    other = problem.residual(0, device, inside) - problem.residual(0, device, own)
+    slope = other[: found.size] / (inside[column] - place)
+    assert np.linalg.norm(found - slope) < 0.02 * np.linalg.norm(slope)
+
+
 def test_priors_have_their_rows_in_the_jacobian(point: Point) -> None:
     problem = Problem([point], [BY_NAME["sensor_lag"]], prior_weight=2.0)
     device, own = np.array([0.7]), np.array([0.5, 0.2, 0.4])
