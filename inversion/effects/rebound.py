@@ -2,7 +2,9 @@ r"""Plate or hammer leaves contact, flies under gravity and comes down again.
 
 From the time of lift-off on the plate is a thrown body on which the load may still act,
 :math:`\ddot w = g + F/m`, until it meets the ground again. Its momentum then goes into ground and
-plate as an impulse.
+plate as an impulse.  It leaves with the speed that it has on the ground and with a kick upward of
+buffers that unload and of a frame that the hammer takes along: without one, ground that is relieved
+of load and weight may come up as fast as the plate, and nothing flies.
 """
 
 import math
@@ -18,6 +20,11 @@ from inversion.forward.nonlinear_stiffness import convolve_rows
 GRAVITY = 9.80665
 # Logarithm; of the mass in flight about that of the plate.
 _MASS_SPREAD = 0.7
+# m/s: what a plate has that flies for some ten milliseconds.
+_KICK_SPREAD = 0.05
+# A plate that comes no higher above the ground than this part of the largest displacement changes
+# as much less: between one that stays and one that leaves there is no jump.
+_LEAST_LIFT = 0.005
 
 
 class Rebound(Effect):
@@ -39,15 +46,18 @@ class Rebound(Effect):
             natural=True,
             prior=(math.log(20.0), _MASS_SPREAD),
         ),
+        Parameter(
+            "kick", "m/s", 0.0, 0.3, (0.03,), natural=True, prior=(0.0, _KICK_SPREAD), absent=0.0
+        ),
     )
     is_no_small_step = True
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The mass in flight is about that of the plate, where that is known."""
-        time, mass = self.parameters
+        time, mass, kick = self.parameters
         known = drop.plate_mass or mass.starts[0]
-        return time, replace(mass, starts=(known,), prior=(math.log(known), _MASS_SPREAD))
+        return time, replace(mass, starts=(known,), prior=(math.log(known), _MASS_SPREAD)), kick
 
     def motion(
         self,
@@ -76,7 +86,7 @@ class Rebound(Effect):
             return motions
         result = motions.copy()
         result[inside] = _flown(
-            motions[inside], moments[inside], values["mass"][inside], drop,
+            motions[inside], moments[inside], values["mass"][inside], values["kick"][inside], drop,
             impulse_responses()[inside],
         )  # fmt: skip
         return result
@@ -86,6 +96,7 @@ def _flown(
     motions: FloatArray,
     moments: FloatArray,
     masses: FloatArray,
+    kicks: FloatArray,
     drop: DropContext,
     impulses: FloatArray,
 ) -> FloatArray:
@@ -97,12 +108,13 @@ def _flown(
     # Parts of samples count, so that the times have a smooth influence.
     flown = np.minimum(np.maximum(flight / step + 0.5, 0.0), 1.0)
     result = motions + step * convolve_rows(impulses, (-flown * pressing)[:, None])
-    way = _way(flown * drop.load / masses[:, None], step)
+    # A load below zero there is a weight that the cell has lost, and pulls nothing up.
+    way = _way(flown * np.maximum(drop.load, 0.0) / masses[:, None], step)
     fall = 0.5 * GRAVITY * flight**2
     rows, index = np.arange(moments.size), np.arange(size)
     left = ((moments - time[0]) / step).astype(int)
     between = (moments - time[left]) / step
-    jumps = np.ones(moments.size, dtype=bool)
+    lifts = np.full(moments.size, np.inf)
     last = np.full(moments.size, size)
     speed, part = np.zeros(moments.size), np.zeros(moments.size)
     for sensor in np.flatnonzero(drop.offsets < drop.plate_radius):
@@ -112,11 +124,12 @@ def _flown(
         before, start, after = (
             (1.0 - between) * around[:, k] + between * around[:, k + 1] for k in range(3)
         )
-        speed_up = ((after - before) / (2 * step))[:, None]
-        free = start[:, None] + speed_up * flight + fall + way
+        speed_down = ((after - before) / (2 * step) - kicks)[:, None]
+        free = start[:, None] + speed_down * flight + fall + way
         gap = free - result[:, sensor]
         flying = (flight > 0) & (gap < 0)
-        jumps &= flying.any(axis=1)
+        highest = np.where(flying, -gap, 0.0).max(axis=1)
+        lifts = np.minimum(lifts, highest / np.abs(row).max(axis=1))
         first = np.argmax(flying, axis=1)
         down = ~flying & (index > first[:, None])
         lands = down.any(axis=1)
@@ -138,8 +151,7 @@ def _flown(
         given[~back] = 0.0
         result += step * convolve_rows(impulses, given[:, None])
     # A plate that never leaves the ground changes nothing.
-    result[~jumps] = motions[~jumps]
-    return result
+    return motions + np.minimum(lifts / _LEAST_LIFT, 1.0)[:, None, None] * (result - motions)
 
 
 def _way(acceleration: FloatArray, step: float) -> FloatArray:

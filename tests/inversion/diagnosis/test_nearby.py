@@ -143,7 +143,7 @@ def test_each_stage_is_gone_through_for_what_has_moved_in_it(
         kind = type(effect)
         monkeypatch.setattr(kind, stage, counted(effect.name, getattr(kind, stage)))
     values: Any = {
-        rebound: {"lift_off": 0.002, "mass": 20.0},
+        rebound: {"lift_off": 0.002, "mass": 20.0, "kick": 0.0},
         geophone: {"natural_frequency": 6.0, "damping": 0.5},
         lag: {"delay": 1e-4},
     }

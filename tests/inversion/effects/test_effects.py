@@ -47,7 +47,7 @@ NOTHING = {
     "sensor_lag": {"delay": 0.0},
     "baseline_drift": {"velocity_offset": 0.0, "acceleration": 0.0},
     "mains_hum": {"amplitude": 0.0, "frequency": 50.0, "phase": 0.2},
-    "rebound": {"lift_off": 1.0, "mass": 20.0},
+    "rebound": {"lift_off": 1.0, "mass": 20.0, "kick": 0.0},
 }
 
 
@@ -265,16 +265,64 @@ def test_permanent_set_stays_under_the_plate() -> None:
     np.testing.assert_array_equal(record[1], MOTION[1])
 
 
+def oscillator(mass: float, stiffness: float, damper: float):
+    """Displacement (1, n) of a mass on spring and damper after an impulse of 1 N s."""
+    root = np.sqrt(complex(damper**2 / (4 * mass**2) - stiffness / mass))
+    rate = damper / (2 * mass)
+    return (np.exp(-rate * TIME) * np.sinh(root * TIME) / (mass * root)).real[None]
+
+
 def test_a_plate_in_flight_falls_with_gravity() -> None:
     # Late in the pulse the ground slows down by more than g: the plate goes on without it.
     drop = context(load=np.zeros_like(TIME))
-    values = {"lift_off": -0.002, "mass": 20.0}
+    values = {"lift_off": -0.002, "mass": 20.0, "kick": 0.0}
     record = BY_NAME["rebound"].motion(4 * MOTION, values, drop, no_impulse)
     flying = np.flatnonzero(record[0] < 4 * MOTION[0] - 1e-7)
     assert flying.size > 50
     acceleration = np.diff(record[0][flying[0] : flying[-1]], 2) / 1e-8
     np.testing.assert_allclose(acceleration, 9.80665, rtol=1e-3)
     np.testing.assert_array_equal(record[1], 4 * MOTION[1])
+
+
+def test_a_kick_is_an_upward_speed_at_the_lift_off() -> None:
+    drop = context(load=np.zeros_like(TIME))
+    values = {"lift_off": -0.002, "mass": 20.0, "kick": 0.0}
+    alone, kicked = (
+        BY_NAME["rebound"].motion(4 * MOTION, values | {"kick": kick}, drop, no_impulse)[0]
+        for kick in (0.0, 0.02)
+    )
+    flying = np.flatnonzero(alone < 4 * MOTION[0] - 1e-7)[:-1]
+    higher = (alone - kicked)[flying]
+    since = TIME[flying] - drop.contact_end + 0.002
+    np.testing.assert_allclose(higher, 0.02 * since, rtol=1e-6)
+
+
+def test_a_load_below_zero_does_not_pull_a_plate_up() -> None:
+    # In flight a cell has lost the weight that it was set to zero under.
+    values = {"lift_off": -0.002, "mass": 20.0, "kick": 0.0}
+    drops = [context(load=np.full_like(TIME, load)) for load in (0.0, -80.0)]
+    first, second = (
+        BY_NAME["rebound"].motion(4 * MOTION, values, drop, no_impulse) for drop in drops
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+def test_between_a_plate_that_stays_and_one_that_flies_there_is_no_jump() -> None:
+    # Relieved of a light plate's weight the ground follows it; a heavy one leaves it late.
+    mass, stiffness, damper = 12.0, 4e6, 1.5e4
+    load = 8000.0 * PULSE
+    impulse = oscillator(mass, stiffness, damper)
+    linear = 1e-4 * np.convolve(impulse[0], load)[: TIME.size][None]
+    drop = context(load=load, offsets=np.zeros(1), quantities=("velocity",), flat=(None,))
+    masses = np.geomspace(3.0, 12.0, 1000)
+    values = {"lift_off": np.full(1000, -0.001), "mass": masses, "kick": np.zeros(1000)}
+    rows = np.repeat(linear[None], 1000, axis=0)
+    impulses = np.repeat(impulse[None], 1000, axis=0)
+    found = BY_NAME["rebound"].motions(rows, values, drop, lambda: impulses)
+    changes = (found - rows)[:, 0] / linear.max()
+    np.testing.assert_array_equal(changes[0], 0.0)
+    assert np.abs(changes[-1]).max() > 0.1
+    assert np.abs(np.diff(changes, axis=0)).max() < 0.006
 
 
 def test_a_plate_that_jumps_comes_down_with_its_momentum() -> None:
@@ -297,12 +345,10 @@ def test_a_plate_that_jumps_comes_down_with_its_momentum() -> None:
     truth = found.y[0]
     pressed = stiffness * truth + damper * found.y[1]
     begin = int(np.argmax((pressed < -mass * gravity) & (TIME > 0.01)))
-    root = np.sqrt(complex(damper**2 / (4 * mass**2) - stiffness / mass))
-    rate = damper / (2 * mass)
-    impulse = (np.exp(-rate * TIME) * np.sinh(root * TIME) / (mass * root)).real[None]
+    impulse = oscillator(mass, stiffness, damper)
     linear = 1e-4 * np.convolve(impulse[0], load)[: TIME.size][None]
     drop = context(load=load, offsets=np.zeros(1), quantities=("velocity",), flat=(None,))
-    values = {"lift_off": TIME[begin] - drop.contact_end, "mass": mass}
+    values = {"lift_off": TIME[begin] - drop.contact_end, "mass": mass, "kick": 0.0}
     record = BY_NAME["rebound"].motion(linear, values, drop, lambda: impulse)[0]
     assert truth.min() < -0.05 * truth.max()  # it does jump
     np.testing.assert_allclose(record, truth, atol=0.03 * truth.max())
@@ -445,6 +491,23 @@ def test_hum_has_a_frequency_of_the_mains(hertz: float) -> None:
     step = 1e-7 if place < 0.6 and place != 0.5 else -1e-7
     slope = float(frequency.value(place + step) - frequency.value(place)) / step
     assert slope == pytest.approx(float(frequency.slopes(place)), rel=1e-4)
+
+
+@pytest.mark.parametrize("hertz", [49.0, 51.0, 59.0, 61.0])
+def test_frequencies_of_one_mains_are_one_stretch(hertz: float) -> None:
+    frequency = BY_NAME["mains_hum"].parameters[1]
+    low, high = frequency.stretch(frequency.unit_value(hertz))
+    ends = [float(frequency.value(place)) for place in (low, high)]
+    assert ends == pytest.approx([49.0, 51.0] if hertz < 55 else [59.0, 61.0])
+
+
+@pytest.mark.parametrize(
+    ("before", "most"), [(np.inf, 0.02), (0.5, 0.02), (3e-3, 3e-3), (1e-6, 1e-4)]
+)
+def test_hum_is_no_larger_than_it_was_before_the_pulse(before: float, most: float) -> None:
+    amplitude = BY_NAME["mains_hum"].parameters_for(context(most_hum=before))[0]
+    assert amplitude.prior == (0.0, most)
+    assert len(BY_NAME["mains_hum"].parameters_for(context())) == 3
 
 
 @pytest.mark.parametrize(("hertz", "nearest"), [(40.0, 49.0), (54.0, 51.0), (56.0, 59.0)])
