@@ -53,8 +53,9 @@ class MainsHum(Effect):
         Parameter(
             "amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True, prior=(0.0, _USUAL), absent=0.0
         ),
-        MainsFrequency("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, (50.0, 60.0)),
-        Parameter("phase", "-", -1.0, 2.0, (0.0, 0.25, 0.5, 0.75)),
+        MainsFrequency("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, 4 * (50.0, 60.0)),
+        # Each with both frequencies: a fit does not go from one to the other.
+        Parameter("phase", "-", -1.0, 2.0, (0.0, 0.0, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75)),
     )
     in_full_set = False
     looks_like_noise = True

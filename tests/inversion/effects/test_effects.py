@@ -501,6 +501,12 @@ def test_frequencies_of_one_mains_are_one_stretch(hertz: float) -> None:
     assert ends == pytest.approx([49.0, 51.0] if hertz < 55 else [59.0, 61.0])
 
 
+def test_hum_begins_at_either_mains_with_every_phase() -> None:
+    _, frequency, phase = BY_NAME["mains_hum"].parameters
+    begun = set(zip(frequency.starts, phase.starts, strict=True))
+    assert begun == {(hertz, turn) for hertz in (50.0, 60.0) for turn in (0.0, 0.25, 0.5, 0.75)}
+
+
 @pytest.mark.parametrize(
     ("before", "most"), [(np.inf, 0.02), (0.5, 0.02), (3e-3, 3e-3), (1e-6, 1e-4)]
 )
