@@ -8,8 +8,8 @@ from inversion.diagnosis.prediction import residual_over_peak
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
 
-# So many effects at once can be told from one record, one more from two and from three, and no more
-# from several: more would fit anything.
+# So many effects at once can be told from one record or two, one more from three and from four, and
+# no more from several: more would fit anything.  A second drop tells much the same as the first.
 _MOST_OF_ONE_RECORD, _MOST_EFFECTS = 2, 4
 # From so many records on (drops times sensors) one more for each six.
 _MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
@@ -86,7 +86,7 @@ def _records(point: Point) -> int:
 
 def _most_effects(records: int) -> int:
     """Effects at once that so many records can tell."""
-    few = min(_MOST_OF_ONE_RECORD + records - 1, _MOST_EFFECTS)
+    few = min(max(_MOST_OF_ONE_RECORD, records), _MOST_EFFECTS)
     return few + max(0, records - _MANY_RECORDS) // _RECORDS_PER_EFFECT
 
 

@@ -210,7 +210,7 @@ def _leaving(monkeypatch: pytest.MonkeyPatch, errors: dict[int, float]) -> None:
 
 @pytest.mark.parametrize(
     ("drops", "sensors", "most"),
-    [(1, 1, 2), (2, 1, 3), (1, 3, 4), (4, 3, 4), (3, 6, 5), (3, 8, 6)],
+    [(1, 1, 2), (2, 1, 2), (1, 3, 3), (2, 2, 4), (4, 3, 4), (3, 6, 5), (3, 8, 6)],
 )
 def test_many_records_tell_more_effects(drops: int, sensors: int, most: int) -> None:
     point = Point([Model(np.zeros((sensors, 8)))] * drops)
