@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 from inversion import SurrogateLibrary
@@ -73,26 +73,35 @@ def looked_at_first(
         found.update(zip(map(id, points), diagnose_all(points, chosen, workers, told), strict=True))
 
     look_at([point for point in work if id(point) not in waiting])
-    brief: set[int] = set()
+    # Of all devices at once: no process waits for another's.
+    anew: list[DiagnosisPoint] = []
+    short: list[tuple[DiagnosisPoint, Look]] = []
+    usual: dict[str, float] = {}
     for device, points in later.items():
         shown = [d for p in work if p.device == device and _is_sound(d := found.get(id(p), ""))]
         if not _device_names(shown):
-            look_at(points)
+            anew += points
             continue
         likely, begun = _shown(shown, ())
         plain = 2 * sum(d.plain for d in shown) > len(shown)
         best = min(shown, key=lambda d: d.after.residual_rms_over_peak)
         starts = [begun, best.values]
         look = Look(likely=sorted(likely), begun=starts, plain=plain, brief=True)
-        look_at(points, [look] * len(points))
-        brief |= set(map(id, points))
-        usual = _median([d.after.residual_rms_over_peak for d in shown])
-        worse = [
-            point for point in points if _is_sound(d := found[id(point)]) and _ended_worse(d, usual)
-        ]
-        told.total += len(worse)
-        look_at(worse, [Look(brief=True)] * len(worse))
-    return found, brief
+        short += [(point, look) for point in points]
+        usual[device] = _median([d.after.residual_rms_over_peak for d in shown])
+    default = Look(leave_out=leave_out)
+    look_at(
+        [*anew, *(point for point, _ in short)],
+        [*[default] * len(anew), *(look for _, look in short)],
+    )
+    worse = [
+        point
+        for point, _ in short
+        if _is_sound(d := found[id(point)]) and _ended_worse(d, usual[str(point.device)])
+    ]
+    told.total += len(worse)
+    look_at(worse, [Look(brief=True)] * len(worse))
+    return found, {id(point) for point, _ in short}
 
 
 def _ended_worse(found: PointDiagnosis, usual: float) -> bool:
@@ -116,44 +125,80 @@ def looked_at_with_device(
     progress: Progress | None,
 ) -> Found:
     """Diagnoses anew of the points whose device has effects that most of its points show."""
+    surveys = [
+        (points, sound)
+        for points in _by_device(work).values()
+        if len(sound := [point for point in points if _is_sound(found[id(point)])]) > 1
+    ]
+    alone = [[d for p in sound if _is_sound(d := found[id(p)])] for _, sound in surveys]
+    records = [[point.records for point in sound] for _, sound in surveys]
+    asked: list[_Asked] = []
+    for (points, sound), own, device in zip(
+        surveys, alone, workers.map(_device_findings, records, alone), strict=True
+    ):
+        if device is None:
+            continue
+        by_points = [values for d in own if (values := _device_values(d, device)) is not None]
+        findings = _with_spread(device, by_points)
+        looks = _looks_of_survey([found[id(point)] for point in points], findings)
+        of_others = _of_others(points, sound, findings)
+        others = _alternatives(own)
+        asked += [
+            _Asked(point, look, findings, values, others)
+            for point, look, values in zip(points, looks, of_others, strict=True)
+        ]
+    # Where a point is left out, a drop of it is not.
+    as_points = leave_out in (None, "point")
+    within = None if as_points else leave_out
+    told = Told(progress, "with what other points show", len(asked))
+    anew = diagnose_all(
+        [one.point for one in asked],
+        [replace(one.look, leave_out=within) for one in asked],
+        workers,
+        told,
+    )
+    errors: list[HeldOutPart | None] = [None] * len(asked)
+    if as_points:
+        errors = _left_out_errors(asked, anew, workers)
     again: Found = {}
-    for points in _by_device(work).values():
-        sound = [point for point in points if _is_sound(found[id(point)])]
-        if len(sound) < 2:
+    for one, found_anew, error in zip(asked, anew, errors, strict=True):
+        place = id(one.point)
+        if isinstance(found_anew, str):
+            again[place] = found_anew
             continue
-        findings = _device_findings(sound, found)
-        if findings is None:
-            continue
-        alone = [_device_values(d, findings) for p in points if _is_sound(d := found[id(p)])]
-        findings = _with_spread(findings, [values for values in alone if values is not None])
-        first = [found[id(point)] for point in points]
-        # Where a point is left out, a drop of it is not.
-        as_points = leave_out in (None, "point")
-        within = None if as_points else leave_out
-        looks = [replace(look, leave_out=within) for look in _looks_of_survey(first, findings)]
-        told = Told(progress, "with what other points show", len(points))
-        anew = diagnose_all(points, looks, workers, told)
-        errors: list[HeldOutPart | None] = [None] * len(points)
-        if as_points:
-            errors = _left_out_errors(points, anew, _of_others(points, sound, findings), workers)
-        others = _alternatives([d for point in sound if _is_sound(d := found[id(point)])])
-        for point, found_anew, error in zip(points, anew, errors, strict=True):
-            if isinstance(found_anew, str):
-                again[id(point)] = found_anew
-                continue
-            diagnosis = with_device(found_anew, findings, others)
-            contradicting = _contradictions(found[id(point)], findings)
-            diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
-            if error is not None:
-                diagnosis = replace(
-                    diagnosis,
-                    held_out_before=error.before,
-                    held_out_after=error.after,
-                    held_out_mode="point",
-                    held_out_by=(error,),
-                )
-            again[id(point)] = diagnosis
+        diagnosis = with_device(found_anew, one.findings, one.alternatives)
+        contradicting = _contradictions(found[place], one.findings)
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
+        if error is not None:
+            diagnosis = replace(
+                diagnosis,
+                held_out_before=error.before,
+                held_out_after=error.after,
+                held_out_mode="point",
+                held_out_by=(error,),
+            )
+        again[place] = diagnosis
     return again
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A point that is looked at with its device.
+
+    Parameters
+    ----------
+    point : DiagnosisPoint
+    look : Look
+    findings : DeviceFindings
+    of_others : what the other points say of the device; None: it has no part in what all say
+    alternatives : of device effects what they cannot be told from
+    """
+
+    point: DiagnosisPoint
+    look: Look
+    findings: DeviceFindings
+    of_others: DeviceValues | None
+    alternatives: Mapping[str, Sequence[str]]
 
 
 def _is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
@@ -263,17 +308,15 @@ def _of_others(
 
 
 def _left_out_errors(
-    points: Sequence[DiagnosisPoint],
-    anew: Sequence[PointDiagnosis | str],
-    of_others: Sequence[DeviceValues | None],
-    workers: Workers,
+    asked: Sequence[_Asked], anew: Sequence[PointDiagnosis | str], workers: Workers
 ) -> list[HeldOutPart | None]:
     """What each point leaves when its device is what other points say."""
     work: list[tuple[int, PointRecords, PointDiagnosis, DeviceValues]] = []
-    for index, (entry, diagnosis, values) in enumerate(zip(points, anew, of_others, strict=True)):
-        if entry.records is not None and isinstance(diagnosis, PointDiagnosis) and values:
-            work.append((index, entry.records, diagnosis, values))
-    errors: list[HeldOutPart | None] = [None] * len(points)
+    for index, (one, diagnosis) in enumerate(zip(asked, anew, strict=True)):
+        records = one.point.records
+        if records is not None and isinstance(diagnosis, PointDiagnosis) and one.of_others:
+            work.append((index, records, diagnosis, one.of_others))
+    errors: list[HeldOutPart | None] = [None] * len(asked)
     if not work:
         return errors
     indices, *columns = zip(*work, strict=True)
@@ -311,13 +354,12 @@ def _device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
 
 
 def _device_findings(
-    points: Sequence[DiagnosisPoint], found: Mapping[int, PointDiagnosis | str]
+    records: Sequence[PointRecords], diagnoses: Sequence[PointDiagnosis]
 ) -> DeviceFindings | None:
-    diagnoses = [d for point in points if _is_sound(d := found[id(point)])]
+    """What the points of a device say of it together; None where they share nothing."""
     names = _device_names(diagnoses)
     if not names:
         return None
-    records = [point.records for point in points if point.records is not None]
     library = SurrogateLibrary()
     findings = fit_device(records, diagnoses, names, library)
     there = [name for name in names if not _is_absent(name, findings.values[name])]

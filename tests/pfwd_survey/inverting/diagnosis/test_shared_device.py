@@ -188,8 +188,8 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
     monkeypatch: pytest.MonkeyPatch, frequency: float, fits: int
 ) -> None:
     geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
-    points: Any = [SimpleNamespace(records=object()) for _ in range(3)]
-    found: Any = {id(point): diagnosis(0.01, LAG, geophone) for point in points}
+    records: Any = [object()] * 3
+    found = [diagnosis(0.01, LAG, geophone)] * 3
     asked: list[list[str]] = []
 
     def fit_device(records: Any, diagnoses: Any, names: Any, library: Any) -> DeviceFindings:
@@ -201,7 +201,7 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
         return DeviceFindings({name: values[name] for name in names}, {}, 9)
 
     monkeypatch.setattr(shared_device, "fit_device", fit_device)
-    findings = _device_findings(points, found)
+    findings = _device_findings(records, found)
     assert findings is not None
     assert len(asked) == fits
     assert set(asked[0]) == {"geophone_response", "sensor_lag"}
@@ -214,8 +214,7 @@ def test_where_all_of_the_device_is_nothing_there_is_no_device(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
-    points: Any = [SimpleNamespace(records=object()) for _ in range(2)]
-    found: Any = {id(point): diagnosis(0.01, geophone) for point in points}
+    records: Any = [object()] * 2
     values = {"geophone_response": {"natural_frequency": 0.15, "damping": 0.5}}
     monkeypatch.setattr(shared_device, "fit_device", lambda *_: DeviceFindings(values, {}, 9))
-    assert _device_findings(points, found) is None
+    assert _device_findings(records, [diagnosis(0.01, geophone)] * 2) is None
