@@ -54,14 +54,17 @@ _SINGLES, _SINGLE_STARTS, _SINGLE_QUICK, _SINGLES_REFINED = 10, 3, 5, 3
 # Of the full set: how many starts are kept after how many iterations each, by one drop alone and
 # then by all, and how heavily priors weigh then, over what is left (first of the base model, then
 # of the best start).
-_BY_ONE_DROP, _BY_ALL = ((25, 3), (10, 6), (5, 12)), ((4, 8),)
+_BY_ONE_DROP, _BY_ALL = ((25, 3), (14, 6), (7, 12)), ((7, 8),)
+# So many of the starts by one drop begin with the other drops like that one, and so many of these
+# once more with the others as they began: a first drop that sank is like no other.
+_LIKE_ONE, _AS_BEGUN = 5, 2
 # After the step that keeps so many, effects of single drops begin anew, in so many of them, where
 # that could take most of what is left: in what order they came made no difference until then.
-_RESEEDED, _RESEEDS = 10, 4
+_RESEEDED, _RESEEDS = 14, 5
 _FIRST_WEIGHT, _LATER_WEIGHT, _FULL_ITERATIONS = 0.1, 0.5, 40
 # Ends of the full set that are followed, if they leave no more than so much more than the best,
 # and the distance in a unit value from which on two are not the same.
-_ENDS, _NEAR_END, _SAME_END = 2, 1.4, 0.03
+_ENDS, _NEAR_END, _SAME_END = 4, 1.4, 0.03
 # Of other ends so many are followed beside the best.
 _FOLLOWED = 1
 # A rig is tried with all that may be beside it when alone it leaves no more than this of the base's
@@ -394,7 +397,8 @@ class Search:
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
             fitted = self._gone_on(self._ordered(expected), begun, _FULL_ITERATIONS)
-            return self._shrink(self._grown(self._better(base, [self._shrink(fitted)])))
+            found = self._settled(self._better(base, [self._shrink(fitted)]))
+            return self._settled(self._shrink(self._grown(found)))
         if expected:
             first = self._better(base, [self._fit(expected, 40)])
             if first is not base and first.fit.excess <= ENOUGH:
@@ -579,9 +583,11 @@ class Search:
         if last:
             alone = problem.of_one_drop(last)
             starts, weight = self._halved(alone, starts, weight, _BY_ONE_DROP)
-            starts = [
-                (device, [_like_drop(problem, own[0], last), *own[1:]]) for device, own in starts
+            like = [
+                (device, [_like_drop(problem, own[0], last), *own[1:]])
+                for device, own in starts[:_LIKE_ONE]
             ]
+            starts = [*like, *starts[:_AS_BEGUN]]
             starts, weight = self._halved(problem, starts, weight, _BY_ALL)
         else:
             starts, weight = self._halved(problem, starts, weight, (*_BY_ONE_DROP, *_BY_ALL))

@@ -47,10 +47,11 @@ class Rebound(Effect):
             prior=(math.log(20.0), _MASS_SPREAD),
         ),
         Parameter(
-            "kick", "m/s", 0.0, 0.3, (0.03,), natural=True, prior=(0.0, _KICK_SPREAD), absent=0.0
+            "kick", "m/s", 0.0, 0.25, (0.03,), natural=True, prior=(0.0, _KICK_SPREAD), absent=0.0
         ),
     )
     is_no_small_step = True
+    present = ({"lift_off": 0.0, "kick": 0.03},)
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:

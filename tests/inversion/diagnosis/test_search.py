@@ -575,6 +575,59 @@ def test_a_set_of_which_more_is_asked_is_followed_to_its_end(bench: Bench) -> No
     assert quiet._settled(found) is found
 
 
+def test_where_other_fits_ended_a_set_is_followed_to_its_end(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before more is asked for, and once it is found."""
+    search = bench.search((A, B, C), {"a": MUCH, "b": MUCH}, rest=2.0)
+    followed: list[tuple[Any, Any]] = []
+    settled = search._settled
+
+    def follow(best: Any) -> Any:
+        followed.append((best, settled(best)))
+        return followed[-1][1]
+
+    monkeypatch.setattr(search, "_settled", follow)
+    found = search.run(["a"], [{(0, "a", "size", None): 1.0}])
+    assert [before.names for before, _ in followed] == [names("a"), names("a", "b")]
+    assert found is followed[-1][1]
+
+
+def test_drops_begin_like_the_last_one_and_as_they_were(
+    library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A first drop that sank is like no other."""
+    drops = tuple(record(library, Scene(peak=peak)) for peak in (6000.0, 8000.0, 7000.0))
+    search = Search([Point(PointRecords("a", drops, (1, 2, 3)), library)])
+    effects = search._ordered(e for e in CATALOGUE if e.name == "hysteretic_unloading")
+    problem = search._problem(effects)
+    last = [i for i, u in enumerate(problem.own[0]) if u.drop == 2]
+    others = [[i for i, u in enumerate(problem.own[0]) if u.drop == drop] for drop in (0, 1)]
+    asked: list[list[Any]] = []
+
+    def halved(problem: Any, starts: Any, weight: float, steps: Any) -> Any:
+        asked.append(list(starts))
+        device, own = starts[0]
+        told = [0.1 + 0.05 * place for place in range(7)]
+        return [(device, [_with(own[0], last, value)]) for value in told], weight
+
+    monkeypatch.setattr(search, "_halved", halved)
+    search._full(effects, {}, ends=1)
+    begun = [own[0] for _, own in asked[1]]
+    assert len(begun) == 7
+    for place, own in enumerate(begun):
+        same = 0.1 + 0.05 * (place if place < 5 else place - 5)
+        assert own[last] == pytest.approx(same)
+        for drop in others:
+            assert (own[drop] == pytest.approx(same)) == (place < 5)
+
+
+def _with(values: Array, places: list[int], value: float) -> Array:
+    result = values.copy()
+    result[places] = value
+    return result
+
+
 def test_a_set_without_an_effect_is_fitted_once(bench: Bench) -> None:
     search = bench.search((A, B, C), {"a": MUCH, "b": MUCH})
     best = search.candidate((A, B, C))
