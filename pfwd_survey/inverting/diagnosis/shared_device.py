@@ -84,8 +84,7 @@ def looked_at_first(
             continue
         likely, begun = _shown(shown, ())
         plain = 2 * sum(d.plain for d in shown) > len(shown)
-        best = min(shown, key=lambda d: d.after.residual_rms_over_peak)
-        starts = [begun, best.values]
+        starts = [begun, *(d.values for d in shown)]
         look = Look(likely=sorted(likely), begun=starts, plain=plain, brief=True)
         short += [(point, look) for point in points]
         usual[device] = _median([d.after.residual_rms_over_peak for d in shown])
@@ -157,6 +156,7 @@ def looked_at_with_device(
         workers,
         told,
     )
+    _look_again_at_worse(asked, anew, within, workers, told)
     errors: list[HeldOutPart | None] = [None] * len(asked)
     if as_points:
         errors = _left_out_errors(asked, anew, workers)
@@ -179,6 +179,40 @@ def looked_at_with_device(
             )
         again[place] = diagnosis
     return again
+
+
+def _look_again_at_worse(
+    asked: Sequence[_Asked],
+    anew: list[PointDiagnosis | str],
+    leave_out: LeaveOut | None,
+    workers: Workers,
+    told: Told,
+) -> None:
+    """What ends worse than the others of its device begins from nothing, with the device.
+
+    The better one counts: what a point showed by itself, and what others show, may lead astray.
+    """
+    left: dict[str | None, list[float]] = {}
+    for one, found in zip(asked, anew, strict=True):
+        if isinstance(found, PointDiagnosis):
+            left.setdefault(one.point.device, []).append(found.after.residual_rms_over_peak)
+    usual = {device: _median(values) for device, values in left.items()}
+    worse = [
+        place
+        for place, (one, found) in enumerate(zip(asked, anew, strict=True))
+        if _is_sound(found) and _ended_worse(found, usual[one.point.device])
+    ]
+    told.total += len(worse)
+    looks = [Look(device=asked[place].look.device, leave_out=leave_out) for place in worse]
+    others = diagnose_all([asked[place].point for place in worse], looks, workers, told)
+    for place, other in zip(worse, others, strict=True):
+        first = anew[place]
+        if (
+            _is_sound(first)
+            and _is_sound(other)
+            and other.after.residual_rms_over_peak < first.after.residual_rms_over_peak
+        ):
+            anew[place] = other
 
 
 @dataclass(frozen=True, eq=False)

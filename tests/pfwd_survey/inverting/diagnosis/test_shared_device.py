@@ -13,10 +13,12 @@ import pytest
 from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
 from pfwd_survey.inverting.diagnosis import shared_device
-from pfwd_survey.inverting.diagnosis.points import Look, Workers
+from pfwd_survey.inverting.diagnosis.points import Look, Told, Workers
 from pfwd_survey.inverting.diagnosis.shared_device import (
     _alternatives,
+    _Asked,
     _device_findings,
+    _look_again_at_worse,
     _looks_of_survey,
     looked_at_first,
     with_device,
@@ -50,16 +52,18 @@ class Survey:
             SimpleNamespace(device="unit", records=object(), place=place)
             for place in range(len(cold))
         ]
-        self._cold, self._warm = cold, warm
+        self.cold, self._warm = cold, warm
+        self.calls: list[int] = []
         self.looks: list[tuple[int, Look]] = []
         patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
 
     def _diagnose_all(
         self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
     ) -> Any:
+        self.calls.append(len(points))
         self.looks += [(p.place, look) for p, look in zip(points, looks, strict=True)]
         found = [
-            self._warm if look.likely else self._cold[point.place]
+            self._warm if look.likely else self.cold[point.place]
             for point, look in zip(points, looks, strict=True)
         ]
         return told.counted(found)
@@ -93,9 +97,9 @@ def test_of_many_the_others_begin_where_the_first_ended(monkeypatch: pytest.Monk
         assert look.likely == ["seating", "sensor_lag"]
         assert look.plain
         assert look.brief
-        # What they show in the middle, and the best of them.
-        assert [start[0, "", "modulus_ratio", None] for start in look.begun] == [0.5, 0.5]
-        assert look.begun[1] is cold[0].values
+        # What they show in the middle, and each of them.
+        assert look.begun[0][0, "", "modulus_ratio", None] == 0.5
+        assert list(map(id, look.begun[1:])) == [id(cold[place].values) for place in (0, 2, 5, 7)]
     assert survey.progress[-1] == ("each point by itself", 8, 8)
     assert found[0] is cold[0]
 
@@ -179,6 +183,47 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
     plain = with_device(diagnosis(0.01), findings)
     assert plain.effects[0].alternatives == ()
     assert plain.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("left", "other", "again", "taken"),
+    [(0.0149, 0.01, False, False), (0.0151, 0.01, True, True), (0.0151, 0.0152, True, False)],
+)
+def test_what_ends_worse_with_its_device_begins_from_nothing(
+    monkeypatch: pytest.MonkeyPatch, left: float, other: float, again: bool, taken: bool
+) -> None:
+    first: list[Any] = [*[diagnosis(0.01, LAG)] * 4, diagnosis(left, LAG), "no load"]
+    survey = Survey(monkeypatch, [diagnosis(other, SEATING)] * 6)
+    device = {"sensor_lag": {"delay": 6e-4}}
+    findings = DeviceFindings(device, {}, 9)
+    looks = [Look(device=device, likely=["seating"], begun=[{}])] * 6
+    asked = [
+        _Asked(point, look, findings, None, {})
+        for point, look in zip(survey.points, looks, strict=True)
+    ]
+    anew = list(first)
+    progress: list[tuple[str, int, int]] = []
+    told = Told(lambda *one: progress.append(one), "with what other points show", 6)
+    _look_again_at_worse(asked, anew, "sensor", Workers(1), told)
+    expected = Look(device=device, leave_out="sensor")
+    assert survey.looks == ([(4, expected)] if again else [])
+    assert progress == ([("with what other points show", 1, 7)] if again else [])
+    assert anew[:4] == first[:4]
+    assert (anew[4] is survey.cold[4]) == taken
+    assert (anew[4] is first[4]) != taken
+    assert anew[5] == "no load"
+
+
+def test_points_of_two_devices_are_looked_at_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    drift = ("load_filter", "device", "corner", "Hz", 300.0)
+    cold = [diagnosis(0.01, LAG)] * 8 + [diagnosis(0.02, drift)] * 8
+    survey = Survey(monkeypatch, cold, warm=diagnosis(0.012, LAG))
+    for point in survey.points[8:]:
+        point.device = "other unit"
+    survey.first()
+    assert survey.calls == [8, 8, 0]
+    likely = {place: look.likely for place, look in survey.looks[8:]}
+    assert [likely[place] for place in (1, 9)] == [["sensor_lag"], ["load_filter"]]
 
 
 @pytest.mark.parametrize(
