@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
 from inversion.measured.record import PreparedDrop, Record, noise_before
@@ -30,19 +31,27 @@ class MainsLine:
 
     Parameters
     ----------
+    amplitude : float, m/s, of the first one's velocity
+    frequency : float, Hz
+    phase : float, of its sine in the middle of the time before the pulse, turns
     harmonics : tuple of (order, share of the first one, phase against as many turns of it, rad),
         of the velocity
     left : (n,) ndarray of float, what it leaves
     """
 
+    amplitude: float
+    frequency: float
+    phase: float
     harmonics: tuple[tuple[int, float, float], ...]
     left: FloatArray
 
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Amplitude, m/s, frequency, Hz, and phase, turns, so long after that middle, s."""
+        return self.amplitude, self.frequency, (self.phase + self.frequency * time) % 1.0
 
-def without_mains_line(
-    drop: PreparedDrop, record: Record
-) -> tuple[PreparedDrop, tuple[tuple[int, float, float], ...]]:
-    """The drop with the noise of its channels as it is without hum, and the harmonics of that.
+
+def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop, MainsLine | None]:
+    """The drop with the noise of its channels as it is without hum, and that of the first with it.
 
     Parameters
     ----------
@@ -57,9 +66,9 @@ def without_mains_line(
         channel if line is None else replace(channel, model=noise_before(line.left))
         for channel, line in zip(drop.channels, lines, strict=True)
     )
-    found = [line.harmonics for line in lines if line is not None]
+    found = [line for line in lines if line is not None]
     if not found:
-        return drop, ()
+        return drop, None
     return replace(drop, channels=channels).with_tail(), found[0]
 
 
@@ -111,15 +120,27 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
         left, factors = _fitted(np.column_stack([straight, *waves]), quiet)
         if float(left @ left) < most:
             most = float(left @ left)
-            found = MainsLine(_harmonics(factors[straight.shape[1] :], velocity), left)
+            phasors = _phasors(factors[straight.shape[1] :], frequency, velocity)
+            found = MainsLine(
+                amplitude=float(np.abs(phasors[0])),
+                frequency=float(frequency),
+                phase=float(np.angle(phasors[0]) / (2.0 * np.pi)),
+                harmonics=_harmonics(phasors),
+                left=left,
+            )
     return found
 
 
-def _harmonics(factors: FloatArray, velocity: bool) -> tuple[tuple[int, float, float], ...]:
-    """Of the velocity, by the factors of cosine and sine of each; the first one's share is 1."""
+def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[np.complex128]:
+    """Of the sines of the velocity, by the factors of cosine and sine of each, (n,), m/s."""
     phasors = factors[1::2] + 1j * factors[::2]
     if not velocity:
-        phasors = phasors * 1j * np.array(_HARMONICS)
+        phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS)
+    return phasors
+
+
+def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float], ...]:
+    """Of the first one, whose share is 1."""
     sizes, phases = np.abs(phasors), np.angle(phasors)
     return tuple(
         (order, float(size / sizes[0]), float(phase - order * phases[0]))

@@ -141,7 +141,7 @@ class DropModel:
         drop = prepare(record)
         self._layers = layers
         at_rest = rest or drops_at_rest([record])[0]
-        self._harmonics, self._most_hum = at_rest.harmonics, at_rest.most_hum
+        self._at_rest = at_rest
         whole = at_rest.drop
         self.drop: PreparedDrop = whole
         self.record = record
@@ -236,8 +236,9 @@ class DropModel:
                 record.load - np.median(record.load[:REST_SAMPLES]), drop.load_noise.rms, both=False
             ),
             rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
-            harmonics=self._harmonics,
-            most_hum=self._most_hum,
+            hum=self._at_rest.hum,
+            harmonics=self._at_rest.harmonics,
+            most_hum=self._at_rest.most_hum,
         )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:

@@ -20,10 +20,11 @@ class DropAtRest:
     Parameters
     ----------
     drop : PreparedDrop, sensors from the plate outward
-    harmonics, most_hum : of the hum before the pulse, see `DropContext`
+    hum, harmonics, most_hum : of the hum before the pulse, see `DropContext`
     """
 
     drop: PreparedDrop
+    hum: tuple[float, float, float] | None
     harmonics: tuple[tuple[int, float, float], ...]
     most_hum: float
 
@@ -45,11 +46,16 @@ def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
         # Models answer in this order, whatever order the record has.
         ordered = record.nearest_first()
         drop = prepare(ordered).with_tail()
-        hum = max(
+        most = max(
             most_hum(sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates)
             for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
         )
-        found.append(DropAtRest(*without_mains_line(drop, ordered), hum))
+        quiet, line = without_mains_line(drop, ordered)
+        hum = None
+        if line is not None:
+            middle = 0.5 * (drop.channels[0].model.samples - 1) * drop.step
+            hum = line.at(drop.start - float(ordered.time[0]) - middle)
+        found.append(DropAtRest(quiet, hum, line.harmonics if line else (), most))
     of_channels = [
         _pooled([channel.model for channel in channels])
         for channels in zip(*(one.drop.channels for one in found), strict=True)

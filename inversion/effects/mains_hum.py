@@ -62,10 +62,14 @@ class MainsHum(Effect):
     advice = "keep the cable away from mains and generators"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """It is there before the pulse, too: no larger than that leaves room for."""
-        amplitude, *others = self.parameters
+        """It is there before the pulse, which tells it, or how large it may be at most."""
+        amplitude, frequency, phase = self.parameters
         most = min(_USUAL, max(drop.most_hum, _LEAST))
-        return replace(amplitude, prior=(0.0, most)), *others
+        amplitude = replace(amplitude, prior=(0.0, most))
+        if drop.hum is None:
+            return amplitude, frequency, phase
+        told = zip((amplitude, frequency, phase), drop.hum, strict=True)
+        return tuple(replace(parameter, starts=(value,)) for parameter, value in told)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """With the line and its harmonics, at every sensor; the phase counts turns at the start."""

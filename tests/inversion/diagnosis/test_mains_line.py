@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 from inversion import Record, Sensor
 from inversion.diagnosis import PointRecords, diagnose_point
 from inversion.diagnosis.mains_line import find_line, most_hum
+from inversion.diagnosis.rest import drops_at_rest
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -40,6 +41,11 @@ def test_a_line_is_found_with_its_harmonics(frequency: float, velocity: bool) ->
     found = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, velocity=velocity)
     assert found is not None
     assert np.sqrt(np.mean(found.left**2)) == pytest.approx(small, rel=0.3)
+    amplitude, hertz, turns = found.at(0.5)
+    assert (amplitude, hertz) == pytest.approx((3e-3, frequency), rel=0.02)
+    # `hum` has its phase at the first sample, half a time before the pulse earlier.
+    expected = 0.7 / (2 * np.pi) + frequency * (0.5 * STEP * (time.size - 1) + 0.5)
+    assert abs((turns - expected + 0.5) % 1.0 - 0.5) < 0.02
     (third, share, phase), (fifth, least, last) = found.harmonics
     assert (third, fifth) == (3, 5)
     assert (share, least) == pytest.approx((0.25, 0.1), rel=0.05)
@@ -96,6 +102,27 @@ def drop() -> SimulatedDrop:
     ground = Ground.uniform(45e6, 5e4, 1900.0, 0.35, 1.2)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
     return simulate_drop(ground, Plate(0.15, 12.0), hammer, duration=0.05, time_step=1e-4)
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_hum_before_the_pulse_tells_where_its_fit_begins(
+    drop: SimulatedDrop, velocity: bool
+) -> None:
+    before = 220
+    time = 1e-4 * np.arange(-before, drop.time.size)
+    moved = np.concatenate([np.zeros(before), drop.plate_displacement])
+    if velocity:
+        values = np.gradient(moved, 1e-4) + hum(time, 0.02, 60.0, 0.3)
+    else:
+        values = moved + displaced(time, 0.02, 60.0)
+    load = np.concatenate([np.zeros(before), drop.load])
+    sensor = Sensor(0.0, "velocity" if velocity else "displacement", values)
+    (at_rest,) = drops_at_rest([Record(time, load, (sensor,), Instrument(0.15))])
+    assert at_rest.hum is not None
+    amplitude, frequency, phase = at_rest.hum
+    assert (amplitude, frequency) == pytest.approx((0.02, 60.0), rel=0.05)
+    turns = (0.3 if velocity else 0.7) / (2 * np.pi) + 60.0 * at_rest.drop.start
+    assert abs((phase - turns + 0.5) % 1.0 - 0.5) < 0.05
 
 
 def test_hum_that_was_there_before_the_pulse_is_found(drop: SimulatedDrop) -> None:

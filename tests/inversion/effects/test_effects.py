@@ -507,6 +507,13 @@ def test_hum_begins_at_either_mains_with_every_phase() -> None:
     assert begun == {(hertz, turn) for hertz in (50.0, 60.0) for turn in (0.0, 0.25, 0.5, 0.75)}
 
 
+def test_hum_begins_where_the_time_before_the_pulse_tells() -> None:
+    told = (4e-3, 59.75, 0.3)
+    own = BY_NAME["mains_hum"].parameters_for(context(hum=told, most_hum=5e-3))
+    assert [parameter.starts for parameter in own] == [(value,) for value in told]
+    assert own[0].prior == (0.0, 5e-3)
+
+
 @pytest.mark.parametrize(
     ("before", "most"), [(np.inf, 0.02), (0.5, 0.02), (3e-3, 3e-3), (1e-6, 1e-4)]
 )
