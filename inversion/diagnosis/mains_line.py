@@ -45,9 +45,10 @@ class MainsLine:
     harmonics: tuple[tuple[int, float, float], ...]
     left: FloatArray
 
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Amplitude, m/s, frequency, Hz, and phase, turns, so long after that middle, s."""
-        return self.amplitude, self.frequency, (self.phase + self.frequency * time) % 1.0
+    @property
+    def told(self) -> tuple[float, float, float]:
+        """Amplitude, m/s, frequency, Hz, and phase in that middle, turns."""
+        return self.amplitude, self.frequency, self.phase
 
 
 def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop, MainsLine | None]:
@@ -72,10 +73,24 @@ def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop
     return replace(drop, channels=channels).with_tail(), found[0]
 
 
-def most_hum(quiet: FloatArray, step: float, *, velocity: bool) -> float:
-    """How large hum of 50 or 60 Hz may be by the time before the pulse, m/s; inf: it tells nothing.
+@dataclass(frozen=True)
+class Hum:
+    """What the time before the pulse says of hum.
 
-    What a line fits there, and its deviation by what it leaves.
+    Parameters
+    ----------
+    most : float, m/s, how large it may be: the larger of what lines of 50 and 60 Hz fit there,
+        with its deviation by what it leaves; inf: that tells nothing
+    lines : of each mains amplitude (m/s), frequency (Hz) and phase of the velocity in the middle of
+        that time (turns)
+    """
+
+    most: float = np.inf
+    lines: tuple[tuple[float, float, float], ...] = ()
+
+
+def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
+    """Hum of either mains that best fits the time before the pulse.
 
     Parameters
     ----------
@@ -83,18 +98,22 @@ def most_hum(quiet: FloatArray, step: float, *, velocity: bool) -> float:
     step : float, s
     velocity : bool, whether it is a velocity, else a displacement
     """
-    most = 0.0
+    time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
+    most, lines = 0.0, []
     for frequency in (50.0, 60.0):
-        turn = 2.0 * np.pi * frequency * step * np.arange(quiet.size)
+        turn = 2.0 * np.pi * frequency * time
         columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
         if quiet.size <= columns.shape[1]:
-            return np.inf
+            return Hum()
         left, factors = _fitted(columns, quiet)
         variance = float(left @ left) / (quiet.size - columns.shape[1])
         deviations = variance * np.diag(np.linalg.inv(columns.T @ columns))[1:]
-        amplitude = float(np.sqrt(factors[1:] @ factors[1:] + deviations.sum()))
-        most = max(most, amplitude if velocity else 2.0 * np.pi * frequency * amplitude)
-    return most
+        (phasor,) = _phasors(factors[1:], frequency, velocity)
+        in_velocity = 1.0 if velocity else (2.0 * np.pi * frequency) ** 2
+        size = float(np.abs(phasor))
+        most = max(most, float(np.sqrt(size**2 + in_velocity * deviations.sum())))
+        lines.append((size, frequency, float(np.angle(phasor) / (2.0 * np.pi))))
+    return Hum(most, tuple(lines))
 
 
 def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
@@ -135,7 +154,7 @@ def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[n
     """Of the sines of the velocity, by the factors of cosine and sine of each, (n,), m/s."""
     phasors = factors[1::2] + 1j * factors[::2]
     if not velocity:
-        phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS)
+        phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])
     return phasors
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from inversion.diagnosis.mains_line import most_hum, without_mains_line
+from inversion.diagnosis.mains_line import hum_before, without_mains_line
 from inversion.measured.record import NoiseModel, PreparedDrop, Record, prepare
 
 # Times by which the rms of noise differs between two drops by chance: correlated noise of a few
@@ -24,7 +24,7 @@ class DropAtRest:
     """
 
     drop: PreparedDrop
-    hum: tuple[float, float, float] | None
+    hum: tuple[tuple[float, float, float], ...]
     harmonics: tuple[tuple[int, float, float], ...]
     most_hum: float
 
@@ -46,15 +46,18 @@ def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
         # Models answer in this order, whatever order the record has.
         ordered = record.nearest_first()
         drop = prepare(ordered).with_tail()
-        most = max(
-            most_hum(sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates)
+        channels = [
+            hum_before(
+                sensor.values[: channel.model.samples], drop.step, velocity=channel.integrates
+            )
             for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
-        )
+        ]
         quiet, line = without_mains_line(drop, ordered)
-        hum = None
-        if line is not None:
-            middle = 0.5 * (drop.channels[0].model.samples - 1) * drop.step
-            hum = line.at(drop.start - float(ordered.time[0]) - middle)
+        middle = 0.5 * (drop.channels[0].model.samples - 1) * drop.step
+        since = drop.start - float(ordered.time[0]) - middle
+        told = (*((line.told,) if line else ()), *channels[0].lines)
+        hum = tuple((size, hertz, (turns + hertz * since) % 1.0) for size, hertz, turns in told)
+        most = max(channel.most for channel in channels)
         found.append(DropAtRest(quiet, hum, line.harmonics if line else (), most))
     of_channels = [
         _pooled([channel.model for channel in channels])

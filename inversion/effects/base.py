@@ -57,8 +57,8 @@ class DropContext:
     flat : tuple of float or None, of each sensor: the level of a flat top in its velocity, m/s
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
-    hum : amplitude, m/s, frequency, Hz, and phase at time 0, turns, of the velocity of hum before
-        the pulse; None: there is none
+    hum : tuple of amplitude, m/s, frequency, Hz, and phase at time 0, turns, of the velocity of hum
+        as the time before the pulse may show it, the likeliest first
     harmonics : tuple of the harmonics of hum before the pulse: order, share of the first one, and
         phase against as many turns of it, rad
     most_hum : float, m/s, how large hum may be by the time before the pulse
@@ -84,7 +84,7 @@ class DropContext:
     flat: tuple[float | None, ...] = ()
     flat_load: float | None = None
     rest: tuple[float, ...] = ()
-    hum: tuple[float, float, float] | None = None
+    hum: tuple[tuple[float, float, float], ...] = ()
     harmonics: tuple[tuple[int, float, float], ...] = ()
     most_hum: float = np.inf
     plate_mass: float = 0.0

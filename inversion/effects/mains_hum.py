@@ -66,10 +66,14 @@ class MainsHum(Effect):
         amplitude, frequency, phase = self.parameters
         most = min(_USUAL, max(drop.most_hum, _LEAST))
         amplitude = replace(amplitude, prior=(0.0, most))
-        if drop.hum is None:
-            return amplitude, frequency, phase
-        told = zip((amplitude, frequency, phase), drop.hum, strict=True)
-        return tuple(replace(parameter, starts=(value,)) for parameter, value in told)
+        sizes, hertz, turns = zip(*drop.hum, strict=True) if drop.hum else ((), (), ())
+        # A short time tells little of it: a fit begins anywhere as well.
+        anywhere = amplitude.starts * len(frequency.starts)
+        return (
+            replace(amplitude, starts=(*sizes, *anywhere)),
+            replace(frequency, starts=(*hertz, *frequency.starts)),
+            replace(phase, starts=(*turns, *phase.starts)),
+        )
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """With the line and its harmonics, at every sensor; the phase counts turns at the start."""

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from inversion import Record, Sensor
 from inversion.diagnosis import PointRecords, diagnose_point
-from inversion.diagnosis.mains_line import find_line, most_hum
+from inversion.diagnosis.mains_line import Hum, find_line, hum_before
 from inversion.diagnosis.rest import drops_at_rest
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
@@ -41,10 +41,10 @@ def test_a_line_is_found_with_its_harmonics(frequency: float, velocity: bool) ->
     found = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, velocity=velocity)
     assert found is not None
     assert np.sqrt(np.mean(found.left**2)) == pytest.approx(small, rel=0.3)
-    amplitude, hertz, turns = found.at(0.5)
+    amplitude, hertz, turns = found.told
     assert (amplitude, hertz) == pytest.approx((3e-3, frequency), rel=0.02)
     # `hum` has its phase at the first sample, half a time before the pulse earlier.
-    expected = 0.7 / (2 * np.pi) + frequency * (0.5 * STEP * (time.size - 1) + 0.5)
+    expected = 0.7 / (2 * np.pi) + frequency * 0.5 * STEP * (time.size - 1)
     assert abs((turns - expected + 0.5) % 1.0 - 0.5) < 0.02
     (third, share, phase), (fifth, least, last) = found.harmonics
     assert (third, fifth) == (3, 5)
@@ -78,23 +78,28 @@ def test_how_large_hum_is_by_the_time_before_the_pulse(
     line = 3e-3 * np.sin(2 * np.pi * frequency * time + 0.4)
     if not velocity:
         line = -3e-3 / (2 * np.pi * frequency) * np.cos(2 * np.pi * frequency * time + 0.4)
-    assert most_hum(0.2 + line, STEP, velocity=velocity) == pytest.approx(3e-3, rel=rel)
+    found = hum_before(0.2 + line, STEP, velocity=velocity)
+    assert found.most == pytest.approx(3e-3, rel=rel)
+    (right,) = [line for line in found.lines if line[1] == frequency]
+    assert right[0] == pytest.approx(3e-3, rel=1e-6)
+    turns = 0.4 / (2 * np.pi) + frequency * time.mean()
+    assert abs((right[2] - turns + 0.5) % 1.0 - 0.5) < 1e-6
 
 
 def test_a_quiet_time_before_the_pulse_leaves_no_room_for_hum() -> None:
     # Ten samples of a record at 3.7 kHz that move by 10 nm.
     step, noise = 2.667e-4, np.random.default_rng(5).standard_normal((50, 10))
-    most = [most_hum(1e-8 * row, step, velocity=False) for row in noise]
+    most = [hum_before(1e-8 * row, step, velocity=False).most for row in noise]
     assert max(most) < 2e-4
     # More noise leaves more, a longer time less.
-    assert most_hum(1e-6 * noise[0], step, velocity=False) == pytest.approx(100 * most[0])
+    assert hum_before(1e-6 * noise[0], step, velocity=False).most == pytest.approx(100 * most[0])
     longer = np.random.default_rng(5).standard_normal(60)
-    assert most_hum(1e-8 * longer, step, velocity=False) < 0.1 * np.median(most)
+    assert hum_before(1e-8 * longer, step, velocity=False).most < 0.1 * np.median(most)
 
 
 @pytest.mark.parametrize("samples", [0, 3])
 def test_too_few_samples_tell_nothing_of_hum(samples: int) -> None:
-    assert most_hum(np.zeros(samples), STEP, velocity=True) == np.inf
+    assert hum_before(np.zeros(samples), STEP, velocity=True) == Hum(np.inf, ())
 
 
 @pytest.fixture(scope="module")
@@ -118,11 +123,12 @@ def test_hum_before_the_pulse_tells_where_its_fit_begins(
     load = np.concatenate([np.zeros(before), drop.load])
     sensor = Sensor(0.0, "velocity" if velocity else "displacement", values)
     (at_rest,) = drops_at_rest([Record(time, load, (sensor,), Instrument(0.15))])
-    assert at_rest.hum is not None
-    amplitude, frequency, phase = at_rest.hum
-    assert (amplitude, frequency) == pytest.approx((0.02, 60.0), rel=0.05)
     turns = (0.3 if velocity else 0.7) / (2 * np.pi) + 60.0 * at_rest.drop.start
-    assert abs((phase - turns + 0.5) % 1.0 - 0.5) < 0.05
+    # The line that was found, and the one of the right mains whether one was found or not.
+    assert len(at_rest.hum) == 3
+    for amplitude, frequency, phase in (at_rest.hum[0], at_rest.hum[2]):
+        assert (amplitude, frequency) == pytest.approx((0.02, 60.0), rel=0.2)
+        assert abs((phase - turns + 0.5) % 1.0 - 0.5) < 0.05
 
 
 def test_hum_that_was_there_before_the_pulse_is_found(drop: SimulatedDrop) -> None:

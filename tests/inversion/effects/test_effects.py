@@ -508,10 +508,15 @@ def test_hum_begins_at_either_mains_with_every_phase() -> None:
 
 
 def test_hum_begins_where_the_time_before_the_pulse_tells() -> None:
-    told = (4e-3, 59.75, 0.3)
+    told = ((4e-3, 59.75, 0.3), (3e-3, 50.0, 0.8))
     own = BY_NAME["mains_hum"].parameters_for(context(hum=told, most_hum=5e-3))
-    assert [parameter.starts for parameter in own] == [(value,) for value in told]
-    assert own[0].prior == (0.0, 5e-3)
+    begun = list(zip(*(parameter.starts for parameter in own), strict=True))
+    assert tuple(begun[:2]) == told
+    # Or anywhere.
+    _, frequency, phase = BY_NAME["mains_hum"].parameters
+    anywhere = zip(frequency.starts, phase.starts, strict=True)
+    assert begun[2:] == [(2e-3, hertz, turns) for hertz, turns in anywhere]
+    assert len(begun) == 10
 
 
 @pytest.mark.parametrize(
