@@ -490,7 +490,7 @@ class Search:
             tangents.append((values, Tangent.of(_at(smaller, device, own))))
         looked: list[tuple[float, int, Effect, list[Start]]] = []
         for effect in effects:
-            if not self._fits(effect, beside.effects):
+            if not self._fits(effect, beside.effects) or self._is_no_noise(effect):
                 continue
             ordered = self._ordered((*beside.effects, effect))
             problem = self._problem(ordered)
@@ -517,6 +517,15 @@ class Search:
             looked.append((score, len(looked), effect, [start for _, _, start in tried]))
         looked.sort(key=lambda item: item[:2])
         return [(effect, starts) for _, _, effect, starts in looked]
+
+    def _is_no_noise(self, effect: Effect) -> bool:
+        """Whether an effect that looks like noise is none: far more is left than noise, and no line
+        of it shows before the pulse.
+        """
+        if not (self.scope.plain and effect.looks_like_noise):
+            return False
+        drops = [model.context for point in self.points for model in point.drops]
+        return not any(drop.harmonics for drop in drops)
 
     def _led_by_records(self) -> list[Candidate]:
         """Sets of effects for which the records themselves tell where a fit begins.

@@ -45,8 +45,9 @@ _FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.0
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
 # So many points of a device are looked at from nothing first, where there are twice as many or
-# more; others that leave so much more than these in the middle are, too.
-_FIRST, _WORSE = 4, 1.5
+# more; others that leave so much more than these in the middle are, too; and with the device those
+# that leave so much more than all of them in the middle.
+_FIRST, _WORSE, _WORSE_WITH_DEVICE = 4, 1.5, 1.2
 # Of an effect that points of a device share; and the part of a range at whose end it does nothing.
 _MOST_ALTERNATIVES, _AT_END = 2, 2e-3
 
@@ -96,16 +97,15 @@ def looked_at_first(
     worse = [
         point
         for point, _ in short
-        if _is_sound(d := found[id(point)]) and _ended_worse(d, usual[str(point.device)])
+        if _is_sound(d := found[id(point)]) and _ended_worse(d, _WORSE * usual[str(point.device)])
     ]
     told.total += len(worse)
     look_at(worse, [Look(brief=True)] * len(worse))
     return found, {id(point) for point, _ in short}
 
 
-def _ended_worse(found: PointDiagnosis, usual: float) -> bool:
-    left = found.after.residual_rms_over_peak
-    return found.verdict == "unexplained" and left > _WORSE * usual
+def _ended_worse(found: PointDiagnosis, than: float) -> bool:
+    return found.verdict == "unexplained" and found.after.residual_rms_over_peak > than
 
 
 def _by_device(work: Sequence[DiagnosisPoint]) -> dict[str, list[DiagnosisPoint]]:
@@ -200,7 +200,7 @@ def _look_again_at_worse(
     worse = [
         place
         for place, (one, found) in enumerate(zip(asked, anew, strict=True))
-        if _is_sound(found) and _ended_worse(found, usual[one.point.device])
+        if _is_sound(found) and _ended_worse(found, _WORSE_WITH_DEVICE * usual[one.point.device])
     ]
     told.total += len(worse)
     looks = [Look(device=asked[place].look.device, leave_out=leave_out) for place in worse]

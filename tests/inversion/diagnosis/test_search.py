@@ -13,7 +13,7 @@ import pytest
 from inversion import Sensor, SurrogateLibrary
 from inversion.diagnosis import search as module
 from inversion.diagnosis.model import ALIKE as PLAIN
-from inversion.diagnosis.model import WHOLE, PointRecords
+from inversion.diagnosis.model import WHOLE, FitScope, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import ALIKE, ENOUGH, EXPLAINED, NOISE, WORTH, Search
 from inversion.effects import CATALOGUE, DropContext, Effect, Parameter
@@ -573,6 +573,23 @@ def test_a_set_of_which_more_is_asked_is_followed_to_its_end(bench: Bench) -> No
     quiet = bench.search((A, B), {"a": MUCH}, rest=0.9)
     found = quiet.candidate((A,))
     assert quiet._settled(found) is found
+
+
+@pytest.mark.parametrize(
+    ("scope", "shows", "offered"),
+    [(WHOLE, False, True), (PLAIN, False, False), (PLAIN, True, True)],
+)
+def test_where_far_more_than_noise_is_left_what_looks_like_it_has_to_show_before_the_pulse(
+    scope: FitScope, shows: bool, offered: bool, bench: Bench
+) -> None:
+    hum = Toy("a", looks_like_noise=True)
+    search = bench.search((hum, B), {"a": MUCH, "b": MUCH}, rest=2.0)
+    search.scope = scope
+    drop = search.points[0].drops[0]
+    drop.context = replace(drop.context, harmonics=((3, 0.2, 0.0),) if shows else ())
+    base = search.candidate(())
+    named = {e.name for e, _ in search._promising(base, search.catalogue, [{}])}
+    assert named == ({"a", "b"} if offered else {"b"})
 
 
 def test_where_other_fits_ended_a_set_is_followed_to_its_end(

@@ -187,7 +187,7 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
 
 @pytest.mark.parametrize(
     ("left", "other", "again", "taken"),
-    [(0.0149, 0.01, False, False), (0.0151, 0.01, True, True), (0.0151, 0.0152, True, False)],
+    [(0.0119, 0.01, False, False), (0.0121, 0.01, True, True), (0.0121, 0.0122, True, False)],
 )
 def test_what_ends_worse_with_its_device_begins_from_nothing(
     monkeypatch: pytest.MonkeyPatch, left: float, other: float, again: bool, taken: bool
