@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from inversion.arrays import FloatArray
 from inversion.measured.record import PreparedDrop, Record, noise_before
 
-# Hz: mains and what generators make of them.
-_FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in (50.0, 60.0)])
+# Hz: mains, and what generators make of them.
+_MAINS = (50.0, 60.0)
+_FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in _MAINS])
 # Of a turn of the slowest line: what is shorter may be any slow noise.
 _LEAST_TURN = 0.6
 # Rectifiers and transformers make odd harmonics.
@@ -100,7 +101,7 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
     """
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     most, lines = 0.0, []
-    for frequency in (50.0, 60.0):
+    for frequency in _MAINS:
         turn = 2.0 * np.pi * frequency * time
         columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
         if quiet.size <= columns.shape[1]:

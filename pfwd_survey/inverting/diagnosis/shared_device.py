@@ -2,7 +2,8 @@
 
 Of a survey a few points are looked at from nothing.  Where they show something of the device, the
 others begin where these ended, and from nothing only if they end worse.  Then the device is asked
-of all points together, and each point again with what they say.
+of all points together, and each point again with what they say; what then ends worse than the
+others begins once more from nothing.
 """
 
 from __future__ import annotations

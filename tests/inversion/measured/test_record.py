@@ -239,6 +239,14 @@ def test_channels_at_rest_are_not_held() -> None:
     assert drop.tail_end == pytest.approx(drop.time[-1])
 
 
+def test_channels_that_come_to_rest_together_are_not_held() -> None:
+    # Both by the smallest step there is, and not all of a sudden.
+    time = time_axis(end=0.3)
+    displacement = np.round(swing(time)[1], 6)
+    drop = prepare(make_record(displacement, "displacement", 1e7 * displacement, time))
+    assert drop.tail_end == pytest.approx(drop.time[-1])
+
+
 def test_one_channel_that_stands_ends_nothing() -> None:
     record = makers_record(27)
     moves = Sensor(0.3, "displacement", 0.5 * swing(record.time)[1])
