@@ -1,6 +1,6 @@
 """From the residual to the effect: the diagnosis of points and surveys."""
 
-from inversion.diagnosis.device import fit_device
+from inversion.diagnosis.device import cost_of_sharing, fit_device
 from inversion.diagnosis.diagnose import diagnose_point
 from inversion.diagnosis.findings import (
     DeviceFindings,
@@ -27,6 +27,7 @@ __all__ = [
     "PointDiagnosis",
     "PointRecords",
     "UnknownKey",
+    "cost_of_sharing",
     "diagnose_point",
     "fit_device",
     "left_out_error",

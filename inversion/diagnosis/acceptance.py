@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from inversion.diagnosis.findings import MOST_LEFT
 from inversion.diagnosis.prediction import residual_over_peak
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
@@ -18,8 +19,6 @@ _MANY_RECORDS, _RECORDS_PER_EFFECT = 12, 6
 _SLOW_NOISE, _SLOW_BESIDE = 3.0, 2.0
 # Standard deviations by which a value may miss what is usual.
 _CHANCE = 2.0
-# Of the residual: effects that leave more of it are not what is behind it.
-_MOST_LEFT = 0.5
 # Distances of sensors from which on layers are told though much is left: fewer cannot tell the
 # bowl of a layer from that of whatever is left.
 _DISTANCES_FOR_LAYERS = 4
@@ -38,10 +37,10 @@ def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     alone = len(best.effects) == 1 and best.fit.excess <= EXPLAINED
     if layered and not alone and _distances(point) < _DISTANCES_FOR_LAYERS:
         return False
-    if best.over_noise <= _MOST_LEFT * base.over_noise:
+    if best.over_noise <= MOST_LEFT * base.over_noise:
         return True
     left = residual_over_peak(point, best)
-    return left <= _MOST_LEFT * residual_over_peak(point, base)
+    return left <= MOST_LEFT * residual_over_peak(point, base)
 
 
 def _distances(point: Point) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from inversion.diagnosis.findings import (
 from inversion.diagnosis.fit import Fit, fit
 from inversion.diagnosis.model import ALIKE, WHOLE, PointRecords
 from inversion.diagnosis.problem import Point, Problem, Unknown
+from inversion.diagnosis.search import WORTH
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.forward.library import SurrogateLibrary
@@ -52,7 +54,14 @@ def fit_device(
         weight = max(1.0, float(np.median(left)))
         plain = 2 * sum(diagnosis.plain for diagnosis in found) > len(found)
         scope = ALIKE if plain else WHOLE
-        problem = Problem(made, _union(local), local=local, prior_weight=weight, scope=scope)
+        problem = Problem(
+            made,
+            _union(local),
+            local=local,
+            prior_weight=weight,
+            scope=scope,
+            scales=[max(1.0, one) / weight for one in left],
+        )
         device = np.array([_known_unit_value(unknown, found) for unknown in problem.device])
         owns = [
             np.array([_own_unit_value(unknown, diagnosis.values) for unknown in own])
@@ -71,6 +80,20 @@ def fit_device(
     drops = sum(len(point.drops) for point in made)
     values = _device_values(result, result.device)
     return DeviceFindings(values, spread, drops, of_others=of_others)
+
+
+def cost_of_sharing(device: DeviceValues, samples: float) -> float:
+    """What device effects cost in evidence that points share: their numbers once for all of them.
+
+    Every effect has to be worth as much more than its numbers as within a point.
+
+    Parameters
+    ----------
+    device : values, by effect and parameter
+    samples : float, independent ones of all points
+    """
+    numbers = sum(len(values) for values in device.values())
+    return numbers * math.log(samples) + WORTH * len(device)
 
 
 def _device_values(found: Fit, device: FloatArray) -> DeviceValues:

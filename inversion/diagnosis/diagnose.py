@@ -269,6 +269,7 @@ def _told(
         held_out_by=tuple(held_out),
         values=search.values(best),
         plain=search.scope.plain,
+        independent=search.independent,
     )
 
 

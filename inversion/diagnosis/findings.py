@@ -15,6 +15,8 @@ UnknownKey = tuple[int, str, str, int | None]
 """Number of the point, effect ("": the ground), parameter, place of the drop (None: all)."""
 # Of the peak: a point of which no more is left may be corrected, though it is not explained.
 NEARLY_EXPLAINED = 0.02
+# Of the residual: effects that leave more of it are not what is behind it.
+MOST_LEFT = 0.5
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell and sensors that
 # read too much or too little throughout, each by the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
@@ -158,6 +160,7 @@ class PointDiagnosis:
     held_out_by : tuple of HeldOutPart
     values : dict of all unknowns' values, from which a fit of the point may go on
     plain : bool, whether every sample counted alike, as much more than noise is left
+    independent : float, samples that count in the evidence of its effects
     """
 
     name: str
@@ -175,6 +178,28 @@ class PointDiagnosis:
     held_out_by: tuple[HeldOutPart, ...] = ()
     values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
     plain: bool = False
+    independent: float = math.nan
+
+    @property
+    def takes_most(self) -> bool:
+        """Whether the effects take at least half of the residual over the peak away."""
+        before, after = self.before.residual_rms_over_peak, self.after.residual_rms_over_peak
+        return after <= MOST_LEFT * before
+
+    def criterion(self, shared: DeviceValues | None = None) -> float:
+        r"""Bayesian information criterion :math:`N \ln r^2 + k \ln N`; smaller is better.
+
+        r is what is left over the peak, N the number of independent samples, k that of the
+        point's values.
+
+        Parameters
+        ----------
+        shared : device effects that are not the point's own, by effect and parameter
+        """
+        others = {(name, key) for name, values in (shared or {}).items() for key in values}
+        own = sum((name, key) not in others for _, name, key, _ in self.values)
+        misfit = 2.0 * self.independent * math.log(self.after.residual_rms_over_peak)
+        return misfit + own * math.log(self.independent)
 
     @property
     def corrected(self) -> bool:

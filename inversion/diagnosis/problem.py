@@ -227,6 +227,8 @@ class Problem:
     held : places of a point's unknowns, the device's first, that stay as they are
     spread : mapping of deviations of what is given, by effect and parameter: it may move so far;
         what has none is held
+    scales : of each point, by what its residuals are divided: what leaves much tells little of what
+        points share; None: all count alike
     """
 
     def __init__(
@@ -242,8 +244,10 @@ class Problem:
         silent: Collection[int] = (),
         held: Collection[int] = (),
         spread: Mapping[str, Mapping[str, float]] | None = None,
+        scales: Sequence[float] | None = None,
     ) -> None:
         self.prior_weight = prior_weight
+        self.scales = scales
         self.points = tuple(points)
         self.effects = tuple(effects)
         self.fixed = fixed or {}
@@ -341,8 +345,12 @@ class Problem:
         known = self._residuals.get(place)
         if known is None:
             known = np.concatenate(self._residuals_of_drops(index, device, own))
+            known /= self._scale(index)
             _keep(self._residuals, place, known, _RESIDUALS)
         return known
+
+    def _scale(self, index: int) -> float:
+        return 1.0 if self.scales is None else self.scales[index]
 
     def _residuals_of_drops(
         self, index: int, device: FloatArray, own: FloatArray
@@ -484,6 +492,7 @@ class Problem:
             predicted = model.predict_nearby(ground, active, moved)
             self.solves += len(columns)
             there_moved = model.weighted_residuals(predicted, self.scope, self.silent)
+            there_moved /= self._scale(index)
             part = slice(rows[number], rows[number + 1])
             result[part, columns] = ((there_moved - there[part]) / steps[columns, None]).T
         return result

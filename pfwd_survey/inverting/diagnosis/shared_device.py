@@ -37,6 +37,7 @@ from pfwd_survey.inverting.diagnosis.points import (
     Workers,
     diagnose_all,
 )
+from pfwd_survey.inverting.diagnosis.rival_device import are_plain, find_rival, gain, looks_with
 
 Found = dict[int, PointDiagnosis | str]
 """Diagnoses, or why there is none, by the identity of the point."""
@@ -51,6 +52,8 @@ _COMMON = 0.2
 _FIRST, _WORSE, _WORSE_WITH_DEVICE = 4, 1.5, 1.2
 # Of an effect that points of a device share; and the part of a range at whose end it does nothing.
 _MOST_ALTERNATIVES, _AT_END = 2, 2e-3
+# Deviations by which a value may miss the one that does nothing.
+_CHANCE = 2.0
 
 
 def looked_at_first(
@@ -85,9 +88,8 @@ def looked_at_first(
             anew += points
             continue
         likely, begun = _shown(shown, ())
-        plain = 2 * sum(d.plain for d in shown) > len(shown)
         starts = [begun, *(d.values for d in shown)]
-        look = Look(likely=sorted(likely), begun=starts, plain=plain, brief=True)
+        look = Look(likely=sorted(likely), begun=starts, plain=are_plain(shown), brief=True)
         short += [(point, look) for point in points]
         usual[device] = _median([d.after.residual_rms_over_peak for d in shown])
     default = Look(leave_out=leave_out)
@@ -102,7 +104,65 @@ def looked_at_first(
     ]
     told.total += len(worse)
     look_at(worse, [Look(brief=True)] * len(worse))
-    return found, {id(point) for point, _ in short}
+    return found, {id(point) for point, _ in short} | _looked_at_with_rivals(
+        _by_device(work), found, workers, told
+    )
+
+
+def _looked_at_with_rivals(
+    devices: Mapping[str, Sequence[DiagnosisPoint]], found: Found, workers: Workers, told: Told
+) -> set[int]:
+    """Where device effects that few points show tell all better, all have them from here on.
+
+    Some of the others are asked first; only where they gain by it, the rest.
+
+    Returns
+    -------
+    Identities of the points whose diagnoses are others now, in brief.
+    """
+    tried = {}
+    for device, points in devices.items():
+        alone = [found[id(point)] for point in points]
+        rival = find_rival(alone, _device_names([d for d in alone if _is_sound(d)]))
+        if rival is not None:
+            tried[device] = (points, alone, rival)
+    answers: dict[str, dict[int, PointDiagnosis | str]] = {device: {} for device in tried}
+    for part in (slice(_FIRST), slice(_FIRST, None)):
+        asked = [
+            (device, place, look)
+            for device, (_, alone, rival) in tried.items()
+            for place in rival.others[part]
+            for look in looks_with(rival, alone)
+        ]
+        if not asked:
+            break
+        told.total += len(asked)
+        diagnoses = diagnose_all(
+            [tried[device][0][place] for device, place, _ in asked],
+            [look for _, _, look in asked],
+            workers,
+            told,
+        )
+        for (device, place, look), diagnosis in zip(asked, diagnoses, strict=True):
+            if _is_sound(diagnosis):
+                diagnosis = with_device(diagnosis, given_device(look.device or {}, look.spread))
+            known = answers[device].setdefault(place, diagnosis)
+            answers[device][place] = min(known, diagnosis, key=_criterion)
+        tried = {
+            device: (points, alone, rival)
+            for device, (points, alone, rival) in tried.items()
+            if gain(rival, alone, answers[device], paid=part.stop is None) > 0.0
+        }
+    anew: set[int] = set()
+    for device, (points, _, _) in tried.items():
+        for place, diagnosis in answers[device].items():
+            found[id(points[place])] = diagnosis
+            anew.add(id(points[place]))
+    return anew
+
+
+def _criterion(found: PointDiagnosis | str) -> float:
+    return found.criterion() if _is_sound(found) else math.inf
 
 
 def _ended_worse(found: PointDiagnosis, than: float) -> bool:
@@ -133,13 +193,11 @@ def looked_at_with_device(
     alone = [[d for p in sound if _is_sound(d := found[id(p)])] for _, sound in surveys]
     records = [[point.records for point in sound] for _, sound in surveys]
     asked: list[_Asked] = []
-    for (points, sound), own, device in zip(
+    for (points, sound), own, findings in zip(
         surveys, alone, workers.map(_device_findings, records, alone), strict=True
     ):
-        if device is None:
+        if findings is None:
             continue
-        by_points = [values for d in own if (values := _device_values(d, device)) is not None]
-        findings = _with_spread(device, by_points)
         looks = _looks_of_survey([found[id(point)] for point in points], findings)
         of_others = _of_others(points, sound, findings)
         others = _alternatives(own)
@@ -158,14 +216,15 @@ def looked_at_with_device(
         told,
     )
     _look_again_at_worse(asked, anew, within, workers, told)
+    by_itself = _look_without_device(asked, anew, leave_out, workers, told)
     errors: list[HeldOutPart | None] = [None] * len(asked)
     if as_points:
         errors = _left_out_errors(asked, anew, workers)
     again: Found = {}
     for one, found_anew, error in zip(asked, anew, errors, strict=True):
         place = id(one.point)
-        if isinstance(found_anew, str):
-            again[place] = found_anew
+        if place in by_itself or isinstance(found_anew, str):
+            again[place] = by_itself.get(place, found_anew)
             continue
         diagnosis = with_device(found_anew, one.findings, one.alternatives)
         contradicting = _contradictions(found[place], one.findings)
@@ -216,6 +275,38 @@ def _look_again_at_worse(
             anew[place] = other
 
 
+def _look_without_device(
+    asked: Sequence[_Asked],
+    anew: Sequence[PointDiagnosis | str],
+    leave_out: LeaveOut | None,
+    workers: Workers,
+    told: Told,
+) -> Found:
+    """Of points of which more is left with the device than without anything: each by itself."""
+    worse = [
+        (one.point, found)
+        for one, found in zip(asked, anew, strict=True)
+        if _is_sound(found)
+        and found.after.residual_rms_over_peak > found.before.residual_rms_over_peak
+    ]
+    told.total += len(worse)
+    look = Look(leave_out="drop" if leave_out in (None, "point") else leave_out)
+    others = diagnose_all([p for p, _ in worse], [look] * len(worse), workers, told)
+    by_itself: Found = {}
+    for (point, found), other in zip(worse, others, strict=True):
+        if _is_sound(other):
+            left, without = (
+                100 * state.residual_rms_over_peak for state in (found.after, found.before)
+            )
+            said = (
+                f"the device of the other points leaves {left:.2g} % of the peak here, the base "
+                f"model alone {without:.2g} %: the record contradicts them, and is told by itself"
+            )
+            other = replace(other, warnings=(*other.warnings, said))
+        by_itself[id(point)] = other
+    return by_itself
+
+
 @dataclass(frozen=True, eq=False)
 class _Asked:
     """A point that is looked at with its device.
@@ -240,16 +331,17 @@ def _is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
     return isinstance(found, PointDiagnosis)
 
 
-def _with_spread(findings: DeviceFindings, alone: Sequence[DeviceValues]) -> DeviceFindings:
+def _with_spread(findings: DeviceFindings, alone: Sequence[PointDiagnosis]) -> DeviceFindings:
     """By how much points differ of which each was asked by itself, and what that leaves unknown.
 
     The middle of several points is known by the root of their number better than one of them.
     """
+    by_points = [own for d in alone if (own := _device_values(d, findings)) is not None]
     spread: DeviceValues = {}
     deviations: DeviceValues = {}
     for name, values in findings.values.items():
         for key in values:
-            shown = [own[name][key] for own in alone]
+            shown = [own[name][key] for own in by_points]
             if len(shown) < _FEWEST_FOR_SPREAD:
                 continue
             middle = _median(shown)
@@ -396,21 +488,35 @@ def _device_findings(
     if not names:
         return None
     library = SurrogateLibrary()
-    findings = fit_device(records, diagnoses, names, library)
-    there = [name for name in names if not _is_absent(name, findings.values[name])]
-    if there == names:
-        return findings
-    return fit_device(records, diagnoses, there, library) if there else None
+    findings = _with_spread(fit_device(records, diagnoses, names, library), diagnoses)
+    there = [
+        name
+        for name in names
+        if not _is_absent(name, findings.values[name], findings.deviations[name])
+    ]
+    if there == names or not there:
+        return findings if there else None
+    return _with_spread(fit_device(records, diagnoses, there, library), diagnoses)
 
 
-def _is_absent(name: str, values: Mapping[str, float]) -> bool:
-    """Whether all points together take an effect to the bound where it does nothing."""
-    ends = []
+def _is_absent(name: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> bool:
+    """Whether all points together say that an effect does nothing, or nothing for certain.
+
+    An effect that is absent at a bound is, where its numbers sit there; one that is absent in the
+    middle of a range where its numbers are so near that chance may have brought them away.
+    """
+    ends, middles = [], []
     for p in BY_NAME[name].parameters:
-        absent = None if p.absent is None else p.unit_value(p.absent)
-        if absent is not None and absent in (0.0, 1.0):
+        if p.absent is None:
+            continue
+        absent = p.unit_value(p.absent)
+        if absent in (0.0, 1.0):
             ends.append(abs(p.unit_value(values[p.name]) - absent) < _AT_END)
-    return bool(ends) and all(ends)
+        else:
+            away = abs(values[p.name] - p.absent)
+            middles.append(away < _CHANCE * deviations[p.name])
+    there = ends or middles
+    return bool(there) and all(there)
 
 
 def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:

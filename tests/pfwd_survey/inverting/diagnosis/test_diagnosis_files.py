@@ -165,7 +165,7 @@ def test_points_that_contradict_the_device_say_so() -> None:
         )
 
     findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
-    shown = [{"sensor_lag": {"delay": 6e-4 + step * 1e-5}} for step in (-2, -1, 0, 1, 2)]
+    shown = [of(6e-4 + step * 1e-5) for step in (-2, -1, 0, 1, 2)]
     wide = shared_device._with_spread(findings, shown)
     assert wide.spread["sensor_lag"]["delay"] == pytest.approx(1.4826e-5)
     expected = np.hypot(1e-5, 1.4826e-5 / np.sqrt(5))

@@ -19,6 +19,7 @@ from pfwd_survey.inverting.diagnosis.shared_device import (
     _Asked,
     _device_findings,
     _look_again_at_worse,
+    _look_without_device,
     _looks_of_survey,
     looked_at_first,
     with_device,
@@ -28,19 +29,36 @@ LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
 SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
 
 
+GEOPHONE = (
+    ("geophone_response", "device", "natural_frequency", "Hz", 4.5),
+    ("geophone_response", "device", "damping", "-", 0.5),
+)
+
+
 def diagnosis(left: float, *effects: Any, plain: bool = True) -> PointDiagnosis:
-    """A point that leaves so much of its peak, with these effects."""
+    """A point that leaves so much of its peak, with these effects, a tuple for each number."""
     state = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, left, left, 1e5, 4e7)
+    scopes = {name: scope for name, scope, *_ in effects}
     found = tuple(
         FoundEffect(
-            name, scope, "", (FoundParameter(key, unit, value, 1e-6, None, False),), 50.0, ()
+            name,
+            scope,
+            "",
+            tuple(
+                FoundParameter(key, unit, value, 1e-6, None, False)
+                for of, _, key, unit, value in effects
+                if of == name
+            ),
+            50.0,
+            (),
         )
-        for name, scope, key, unit, value in effects
+        for name, scope in scopes.items()
     )
     values = {(0, name, key, None): value for name, _, key, _, value in effects}
+    before = replace(state, residual_rms_over_peak=0.3)
     return PointDiagnosis(
-        "A", (1,), "unexplained", 1e-6, state, state, found, None, None, (), (),
-        values={(0, "", "modulus_ratio", None): 0.5, **values}, plain=plain,
+        "A", (1,), "unexplained", 1e-6, before, state, found, None, None, (), (),
+        values={(0, "", "modulus_ratio", None): 0.5, **values}, plain=plain, independent=40.0,
     )  # fmt: skip
 
 
@@ -125,8 +143,8 @@ def test_where_nothing_is_the_devices_all_are_looked_at_from_nothing(
     cold = [diagnosis(0.01, LAG)] + [diagnosis(0.01, SEATING)] * 8
     survey = Survey(monkeypatch, cold)
     assert survey.first()[1] == set()
-    assert {look.likely for _, look in survey.looks} == {()}
-    assert not any(look.brief for _, look in survey.looks)
+    assert {look.likely for _, look in survey.looks if not look.device} == {()}
+    assert not any(look.brief for _, look in survey.looks if not look.device)
 
 
 def test_points_without_a_device_share_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,15 +244,20 @@ def test_points_of_two_devices_are_looked_at_together(monkeypatch: pytest.Monkey
     assert [likely[place] for place in (1, 9)] == [["sensor_lag"], ["load_filter"]]
 
 
+KNOWN = {
+    "geophone_response": {"natural_frequency": 0.1, "damping": 0.01},
+    "sensor_lag": {"delay": 1e-5},
+}
+
+
 @pytest.mark.parametrize(
     ("frequency", "fits"), [(0.15, 2), (0.1515, 2), (0.155, 1), (4.5, 1), (30.0, 1)]
 )
 def test_a_device_effect_that_all_points_take_to_nothing_is_none(
     monkeypatch: pytest.MonkeyPatch, frequency: float, fits: int
 ) -> None:
-    geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
     records: Any = [object()] * 3
-    found = [diagnosis(0.01, LAG, geophone)] * 3
+    found = [diagnosis(0.01, LAG, *GEOPHONE)] * 3
     asked: list[list[str]] = []
 
     def fit_device(records: Any, diagnoses: Any, names: Any, library: Any) -> DeviceFindings:
@@ -243,7 +266,7 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
             "geophone_response": {"natural_frequency": frequency, "damping": 0.5},
             "sensor_lag": {"delay": 6e-4},
         }
-        return DeviceFindings({name: values[name] for name in names}, {}, 9)
+        return DeviceFindings({name: values[name] for name in names}, KNOWN, 9)
 
     monkeypatch.setattr(shared_device, "fit_device", fit_device)
     findings = _device_findings(records, found)
@@ -251,15 +274,139 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
     assert len(asked) == fits
     assert set(asked[0]) == {"geophone_response", "sensor_lag"}
     assert set(findings.values) == (set(asked[0]) if fits == 1 else {"sensor_lag"})
-    # A lag of nothing lies in the middle of its range, where noise puts it as well.
     assert math.isclose(findings.values["sensor_lag"]["delay"], 6e-4)
 
 
 def test_where_all_of_the_device_is_nothing_there_is_no_device(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    geophone = ("geophone_response", "device", "natural_frequency", "Hz", 4.5)
     records: Any = [object()] * 2
     values = {"geophone_response": {"natural_frequency": 0.15, "damping": 0.5}}
-    monkeypatch.setattr(shared_device, "fit_device", lambda *_: DeviceFindings(values, {}, 9))
-    assert _device_findings(records, [diagnosis(0.01, geophone)] * 2) is None
+    monkeypatch.setattr(shared_device, "fit_device", lambda *_: DeviceFindings(values, KNOWN, 9))
+    assert _device_findings(records, [diagnosis(0.01, *GEOPHONE)] * 2) is None
+
+
+@pytest.mark.parametrize(
+    ("delay", "deviation", "spread", "there"),
+    [
+        (6e-4, 2.9e-4, 0.0, True),
+        (6e-4, 3.1e-4, 0.0, False),
+        (-6e-4, 3.1e-4, 0.0, False),
+        # Points that contradict each other leave it open, however sure their fit is.
+        (6e-4, 1e-5, 9e-4, False),
+        (6e-4, 1e-5, 3e-4, True),
+    ],
+)
+def test_a_lag_that_may_as_well_be_none_is_none(
+    monkeypatch: pytest.MonkeyPatch, delay: float, deviation: float, spread: float, there: bool
+) -> None:
+    points = [
+        diagnosis(0.01, (*LAG[:-1], delay + step * spread / 1.4826)) for step in (-2, -1, 0, 1, 2)
+    ]
+    found = DeviceFindings(
+        {"sensor_lag": {"delay": delay}}, {"sensor_lag": {"delay": deviation}}, 9
+    )
+    monkeypatch.setattr(shared_device, "fit_device", lambda *_: found)
+    records: Any = [object()] * 5
+    assert (_device_findings(records, points) is not None) == there
+
+
+class Rivals(Survey):
+    """Where points are looked at with a geophone, they leave this much."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, cold: Sequence[Any], left: Any) -> None:
+        super().__init__(patch, cold, warm=diagnosis(0.02, LAG))
+        self._left = left
+
+    def _diagnose_all(
+        self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
+    ) -> Any:
+        found = iter(super()._diagnose_all(points, looks, workers, told))
+        return [
+            diagnosis(self._left(point.place, look), *GEOPHONE) if look.device else next(found)
+            for point, look in zip(points, looks, strict=True)
+        ]
+
+
+def survey_of_rivals(patch: pytest.MonkeyPatch, left: Any, count: int = 7) -> Rivals:
+    """One of its points shows a geophone, and all the others a lag."""
+    cold = [diagnosis(0.02, LAG) for _ in range(count)]
+    cold[3] = diagnosis(0.015, *GEOPHONE, SEATING)
+    return Rivals(patch, cold, left)
+
+
+def with_rival(survey: Rivals) -> list[tuple[int, Look]]:
+    return [(place, look) for place, look in survey.looks if look.device]
+
+
+def test_what_one_point_shows_is_tried_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    survey = survey_of_rivals(monkeypatch, lambda place, look: 0.011 if look.begun else 0.012)
+    found, brief = survey.first()
+    asked = with_rival(survey)
+    # From nothing and as the one that shows it ended; of the first four, then of the others.
+    assert [place for place, _ in asked] == [0, 0, 1, 1, 2, 2, 4, 4, 5, 5, 6, 6]
+    assert survey.calls == [7, 0, 0, 8, 4]
+    given = {"geophone_response": {"natural_frequency": 4.5, "damping": 0.5}}
+    for _, look in asked:
+        assert look.device == given
+        assert look.spread is not None
+        assert look.spread["geophone_response"]["natural_frequency"] == pytest.approx(0.675)
+        assert look.brief
+        assert look.plain
+    assert asked[0][1].begun == ()
+    assert asked[1][1].begun == [survey.cold[3].values]
+    assert asked[1][1].likely == ["seating"]
+    assert brief == {0, 1, 2, 4, 5, 6}
+    for place in brief:
+        # The better one of both counts, with the device among what it shows.
+        assert found[place].after.residual_rms_over_peak == 0.011
+        assert "geophone_response" in {effect.name for effect in found[place].effects}
+    assert found[3] is survey.cold[3]
+
+
+def test_what_the_first_of_the_others_do_not_gain_by_is_not_tried_on_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    survey = survey_of_rivals(monkeypatch, lambda place, look: 0.021)
+    found, brief = survey.first()
+    assert [place for place, _ in with_rival(survey)] == [0, 0, 1, 1, 2, 2, 4, 4]
+    assert brief == set()
+    assert [found[place] for place in range(7)] == survey.cold
+
+
+@pytest.mark.parametrize(("left", "wins"), [(0.0202, True), (0.0203, False)])
+def test_what_tells_no_more_than_it_costs_is_not_the_devices(
+    monkeypatch: pytest.MonkeyPatch, left: float, wins: bool
+) -> None:
+    """Each point loses a lag, but leaves more; two numbers and an effect are paid for once.
+
+    6 (ln 40 - 80 ln(left / 0.02)) + 2 ln 40 against 2 ln 280 + 12: even at 0.02026.
+    """
+    survey = survey_of_rivals(monkeypatch, lambda place, look: left)
+    found, brief = survey.first()
+    assert len(with_rival(survey)) == 12
+    assert bool(brief) == wins
+    assert ([found[place] for place in range(7)] == survey.cold) != wins
+
+
+def test_a_record_that_contradicts_the_device_is_told_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    survey = Survey(monkeypatch, [diagnosis(0.25, SEATING)] * 4)
+    device = {"sensor_lag": {"delay": 6e-4}}
+    asked = [
+        _Asked(point, Look(device=device), DeviceFindings(device, {}, 9), None, {})
+        for point in survey.points
+    ]
+    # 30 % are left of the base model.
+    anew: list[Any] = [diagnosis(0.01), diagnosis(0.31), "no load", diagnosis(0.3)]
+    told = Told(None, "", 4)
+    found = _look_without_device(asked, anew, None, Workers(1), told)
+    assert survey.looks == [(1, Look(leave_out="drop"))]
+    assert told.total == 5
+    assert list(found) == [id(survey.points[1])]
+    (other,) = found.values()
+    assert isinstance(other, PointDiagnosis)
+    assert other.effects == survey.cold[1].effects
+    (said,) = other.warnings
+    assert "leaves 31 % of the peak here, the base model alone 30 %" in said

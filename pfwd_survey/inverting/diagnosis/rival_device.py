@@ -1,0 +1,133 @@
+"""Device effects that few points show by themselves: tried on others, which may have missed them.
+
+What one instrument does to all its records hides behind the ground at one point and shows at
+another.  A point by itself cannot tell; the points together can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+from inversion.diagnosis import PointDiagnosis, cost_of_sharing
+from pfwd_survey.inverting.diagnosis.points import DeviceValues, Look
+
+# Deviation of what few points say of a device, relative: the others may move it so far.
+_LEFT_OPEN = 0.15
+# What leaves so many times more than the middle of the points does not tell what they share.
+_NO_WITNESS = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Device effects that some points show, and the others shall be looked at with.
+
+    Parameters
+    ----------
+    values, deviations : by effect and parameter
+    showing, others : places of the points that show them by themselves, and of those that do not
+    """
+
+    values: DeviceValues
+    deviations: DeviceValues
+    showing: tuple[int, ...]
+    others: tuple[int, ...]
+
+
+def find_rival(alone: Sequence[PointDiagnosis | str], usual: Collection[str]) -> Rival | None:
+    """The device of the point that leaves the least, of those that show what most do not.
+
+    Parameters
+    ----------
+    alone : diagnoses of points of one device, each by itself
+    usual : names of device effects that most of them show
+    """
+    sound = {place: d for place, d in enumerate(alone) if isinstance(d, PointDiagnosis)}
+    if len(sound) < 2:
+        return None
+    most = _NO_WITNESS * median(d.after.residual_rms_over_peak for d in sound.values())
+    witnesses = {
+        place: d
+        for place, d in sound.items()
+        if d.takes_most and d.after.residual_rms_over_peak <= most
+    }
+    shown = {place: _device_of(d) for place, d in witnesses.items()}
+    told = [place for place, device in shown.items() if not set(device) <= set(usual)]
+    if not told:
+        return None
+    best = min(told, key=lambda place: witnesses[place].after.residual_rms_over_peak)
+    names = set(shown[best])
+    showing = tuple(place for place, device in shown.items() if names <= set(device))
+    values = {
+        name: {key: median(shown[place][name][key] for place in showing) for key in parameters}
+        for name, parameters in shown[best].items()
+    }
+    deviations = {
+        name: {key: _LEFT_OPEN * abs(value) for key, value in parameters.items()}
+        for name, parameters in values.items()
+    }
+    others = tuple(place for place in shown if place not in showing)
+    return Rival(values, deviations, showing, others) if others else None
+
+
+def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> list[Look]:
+    """How a point that did not show it is looked at with it: from nothing, and as others ended.
+
+    Parameters
+    ----------
+    alone : diagnoses of the points, each by itself
+    """
+    sound = [d for d in alone if isinstance(d, PointDiagnosis)]
+    shown = [d for place in rival.showing if isinstance(d := alone[place], PointDiagnosis)]
+    likely = {e.name for d in shown for e in d.effects} - set(rival.values)
+    anew = Look(rival.values, rival.deviations, plain=are_plain(sound), brief=True)
+    begun = replace(anew, likely=sorted(likely), begun=[d.values for d in shown])
+    return [anew, begun]
+
+
+def are_plain(found: Sequence[PointDiagnosis]) -> bool:
+    """Whether at most of the points every sample counted alike."""
+    return 2 * sum(d.plain for d in found) > len(found)
+
+
+def gain(
+    rival: Rival,
+    alone: Sequence[PointDiagnosis | str],
+    others: Mapping[int, PointDiagnosis | str],
+    *,
+    paid: bool,
+) -> float:
+    """By how much points are told better with it than each by itself, in units of evidence.
+
+    Parameters
+    ----------
+    alone : diagnoses of the points, each by itself
+    others : by place, of those that did not show it, with it
+    paid : bool, whether with what the device costs once for all of them
+    """
+    both = [
+        (own, shared)
+        for own, shared in (
+            *((alone[place], alone[place]) for place in rival.showing if paid),
+            *((alone[place], other) for place, other in others.items()),
+        )
+        if isinstance(own, PointDiagnosis) and isinstance(shared, PointDiagnosis)
+    ]
+    gained = sum(own.criterion() - shared.criterion(rival.values) for own, shared in both)
+    if paid:
+        gained -= cost_of_sharing(rival.values, sum(own.independent for own, _ in both))
+    return gained
+
+
+def _device_of(found: PointDiagnosis) -> DeviceValues:
+    return {
+        effect.name: {
+            p.name: p.value
+            for p in effect.parameters
+            if (0, effect.name, p.name, None) in found.values
+        }
+        for effect in found.effects
+        if effect.scope == "device" and all(math.isfinite(p.value) for p in effect.parameters)
+    }

@@ -1,0 +1,114 @@
+"""Which points are witnesses of what a device does, and which device is tried on the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from inversion.diagnosis import FoundEffect, FoundParameter, PointDiagnosis
+from inversion.diagnosis.findings import ModelState
+from pfwd_survey.inverting.diagnosis.rival_device import find_rival, gain, looks_with
+
+STATE = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.3, 0.3, 1e5, 4e7)
+
+
+def point(left: float, plain: bool = True, **device: float) -> PointDiagnosis:
+    """A point that leaves so much of 30 %, with device effects of one number each."""
+    effects = tuple(
+        FoundEffect(
+            name, "device", "", (FoundParameter("size", "-", size, 0.1, None, False),), 50.0, ()
+        )
+        for name, size in device.items()
+    )
+    seating = FoundEffect(
+        "seating", "drop", "", (FoundParameter("ratio", "-", 0.8, 0.1, 1, False),), 50.0, ()
+    )
+    values = {(0, name, "size", None): size for name, size in device.items()}
+    return PointDiagnosis(
+        "A", (1,), "unexplained", 1e-6, STATE, replace(STATE, residual_rms_over_peak=left),
+        (*effects, seating), None, None, (), (), values=values | {(0, "seating", "ratio", 0): 0.8},
+        plain=plain, independent=40.0,
+    )  # fmt: skip
+
+
+def test_the_device_of_the_point_that_leaves_the_least_is_the_rival() -> None:
+    alone = [
+        point(0.02, lag=1.0),
+        point(0.018, lag=1.0, filter=3.0),
+        point(0.015, geophone=9.0, lag=2.0),
+        point(0.02, geophone=12.0, lag=4.0),
+        point(0.02, geophone=20.0),
+        "no load",
+    ]
+    rival = find_rival(alone, ["lag"])
+    assert rival is not None
+    # In the middle of the points that show all of it; they may miss by 15 %.
+    assert rival.values == {"geophone": {"size": 10.5}, "lag": {"size": 3.0}}
+    assert rival.deviations["geophone"]["size"] == pytest.approx(1.575)
+    assert rival.showing == (2, 3)
+    assert rival.others == (0, 1, 4)
+
+
+@pytest.mark.parametrize(
+    "alone",
+    [
+        # What most show is no rival, and what all show has no others.
+        [point(0.02, lag=1.0), point(0.02, lag=2.0), point(0.02)],
+        [point(0.02, geophone=1.0)] * 3,
+        [point(0.02), point(0.02)],
+        [point(0.02, geophone=1.0)],
+        ["no load", point(0.02, geophone=1.0)],
+    ],
+)
+def test_without_disagreement_there_is_no_rival(alone: list[Any]) -> None:
+    assert find_rival(alone, ["lag"]) is None
+
+
+@pytest.mark.parametrize(("left", "heard"), [(0.0299, True), (0.0301, False)])
+def test_what_leaves_much_more_than_the_others_is_no_witness(left: float, heard: bool) -> None:
+    alone = [point(left, geophone=9.0), point(0.02), point(0.02), point(0.02)]
+    assert (find_rival(alone, []) is not None) == heard
+    rival = find_rival([point(0.02, geophone=9.0), point(left), point(0.02), point(0.02)], [])
+    assert rival is not None
+    assert (1 in rival.others) == heard
+
+
+@pytest.mark.parametrize(("left", "heard"), [(0.149, True), (0.151, False)])
+def test_what_is_hardly_explained_is_no_witness(left: float, heard: bool) -> None:
+    """Effects that leave more than half of the residual are not what is behind it."""
+    alone = [point(left, geophone=9.0), point(0.149), point(0.149)]
+    assert (find_rival(alone, []) is not None) == heard
+
+
+def test_the_others_are_asked_from_nothing_and_as_those_that_show_it_ended() -> None:
+    alone = [point(0.02, plain=False), point(0.02, geophone=9.0), point(0.02)]
+    rival = find_rival(alone, [])
+    assert rival is not None
+    anew, begun = looks_with(rival, alone)
+    assert (anew.likely, anew.begun) == ((), ())
+    assert begun.likely == ["seating"]
+    assert begun.begun == [alone[1].values]
+    for look in (anew, begun):
+        assert look.device == rival.values
+        assert look.spread == rival.deviations
+        # As at most of them.
+        assert look.plain
+        assert look.brief
+
+
+def test_what_sharing_gains_is_paid_for_once() -> None:
+    alone = [point(0.02, lag=1.0), point(0.015, geophone=9.0), point(0.02)]
+    rival = find_rival(alone, [])
+    assert rival is not None
+    assert rival.others == (0, 2)
+    others = {0: point(0.01, geophone=9.5), 2: point(0.02, geophone=9.5)}
+    # 80 ln 2 and one number less; nothing; and of the one that shows it its number.
+    halved, number = 55.4518, 3.6889
+    assert gain(rival, alone, others, paid=False) == pytest.approx(halved + number, abs=1e-3)
+    cost = 12.0 + 4.7875
+    paid = halved + 2 * number - cost
+    assert gain(rival, alone, others, paid=True) == pytest.approx(paid, abs=1e-3)
+    refused = {0: "no load", 2: others[2]}
+    assert gain(rival, alone, refused, paid=False) == pytest.approx(0.0, abs=1e-9)
