@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from inversion.diagnosis.device import _device_values, _of_others
+from inversion import SurrogateLibrary
+from inversion.diagnosis import device
+from inversion.diagnosis.device import (
+    _device_values,
+    _of_others,
+    fit_device,
+)
 from inversion.diagnosis.fit import Fit, fit
 from inversion.diagnosis.problem import Problem
 from inversion.effects import Parameter
@@ -82,3 +90,33 @@ def test_of_many_points_groups_are_left_out() -> None:
     assert sizes[0] == pytest.approx(10.0 + numbers[1:12].mean(), abs=0.01)
     assert sizes[12] == sizes[0]
     assert sizes[5] == pytest.approx(10.0 + np.delete(numbers, 5).mean(), abs=0.01)
+
+
+def test_residuals_of_a_point_count_by_its_scale() -> None:
+    effect = Toy("a", scope="device")
+    points = [toy_point({"a": size}) for size in (10.0, 16.0, 40.0)]
+    problem = Problem(points, (effect,), scales=(1.0, 0.5, 2.0))
+    found = fit(problem, np.full(1, 0.5), [np.full(1, 0.5) for _ in points])
+    weights = np.array([1.0, 4.0, 0.25])
+    middle = weights @ [10.0, 16.0, 40.0] / weights.sum()
+    assert _device_values(found, found.device)["a"]["size"] == pytest.approx(middle, abs=0.01)
+
+
+@pytest.mark.parametrize(("left", "expected"), [((3.0, 3.0, 30.0), 10.3), ((0.2, 0.9, 1.0), 20.0)])
+def test_what_a_point_says_of_the_device_counts_by_what_it_leaves(
+    monkeypatch: pytest.MonkeyPatch, left: tuple[float, ...], expected: float
+) -> None:
+    """One record that fits badly does not lead all others astray; below the noise all are alike."""
+    effect = Toy("a", scope="device")
+    monkeypatch.setattr(device, "BY_NAME", {"a": effect})
+    monkeypatch.setattr(device, "CATALOGUE", (effect,))
+    monkeypatch.setattr(device, "Point", lambda records, library: records)
+    points: Any = [toy_point({"a": size}) for size in (5.0, 15.0, 40.0)]
+    found: Any = [
+        SimpleNamespace(
+            effects=(), after=SimpleNamespace(residual_over_noise=one), plain=False, values={}
+        )
+        for one in left
+    ]
+    findings = fit_device(points, found, ["a"], SurrogateLibrary())
+    assert findings.values["a"]["size"] == pytest.approx(expected, abs=0.2)

@@ -28,6 +28,7 @@ from inversion.diagnosis.diagnose import (
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import FoundEffect
 from inversion.diagnosis.fit import Fit
+from inversion.diagnosis.model import INDEPENDENT_HZ
 from inversion.diagnosis.problem import Problem
 from inversion.diagnosis.search import Candidate
 from inversion.effects import BY_NAME, Effect
@@ -83,6 +84,9 @@ def test_a_clean_drop_is_clean(drop: SimulatedDrop, library: SurrogateLibrary) -
     assert found.verdict == "clean"
     assert found.effects == ()
     assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+    # From the 200 samples before the pulse on.
+    seconds = drop.time[-1] - drop.time[0] + 0.02
+    assert found.independent == pytest.approx(INDEPENDENT_HZ * seconds, rel=0.01)
 
 
 def test_undeclared_rock_is_found(drop: SimulatedDrop, library: SurrogateLibrary) -> None:
