@@ -72,8 +72,8 @@ def find_rival(alone: Sequence[PointDiagnosis | str], usual: Collection[str]) ->
     return Rival(values, deviations, showing, others) if others else None
 
 
-def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> list[Look]:
-    """How a point that did not show it is looked at with it: from nothing, and as others ended.
+def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> tuple[Look, Look]:
+    """How a point that did not show it is looked at with it: as others ended, and from nothing.
 
     Parameters
     ----------
@@ -83,8 +83,7 @@ def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> list[Look
     shown = [d for place in rival.showing if isinstance(d := alone[place], PointDiagnosis)]
     likely = {e.name for d in shown for e in d.effects} - set(rival.values)
     anew = Look(rival.values, rival.deviations, plain=are_plain(sound), brief=True)
-    begun = replace(anew, likely=sorted(likely), begun=[d.values for d in shown])
-    return [anew, begun]
+    return replace(anew, likely=sorted(likely), begun=[d.values for d in shown]), anew
 
 
 def are_plain(found: Sequence[PointDiagnosis]) -> bool:

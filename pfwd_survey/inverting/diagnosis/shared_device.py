@@ -114,7 +114,8 @@ def _looked_at_with_rivals(
 ) -> set[int]:
     """Where device effects that few points show tell all better, all have them from here on.
 
-    Some of the others are asked first; only where they gain by it, the rest.
+    Some of the others begin first as those that show it ended; only where they gain by it, all are
+    asked.
 
     Returns
     -------
@@ -127,13 +128,15 @@ def _looked_at_with_rivals(
         if rival is not None:
             tried[device] = (points, alone, rival)
     answers: dict[str, dict[int, PointDiagnosis | str]] = {device: {} for device in tried}
-    for part in (slice(_FIRST), slice(_FIRST, None)):
-        asked = [
-            (device, place, look)
-            for device, (_, alone, rival) in tried.items()
-            for place in rival.others[part]
-            for look in looks_with(rival, alone)
-        ]
+    for every in (False, True):
+        asked = []
+        for device, (_, alone, rival) in tried.items():
+            begun, anew = looks_with(rival, alone)
+            asked += [
+                (device, place, begun)
+                for place in (rival.others[_FIRST:] if every else rival.others[:_FIRST])
+            ]
+            asked += [(device, place, anew) for place in rival.others if every]
         if not asked:
             break
         told.total += len(asked)
@@ -151,14 +154,14 @@ def _looked_at_with_rivals(
         tried = {
             device: (points, alone, rival)
             for device, (points, alone, rival) in tried.items()
-            if gain(rival, alone, answers[device], paid=part.stop is None) > 0.0
+            if gain(rival, alone, answers[device], paid=every) > 0.0
         }
-    anew: set[int] = set()
+    changed: set[int] = set()
     for device, (points, _, _) in tried.items():
         for place, diagnosis in answers[device].items():
             found[id(points[place])] = diagnosis
-            anew.add(id(points[place]))
-    return anew
+            changed.add(id(points[place]))
+    return changed
 
 
 def _criterion(found: PointDiagnosis | str) -> float:

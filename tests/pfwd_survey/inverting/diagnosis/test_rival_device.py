@@ -82,11 +82,11 @@ def test_what_is_hardly_explained_is_no_witness(left: float, heard: bool) -> Non
     assert (find_rival(alone, []) is not None) == heard
 
 
-def test_the_others_are_asked_from_nothing_and_as_those_that_show_it_ended() -> None:
+def test_the_others_are_asked_as_those_that_show_it_ended_and_from_nothing() -> None:
     alone = [point(0.02, plain=False), point(0.02, geophone=9.0), point(0.02)]
     rival = find_rival(alone, [])
     assert rival is not None
-    anew, begun = looks_with(rival, alone)
+    begun, anew = looks_with(rival, alone)
     assert (anew.likely, anew.begun) == ((), ())
     assert begun.likely == ["seating"]
     assert begun.begun == [alone[1].values]
