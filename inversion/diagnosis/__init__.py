@@ -3,6 +3,7 @@
 from inversion.diagnosis.device import cost_of_sharing, fit_device
 from inversion.diagnosis.diagnose import diagnose_point
 from inversion.diagnosis.findings import (
+    NEARLY_EXPLAINED,
     DeviceFindings,
     DropCurves,
     FoundEffect,
@@ -17,6 +18,7 @@ from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
+    "NEARLY_EXPLAINED",
     "DeviceFindings",
     "DropCurves",
     "FoundEffect",

@@ -25,7 +25,7 @@ Newton's method on all samples at once; the system is lower triangular.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,8 @@ class NonlinearStiffness:
     @property
     def linear(self) -> bool:
         """Whether the resistance is a straight line."""
-        return replace(self, rest=0.0) == NonlinearStiffness()
+        straight = self.stress_exponent == 0.0 and self.unrecovered == 0.0
+        return straight and self.unloading_exponent == 1.0
 
 
 def secant(law: NonlinearStiffness, force: float) -> float:
@@ -425,15 +426,14 @@ def _power(
     """P(x; p, x_0) and its derivatives by x and by x_0, p > 0; with x_0 = 0 an odd power."""
     place = ratio + rest
     value, slope = _odd_power_with_slope(place, exponent)
-    (below, above), (below_slope, above_slope) = _odd_power_with_slope(
-        np.array([rest, 1.0 + rest]), exponent
-    )
+    below, below_slope = _odd_power_of(rest, exponent)
+    above, above_slope = _odd_power_of(1.0 + rest, exponent)
     whole = above - below
     least = _RELIEVED * rest
     beyond = None
     if rest > 0.0 and place.min() < least:
         beyond = np.minimum(place - least, 0.0)
-        tangent, steep = _odd_power_with_slope(np.array([least]), exponent)
+        tangent, steep = _odd_power_of(least, exponent)
         value = np.where(beyond < 0.0, tangent + steep * beyond, value)
         slope = np.where(beyond < 0.0, steep, slope)
     value, slope = (value - below) / whole, slope / whole

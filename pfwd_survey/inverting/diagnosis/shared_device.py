@@ -16,6 +16,7 @@ from typing import TypeGuard
 
 from inversion import SurrogateLibrary
 from inversion.diagnosis import (
+    NEARLY_EXPLAINED,
     DeviceFindings,
     FoundEffect,
     FoundParameter,
@@ -169,7 +170,9 @@ def _criterion(found: PointDiagnosis | str) -> float:
 
 
 def _ended_worse(found: PointDiagnosis, than: float) -> bool:
-    return found.verdict == "unexplained" and found.after.residual_rms_over_peak > than
+    """Whether more than so much is left, and too much for a modulus to be corrected."""
+    most = max(than, NEARLY_EXPLAINED)
+    return found.verdict == "unexplained" and found.after.residual_rms_over_peak > most
 
 
 def _by_device(work: Sequence[DiagnosisPoint]) -> dict[str, list[DiagnosisPoint]]:

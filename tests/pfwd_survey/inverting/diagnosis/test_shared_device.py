@@ -122,11 +122,20 @@ def test_of_many_the_others_begin_where_the_first_ended(monkeypatch: pytest.Monk
     assert found[0] is cold[0]
 
 
-@pytest.mark.parametrize(("left", "again"), [(0.0149, False), (0.0151, True)])
+@pytest.mark.parametrize(
+    ("usual", "left", "again"),
+    [
+        (0.02, 0.0299, False),
+        (0.02, 0.0301, True),
+        # What leaves two hundredths may be corrected as it is.
+        (0.01, 0.0199, False),
+        (0.01, 0.0201, True),
+    ],
+)
 def test_what_ends_worse_than_the_first_is_looked_at_from_nothing(
-    monkeypatch: pytest.MonkeyPatch, left: float, again: bool
+    monkeypatch: pytest.MonkeyPatch, usual: float, left: float, again: bool
 ) -> None:
-    cold = [diagnosis(0.01, LAG)] * 8
+    cold = [diagnosis(usual, LAG)] * 8
     survey = Survey(monkeypatch, cold, warm=diagnosis(left, LAG))
     found, brief = survey.first()
     from_nothing = [place for place, look in survey.looks if not look.likely]
@@ -205,12 +214,12 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
 
 @pytest.mark.parametrize(
     ("left", "other", "again", "taken"),
-    [(0.0119, 0.01, False, False), (0.0121, 0.01, True, True), (0.0121, 0.0122, True, False)],
+    [(0.0239, 0.02, False, False), (0.0241, 0.02, True, True), (0.0241, 0.0242, True, False)],
 )
 def test_what_ends_worse_with_its_device_begins_from_nothing(
     monkeypatch: pytest.MonkeyPatch, left: float, other: float, again: bool, taken: bool
 ) -> None:
-    first: list[Any] = [*[diagnosis(0.01, LAG)] * 4, diagnosis(left, LAG), "no load"]
+    first: list[Any] = [*[diagnosis(0.02, LAG)] * 4, diagnosis(left, LAG), "no load"]
     survey = Survey(monkeypatch, [diagnosis(other, SEATING)] * 6)
     device = {"sensor_lag": {"delay": 6e-4}}
     findings = DeviceFindings(device, {}, 9)
