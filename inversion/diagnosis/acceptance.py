@@ -33,6 +33,8 @@ def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
     """
     if any(unknown.effect and unknown.effect.ground_is_below for unknown in best.fit.at_bound()):
         return False
+    if objections_of_effects(point, best):
+        return False
     layered = any(effect.ground_is_below for effect in best.effects)
     alone = len(best.effects) == 1 and best.fit.excess <= EXPLAINED
     if layered and not alone and _distances(point) < _DISTANCES_FOR_LAYERS:
@@ -64,9 +66,19 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
             "measure again, with more drops or sensors"
         )
     reasons += _unusual(best)
+    reasons += objections_of_effects(point, best)
     if past_bounds(best):
         reasons.append("an effect that would go on past its bounds is no explanation")
     return reasons
+
+
+def objections_of_effects(point: Point, best: Candidate) -> list[str]:
+    """What effects themselves say against their values, of the last drop."""
+    found, last = best.fit, len(point.drops) - 1
+    context = point.drops[last].context
+    values = found.problem.values(0, found.device, found.own[0], last)
+    said = (effect.objection(numbers, context) for effect, numbers in values)
+    return [reason for reason in said if reason is not None]
 
 
 def can_be_told(point: Point, candidate: Candidate) -> bool:

@@ -253,6 +253,10 @@ class Effect:
             ]
         )
 
+    def objection(self, values: Values, drop: DropContext) -> str | None:
+        """Why an effect of these values cannot be told from others; None: it can."""
+        return None
+
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """What is recorded, (n_sensors, n), m, with the effect."""
         return record

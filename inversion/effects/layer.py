@@ -7,6 +7,8 @@ the ground below.
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
@@ -36,6 +38,11 @@ _OTHERS = {
     "damping": ("geophone_response", "damping"),
     "lag": ("sensor_lag", "delay"),
 }
+
+# A boundary at depth h under a plate of radius a changes its deflection by about the difference of
+# moduli times a / h.  What changes it by less than load cell and sensor may be off is not felt, and
+# what lies below is an extrapolation: so few distances take slow motions of other causes for it.
+_LEAST_FELT, _FEW_DISTANCES = 0.03, 3
 
 # Relative error (95 %) of the modulus below: ground of three media that was fitted with fewer left
 # 0.6 to 1.5 % in a campaign of finite elements.
@@ -71,6 +78,19 @@ class Layer(Effect):
     def model_error(self, values: Values) -> float:
         """What more media than are fitted may move the modulus of the lowest one."""
         return _MORE_MEDIA
+
+    def objection(self, values: Values, drop: DropContext) -> str | None:
+        """Of a single layer that few sensors show: whether the plate feels what is below it."""
+        if _MIDDLE + "thickness" in values or np.unique(np.abs(drop.offsets)).size > _FEW_DISTANCES:
+            return None
+        ratio, thickness = values["modulus_ratio"], values["thickness"]
+        if abs(ratio - 1.0) * drop.plate_radius >= _LEAST_FELT * thickness:
+            return None
+        return (
+            f"layer: what lies under {thickness:.2g} m of {ratio:.2g} times its modulus changes "
+            f"the plate's deflection by less than {100 * _LEAST_FELT:g} %: something else is "
+            "behind it"
+        )
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Thicknesses that the plate can feel, and a second layer where the sensors tell one."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inversion.diagnosis import acceptance
 from inversion.diagnosis.acceptance import (
     is_worth_reporting,
     reasons_to_reject,
@@ -33,10 +34,13 @@ class Fit:
     bounds: list[Unknown]
     excess: float = 2.0
     scope: FitScope = WHOLE
+    acting: tuple[Any, ...] = ()
+    device: Any = None
+    own: tuple[Any, ...] = (None,)
 
     @property
     def problem(self) -> Any:
-        return SimpleNamespace(scope=self.scope)
+        return SimpleNamespace(scope=self.scope, values=lambda *_: self.acting)
 
     def deviations(self) -> Any:
         return np.full(len(self.unknowns), self.spread)
@@ -228,3 +232,26 @@ def test_more_effects_than_few_records_tell_would_fit_anything(
     point: Any = Point([Model(np.zeros((sensors, 8)))] * drops)
     found: Any = Candidate(effects=(EFFECT,) * many)
     assert would_fit_anything(point, found) is anything
+
+
+@pytest.mark.parametrize(("says", "told"), [(None, True), ("it cannot be", False)])
+def test_what_an_effect_says_against_itself_counts(
+    monkeypatch: pytest.MonkeyPatch, says: str | None, told: bool
+) -> None:
+    given: list[Any] = []
+
+    def objection(self: Any, values: Any, drop: Any) -> str | None:
+        given.append((values, drop.offsets))
+        return says
+
+    monkeypatch.setattr(type(EFFECT), "objection", objection)
+    last = Model(np.zeros((1, 8)), "those of the last drop")
+    point = Point([Model(np.zeros((1, 8))), last])
+    candidate = Candidate(fit=Fit([], np.array([]), 0.0, [], acting=((EFFECT, {"depth": 1.0}),)))
+    assert reasons(point, candidate) == ([] if told else ["it cannot be"])
+    assert given == [({"depth": 1.0}, "those of the last drop")]
+    worse: Any = Candidate(over_noise=10.0)
+    better: Any = candidate
+    monkeypatch.setattr(acceptance, "residual_over_peak", lambda *_: 1.0)
+    two: Any = point
+    assert is_worth_reporting(two, worse, better) == told

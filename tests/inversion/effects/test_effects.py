@@ -534,3 +534,33 @@ def test_what_is_no_frequency_of_the_mains_becomes_the_nearest(
 ) -> None:
     frequency = BY_NAME["mains_hum"].parameters[1]
     assert float(frequency.value(frequency.unit_value(hertz))) == pytest.approx(nearest, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "thickness", "felt"),
+    [
+        (1.15, 0.15, True),
+        (0.84, 1.43, False),
+        # The difference of moduli times radius over thickness: 3 %.
+        (1.41, 2.0, True),
+        (1.39, 2.0, False),
+        (0.59, 2.0, True),
+        (0.61, 2.0, False),
+    ],
+)
+def test_few_sensors_tell_no_layer_whose_lower_end_the_plate_does_not_feel(
+    ratio: float, thickness: float, felt: bool
+) -> None:
+    layer = BY_NAME["layer"]
+    values = {"modulus_ratio": ratio, "thickness": thickness}
+    three = context(offsets=np.array([0.0, 0.3, -0.3, 0.6]))
+    for drop in (context(), three):
+        said = layer.objection(values, drop)
+        assert (said is None) == felt
+    if said is not None:
+        assert f"under {thickness:.2g} m of {ratio:.2g} times its modulus" in said
+        assert "by less than 3 %" in said
+    # Four distances have a bowl to show, and a middle layer has its own place.
+    assert layer.objection(values, context(offsets=np.array([0.0, 0.3, 0.6, 0.9]))) is None
+    assert layer.objection(values | {"middle_thickness": 0.2}, context()) is None
+    assert BY_NAME["bedrock"].objection({"depth": 1.0}, context()) is None
