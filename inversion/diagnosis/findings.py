@@ -17,6 +17,8 @@ UnknownKey = tuple[int, str, str, int | None]
 NEARLY_EXPLAINED = 0.02
 # Of the residual: effects that leave more of it are not what is behind it.
 MOST_LEFT = 0.5
+# Of the peak: less than any record can tell.
+_NOTHING_LEFT = 1e-9
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell and sensors that
 # read too much or too little throughout, each by the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
@@ -198,7 +200,8 @@ class PointDiagnosis:
         """
         others = {(name, key) for name, values in (shared or {}).items() for key in values}
         own = sum((name, key) not in others for _, name, key, _ in self.values)
-        misfit = 2.0 * self.independent * math.log(self.after.residual_rms_over_peak)
+        left = max(self.after.residual_rms_over_peak, _NOTHING_LEFT)
+        misfit = 2.0 * self.independent * math.log(left)
         return misfit + own * math.log(self.independent)
 
     @property

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from inversion import InversionError
 from inversion.diagnosis import LeaveOut, PointDiagnosis
 from pfwd_survey.errors import SurveyError
+from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
 from pfwd_survey.inverting.diagnosis.kept import kept_answers, questions_of, with_question
 from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
+    Found,
     Look,
     Progress,
     Told,
@@ -20,13 +22,7 @@ from pfwd_survey.inverting.diagnosis.points import (
 )
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.diagnosis.shared_device import (
-    Found,
-    given_device,
-    looked_at_first,
-    looked_at_with_device,
-    with_device,
-)
+from pfwd_survey.inverting.diagnosis.shared_device import looked_at_first, looked_at_with_device
 from pfwd_survey.inverting.options import AnalysisOptions
 
 

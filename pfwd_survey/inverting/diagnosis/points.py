@@ -21,6 +21,8 @@ from pfwd_survey.spawning import worker_pool
 
 _R = TypeVar("_R")
 DeviceValues = dict[str, dict[str, float]]
+Found = dict[int, PointDiagnosis | str]
+"""Diagnoses, or why there is none, by the identity of the point."""
 Progress = Callable[[str, int, int], None]
 """Told what is being tried, how many points are done, and of how many."""
 
@@ -102,6 +104,11 @@ class Workers:
         if self._pool is None:
             self._pool = worker_pool(min(self._count, rows))
         return self._pool.map(function, *columns)
+
+
+def are_plain(found: Sequence[PointDiagnosis]) -> bool:
+    """Whether at most of the points every sample counted alike."""
+    return 2 * sum(d.plain for d in found) > len(found)
 
 
 def diagnose_all(

@@ -12,12 +12,29 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 from inversion.diagnosis import PointDiagnosis, cost_of_sharing
-from pfwd_survey.inverting.diagnosis.points import DeviceValues, Look
+from pfwd_survey.inverting.diagnosis.device_effects import (
+    device_names,
+    given_device,
+    is_sound,
+    with_device,
+)
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.points import (
+    DeviceValues,
+    Found,
+    Look,
+    Told,
+    Workers,
+    are_plain,
+    diagnose_all,
+)
 
 # Deviation of what few points say of a device, relative: the others may move it so far.
 _LEFT_OPEN = 0.15
 # What leaves so many times more than the middle of the points does not tell what they share.
 _NO_WITNESS = 1.5
+# So many of the others begin with it before all are asked.
+_ASKED_FIRST = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +61,7 @@ def find_rival(alone: Sequence[PointDiagnosis | str], usual: Collection[str]) ->
     alone : diagnoses of points of one device, each by itself
     usual : names of device effects that most of them show
     """
-    sound = {place: d for place, d in enumerate(alone) if isinstance(d, PointDiagnosis)}
+    sound = {place: d for place, d in enumerate(alone) if is_sound(d)}
     if len(sound) < 2:
         return None
     most = _NO_WITNESS * median(d.after.residual_rms_over_peak for d in sound.values())
@@ -79,16 +96,11 @@ def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> tuple[Loo
     ----------
     alone : diagnoses of the points, each by itself
     """
-    sound = [d for d in alone if isinstance(d, PointDiagnosis)]
-    shown = [d for place in rival.showing if isinstance(d := alone[place], PointDiagnosis)]
+    sound = [d for d in alone if is_sound(d)]
+    shown = [d for place in rival.showing if is_sound(d := alone[place])]
     likely = {e.name for d in shown for e in d.effects} - set(rival.values)
     anew = Look(rival.values, rival.deviations, plain=are_plain(sound), brief=True)
     return replace(anew, likely=sorted(likely), begun=[d.values for d in shown]), anew
-
-
-def are_plain(found: Sequence[PointDiagnosis]) -> bool:
-    """Whether at most of the points every sample counted alike."""
-    return 2 * sum(d.plain for d in found) > len(found)
 
 
 def gain(
@@ -112,7 +124,7 @@ def gain(
             *((alone[place], alone[place]) for place in rival.showing if paid),
             *((alone[place], other) for place, other in others.items()),
         )
-        if isinstance(own, PointDiagnosis) and isinstance(shared, PointDiagnosis)
+        if is_sound(own) and is_sound(shared)
     ]
     gained = sum(own.criterion() - shared.criterion(rival.values) for own, shared in both)
     if paid:
@@ -130,3 +142,62 @@ def _device_of(found: PointDiagnosis) -> DeviceValues:
         for effect in found.effects
         if effect.scope == "device" and all(math.isfinite(p.value) for p in effect.parameters)
     }
+
+
+def looked_at_with_rivals(
+    devices: Mapping[str, Sequence[DiagnosisPoint]], found: Found, workers: Workers, told: Told
+) -> set[int]:
+    """Where device effects that few points show tell all better, all have them from here on.
+
+    Some of the others begin first as those that show it ended; only where they gain by it, all are
+    asked.
+
+    Returns
+    -------
+    Identities of the points whose diagnoses are others now, in brief.
+    """
+    tried = {}
+    for device, points in devices.items():
+        alone = [found[id(point)] for point in points]
+        rival = find_rival(alone, device_names([d for d in alone if is_sound(d)]))
+        if rival is not None:
+            tried[device] = (points, alone, rival)
+    answers: dict[str, dict[int, PointDiagnosis | str]] = {device: {} for device in tried}
+    for every in (False, True):
+        asked = []
+        for device, (_, alone, rival) in tried.items():
+            begun, anew = looks_with(rival, alone)
+            asked += [
+                (device, place, begun)
+                for place in (rival.others[_ASKED_FIRST:] if every else rival.others[:_ASKED_FIRST])
+            ]
+            asked += [(device, place, anew) for place in rival.others if every]
+        if not asked:
+            break
+        told.total += len(asked)
+        diagnoses = diagnose_all(
+            [tried[device][0][place] for device, place, _ in asked],
+            [look for _, _, look in asked],
+            workers,
+            told,
+        )
+        for (device, place, look), diagnosis in zip(asked, diagnoses, strict=True):
+            if is_sound(diagnosis):
+                diagnosis = with_device(diagnosis, given_device(look.device or {}, look.spread))
+            known = answers[device].setdefault(place, diagnosis)
+            answers[device][place] = min(known, diagnosis, key=_criterion)
+        tried = {
+            device: (points, alone, rival)
+            for device, (points, alone, rival) in tried.items()
+            if gain(rival, alone, answers[device], paid=every) > 0.0
+        }
+    changed: set[int] = set()
+    for device, (points, _, _) in tried.items():
+        for place, diagnosis in answers[device].items():
+            found[id(points[place])] = diagnosis
+            changed.add(id(points[place]))
+    return changed
+
+
+def _criterion(found: PointDiagnosis | str) -> float:
+    return found.criterion() if is_sound(found) else math.inf

@@ -8,53 +8,47 @@ others begins once more from nothing.
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeGuard
+from statistics import median
 
-from inversion import SurrogateLibrary
 from inversion.diagnosis import (
     NEARLY_EXPLAINED,
     DeviceFindings,
-    FoundEffect,
-    FoundParameter,
     HeldOutPart,
     LeaveOut,
     PointDiagnosis,
     PointRecords,
     UnknownKey,
-    fit_device,
     left_out_error,
 )
-from inversion.effects import BY_NAME
+from pfwd_survey.inverting.diagnosis.device_effects import (
+    alternatives_of,
+    contradictions,
+    device_findings,
+    device_names,
+    is_sound,
+    with_device,
+)
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
+    Found,
     Look,
     Progress,
     Told,
     Workers,
+    are_plain,
     diagnose_all,
 )
-from pfwd_survey.inverting.diagnosis.rival_device import are_plain, find_rival, gain, looks_with
+from pfwd_survey.inverting.diagnosis.rival_device import looked_at_with_rivals
 
-Found = dict[int, PointDiagnosis | str]
-"""Diagnoses, or why there is none, by the identity of the point."""
-# Points from which on their spread is told; of a normal distribution its middle distance from the
-# middle, as a deviation; and what contradicts the others: so many deviations, and this part.
-_FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.05
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
 # So many points of a device are looked at from nothing first, where there are twice as many or
 # more; others that leave so much more than these in the middle are, too; and with the device those
 # that leave so much more than all of them in the middle.
 _FIRST, _WORSE, _WORSE_WITH_DEVICE = 4, 1.5, 1.2
-# Of an effect that points of a device share; and the part of a range at whose end it does nothing.
-_MOST_ALTERNATIVES, _AT_END = 2, 2e-3
-# Deviations by which a value may miss the one that does nothing.
-_CHANCE = 2.0
 
 
 def looked_at_first(
@@ -84,15 +78,15 @@ def looked_at_first(
     short: list[tuple[DiagnosisPoint, Look]] = []
     usual: dict[str, float] = {}
     for device, points in later.items():
-        shown = [d for p in work if p.device == device and _is_sound(d := found.get(id(p), ""))]
-        if not _device_names(shown):
+        shown = [d for p in work if p.device == device and is_sound(d := found.get(id(p), ""))]
+        if not device_names(shown):
             anew += points
             continue
         likely, begun = _shown(shown, ())
         starts = [begun, *(d.values for d in shown)]
         look = Look(likely=sorted(likely), begun=starts, plain=are_plain(shown), brief=True)
         short += [(point, look) for point in points]
-        usual[device] = _median([d.after.residual_rms_over_peak for d in shown])
+        usual[device] = median([d.after.residual_rms_over_peak for d in shown])
     default = Look(leave_out=leave_out)
     look_at(
         [*anew, *(point for point, _ in short)],
@@ -101,72 +95,13 @@ def looked_at_first(
     worse = [
         point
         for point, _ in short
-        if _is_sound(d := found[id(point)]) and _ended_worse(d, _WORSE * usual[str(point.device)])
+        if is_sound(d := found[id(point)]) and _ended_worse(d, _WORSE * usual[str(point.device)])
     ]
     told.total += len(worse)
     look_at(worse, [Look(brief=True)] * len(worse))
-    return found, {id(point) for point, _ in short} | _looked_at_with_rivals(
+    return found, {id(point) for point, _ in short} | looked_at_with_rivals(
         _by_device(work), found, workers, told
     )
-
-
-def _looked_at_with_rivals(
-    devices: Mapping[str, Sequence[DiagnosisPoint]], found: Found, workers: Workers, told: Told
-) -> set[int]:
-    """Where device effects that few points show tell all better, all have them from here on.
-
-    Some of the others begin first as those that show it ended; only where they gain by it, all are
-    asked.
-
-    Returns
-    -------
-    Identities of the points whose diagnoses are others now, in brief.
-    """
-    tried = {}
-    for device, points in devices.items():
-        alone = [found[id(point)] for point in points]
-        rival = find_rival(alone, _device_names([d for d in alone if _is_sound(d)]))
-        if rival is not None:
-            tried[device] = (points, alone, rival)
-    answers: dict[str, dict[int, PointDiagnosis | str]] = {device: {} for device in tried}
-    for every in (False, True):
-        asked = []
-        for device, (_, alone, rival) in tried.items():
-            begun, anew = looks_with(rival, alone)
-            asked += [
-                (device, place, begun)
-                for place in (rival.others[_FIRST:] if every else rival.others[:_FIRST])
-            ]
-            asked += [(device, place, anew) for place in rival.others if every]
-        if not asked:
-            break
-        told.total += len(asked)
-        diagnoses = diagnose_all(
-            [tried[device][0][place] for device, place, _ in asked],
-            [look for _, _, look in asked],
-            workers,
-            told,
-        )
-        for (device, place, look), diagnosis in zip(asked, diagnoses, strict=True):
-            if _is_sound(diagnosis):
-                diagnosis = with_device(diagnosis, given_device(look.device or {}, look.spread))
-            known = answers[device].setdefault(place, diagnosis)
-            answers[device][place] = min(known, diagnosis, key=_criterion)
-        tried = {
-            device: (points, alone, rival)
-            for device, (points, alone, rival) in tried.items()
-            if gain(rival, alone, answers[device], paid=every) > 0.0
-        }
-    changed: set[int] = set()
-    for device, (points, _, _) in tried.items():
-        for place, diagnosis in answers[device].items():
-            found[id(points[place])] = diagnosis
-            changed.add(id(points[place]))
-    return changed
-
-
-def _criterion(found: PointDiagnosis | str) -> float:
-    return found.criterion() if _is_sound(found) else math.inf
 
 
 def _ended_worse(found: PointDiagnosis, than: float) -> bool:
@@ -194,19 +129,19 @@ def looked_at_with_device(
     surveys = [
         (points, sound)
         for points in _by_device(work).values()
-        if len(sound := [point for point in points if _is_sound(found[id(point)])]) > 1
+        if len(sound := [point for point in points if is_sound(found[id(point)])]) > 1
     ]
-    alone = [[d for p in sound if _is_sound(d := found[id(p)])] for _, sound in surveys]
+    alone = [[d for p in sound if is_sound(d := found[id(p)])] for _, sound in surveys]
     records = [[point.records for point in sound] for _, sound in surveys]
     asked: list[_Asked] = []
     for (points, sound), own, findings in zip(
-        surveys, alone, workers.map(_device_findings, records, alone), strict=True
+        surveys, alone, workers.map(device_findings, records, alone), strict=True
     ):
         if findings is None:
             continue
         looks = _looks_of_survey([found[id(point)] for point in points], findings)
         of_others = _of_others(points, sound, findings)
-        others = _alternatives(own)
+        others = alternatives_of(own)
         asked += [
             _Asked(point, look, findings, values, others)
             for point, look, values in zip(points, looks, of_others, strict=True)
@@ -233,7 +168,7 @@ def looked_at_with_device(
             again[place] = by_itself.get(place, found_anew)
             continue
         diagnosis = with_device(found_anew, one.findings, one.alternatives)
-        contradicting = _contradictions(found[place], one.findings)
+        contradicting = contradictions(found[place], one.findings)
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *contradicting))
         if error is not None:
             diagnosis = replace(
@@ -262,11 +197,11 @@ def _look_again_at_worse(
     for one, found in zip(asked, anew, strict=True):
         if isinstance(found, PointDiagnosis):
             left.setdefault(one.point.device, []).append(found.after.residual_rms_over_peak)
-    usual = {device: _median(values) for device, values in left.items()}
+    usual = {device: median(values) for device, values in left.items()}
     worse = [
         place
         for place, (one, found) in enumerate(zip(asked, anew, strict=True))
-        if _is_sound(found) and _ended_worse(found, _WORSE_WITH_DEVICE * usual[one.point.device])
+        if is_sound(found) and _ended_worse(found, _WORSE_WITH_DEVICE * usual[one.point.device])
     ]
     told.total += len(worse)
     looks = [Look(device=asked[place].look.device, leave_out=leave_out) for place in worse]
@@ -274,8 +209,8 @@ def _look_again_at_worse(
     for place, other in zip(worse, others, strict=True):
         first = anew[place]
         if (
-            _is_sound(first)
-            and _is_sound(other)
+            is_sound(first)
+            and is_sound(other)
             and other.after.residual_rms_over_peak < first.after.residual_rms_over_peak
         ):
             anew[place] = other
@@ -292,7 +227,7 @@ def _look_without_device(
     worse = [
         (one.point, found)
         for one, found in zip(asked, anew, strict=True)
-        if _is_sound(found)
+        if is_sound(found)
         and found.after.residual_rms_over_peak > found.before.residual_rms_over_peak
     ]
     told.total += len(worse)
@@ -300,7 +235,7 @@ def _look_without_device(
     others = diagnose_all([p for p, _ in worse], [look] * len(worse), workers, told)
     by_itself: Found = {}
     for (point, found), other in zip(worse, others, strict=True):
-        if _is_sound(other):
+        if is_sound(other):
             left, without = (
                 100 * state.residual_rms_over_peak for state in (found.after, found.before)
             )
@@ -333,58 +268,6 @@ class _Asked:
     alternatives: Mapping[str, Sequence[str]]
 
 
-def _is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
-    return isinstance(found, PointDiagnosis)
-
-
-def _with_spread(findings: DeviceFindings, alone: Sequence[PointDiagnosis]) -> DeviceFindings:
-    """By how much points differ of which each was asked by itself, and what that leaves unknown.
-
-    The middle of several points is known by the root of their number better than one of them.
-    """
-    by_points = [own for d in alone if (own := _device_values(d, findings)) is not None]
-    spread: DeviceValues = {}
-    deviations: DeviceValues = {}
-    for name, values in findings.values.items():
-        for key in values:
-            shown = [own[name][key] for own in by_points]
-            if len(shown) < _FEWEST_FOR_SPREAD:
-                continue
-            middle = _median(shown)
-            wide = _OF_NORMAL * _median([abs(value - middle) for value in shown])
-            spread.setdefault(name, {})[key] = wide
-            own_deviation = findings.deviations[name][key]
-            deviations.setdefault(name, {})[key] = math.hypot(
-                own_deviation if math.isfinite(own_deviation) else 0.0, wide / math.sqrt(len(shown))
-            )
-    merged = {
-        name: dict(known) | deviations.get(name, {}) for name, known in findings.deviations.items()
-    }
-    return replace(findings, deviations=merged, spread=spread)
-
-
-def _contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> list[str]:
-    """Where a point by itself shows another device than the others do."""
-    if isinstance(found, str):
-        return []
-    said = []
-    for effect in found.effects:
-        for p in effect.parameters:
-            wide = findings.spread.get(effect.name, {}).get(p.name)
-            if effect.scope != "device" or wide is None:
-                continue
-            own = p.deviation if math.isfinite(p.deviation) else 0.0
-            shared = findings.values[effect.name][p.name]
-            away = abs(p.value - shared)
-            if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
-                unit = "" if p.unit == "-" else f" {p.unit}"
-                said.append(
-                    f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
-                    f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
-                )
-    return said
-
-
 def _looks_of_survey(first: Sequence[PointDiagnosis | str], findings: DeviceFindings) -> list[Look]:
     """How each point is looked at again: for its own effects and for those of several points.
 
@@ -392,13 +275,13 @@ def _looks_of_survey(first: Sequence[PointDiagnosis | str], findings: DeviceFind
     ended in the wrong place; one that leaves more than the middle of them also from those of the
     point that leaves the least. What it does not have is taken away again by the evidence.
     """
-    sound = [d for d in first if _is_sound(d)]
+    sound = [d for d in first if is_sound(d)]
     common, middle = _shown(sound, findings.values)
-    usual = _median([d.after.residual_rms_over_peak for d in sound])
+    usual = median([d.after.residual_rms_over_peak for d in sound])
     best = min(sound, key=lambda d: d.after.residual_rms_over_peak)
     looks = []
     for found in first:
-        if not _is_sound(found):
+        if not is_sound(found):
             looks.append(Look(device=findings.values))
             continue
         own = {e.name for e in found.effects if e.name not in findings.values}
@@ -428,7 +311,7 @@ def _shown(
     for diagnosis in sound:
         for key, value in diagnosis.values.items():
             shown.setdefault(key, []).append(value)
-    return common, {key: _median(values) for key, values in shown.items()}
+    return common, {key: median(values) for key, values in shown.items()}
 
 
 def _of_others(
@@ -457,141 +340,3 @@ def _left_out_errors(
     for index, error in zip(indices, found, strict=True):
         errors[index] = error
     return errors
-
-
-def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> DeviceValues | None:
-    """What one point alone says of the survey's device effects; None: not of all of them."""
-    own = {effect.name: effect for effect in diagnosis.effects}
-    if not set(findings.values) <= set(own):
-        return None
-    return {
-        name: {p.name: p.value for p in own[name].parameters if p.name in parameters}
-        for name, parameters in findings.values.items()
-    }
-
-
-def _median(values: Sequence[float]) -> float:
-    ordered = sorted(values)
-    middle = len(ordered) // 2
-    return ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
-
-
-def _device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
-    """Effects of the device: what belongs to it shows at most of its points."""
-    counts: dict[str, int] = {}
-    for diagnosis in sound:
-        for effect in diagnosis.effects:
-            if effect.scope == "device":
-                counts[effect.name] = counts.get(effect.name, 0) + 1
-    return [name for name in BY_NAME if 2 * counts.get(name, 0) >= max(len(sound), 1)]
-
-
-def _device_findings(
-    records: Sequence[PointRecords], diagnoses: Sequence[PointDiagnosis]
-) -> DeviceFindings | None:
-    """What the points of a device say of it together; None where they share nothing."""
-    names = _device_names(diagnoses)
-    if not names:
-        return None
-    library = SurrogateLibrary()
-    findings = _with_spread(fit_device(records, diagnoses, names, library), diagnoses)
-    there = [
-        name
-        for name in names
-        if not _is_absent(name, findings.values[name], findings.deviations[name])
-    ]
-    if there == names or not there:
-        return findings if there else None
-    return _with_spread(fit_device(records, diagnoses, there, library), diagnoses)
-
-
-def _is_absent(name: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> bool:
-    """Whether all points together say that an effect does nothing, or nothing for certain.
-
-    An effect that is absent at a bound is, where its numbers sit there; one that is absent in the
-    middle of a range where its numbers are so near that chance may have brought them away.
-    """
-    ends, middles = [], []
-    for p in BY_NAME[name].parameters:
-        if p.absent is None:
-            continue
-        absent = p.unit_value(p.absent)
-        if absent in (0.0, 1.0):
-            ends.append(abs(p.unit_value(values[p.name]) - absent) < _AT_END)
-        else:
-            away = abs(values[p.name] - p.absent)
-            middles.append(away < _CHANCE * deviations[p.name])
-    there = ends or middles
-    return bool(there) and all(there)
-
-
-def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
-    """Known device effects; where nothing is said of them their deviations are not known."""
-    known = spread or {}
-    deviations = {
-        name: {key: known.get(name, {}).get(key, math.nan) for key in values}
-        for name, values in device.items()
-    }
-    return DeviceFindings(device, deviations, 0)
-
-
-def _alternatives(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:
-    """Of device effects what points by themselves could not tell them from, the most named first.
-
-    As many as a point has.
-    """
-    counts: dict[str, Counter[str]] = {}
-    for diagnosis in alone:
-        for effect in diagnosis.effects:
-            if effect.scope == "device":
-                counts.setdefault(effect.name, Counter()).update(effect.alternatives)
-    return {
-        name: tuple(other for other, _ in found.most_common(_MOST_ALTERNATIVES))
-        for name, found in counts.items()
-    }
-
-
-def with_device(
-    diagnosis: PointDiagnosis,
-    findings: DeviceFindings,
-    others: Mapping[str, Sequence[str]] | None = None,
-) -> PointDiagnosis:
-    """The diagnosis with the effects of the survey's device among its effects.
-
-    Parameters
-    ----------
-    others : of effects what they cannot be told from
-    """
-    told = {name: tuple(others.get(name, ())) if others else () for name in findings.values}
-    shared = tuple(
-        FoundEffect(
-            name=name,
-            scope="device",
-            advice=BY_NAME[name].advice,
-            parameters=tuple(
-                FoundParameter(
-                    p.name,
-                    p.unit,
-                    # As the point moved it, where it might.
-                    diagnosis.values.get((0, name, p.name, None), values[p.name]),
-                    findings.deviations[name][p.name],
-                    None,
-                    False,
-                    findings.spread.get(name, {}).get(p.name, math.nan),
-                )
-                for p in BY_NAME[name].parameters
-            ),
-            evidence=math.nan,
-            alternatives=told[name],
-            probability=math.nan,
-        )
-        for name, values in findings.values.items()
-    )
-    said = [
-        f"{name} cannot be told from {', '.join(names)}" for name, names in told.items() if names
-    ]
-    return replace(
-        diagnosis,
-        effects=(*shared, *diagnosis.effects),
-        warnings=(*diagnosis.warnings, *said),
-    )

@@ -167,6 +167,8 @@ def test_of_the_criterion_what_is_shared_is_not_the_points_own() -> None:
     # 0.4 % of the peak is left.
     misfit = 80.0 * math.log(0.004)
     assert found.criterion() == pytest.approx(misfit + 3 * math.log(40.0))
+    perfect = replace(found, after=after(residual_rms_over_peak=0.0))
+    assert perfect.criterion() == pytest.approx(80.0 * math.log(1e-9) + 3 * math.log(40.0))
     shared = {"sensor_lag": {"delay": 2e-4}, "seating": {"other": 1.0}}
     assert found.criterion(shared) == pytest.approx(misfit + 2 * math.log(40.0))
 

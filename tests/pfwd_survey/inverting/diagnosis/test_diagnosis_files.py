@@ -11,7 +11,7 @@ from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
-from pfwd_survey.inverting.diagnosis import shared_device
+from pfwd_survey.inverting.diagnosis import device_effects
 from pfwd_survey.inverting.diagnosis.device_file import (
     device_of,
     read_device,
@@ -166,13 +166,13 @@ def test_points_that_contradict_the_device_say_so() -> None:
 
     findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
     shown = [of(6e-4 + step * 1e-5) for step in (-2, -1, 0, 1, 2)]
-    wide = shared_device._with_spread(findings, shown)
+    wide = device_effects.with_spread(findings, shown)
     assert wide.spread["sensor_lag"]["delay"] == pytest.approx(1.4826e-5)
     expected = np.hypot(1e-5, 1.4826e-5 / np.sqrt(5))
     assert wide.deviations["sensor_lag"]["delay"] == pytest.approx(expected)
-    assert not shared_device._contradictions(of(6.5e-4), wide)
-    (said,) = shared_device._contradictions(of(7.5e-4), wide)
+    assert not device_effects.contradictions(of(6.5e-4), wide)
+    (said,) = device_effects.contradictions(of(7.5e-4), wide)
     assert said.startswith("sensor_lag: delay 0.00075 s by this point alone, 0.0006 s by all")
-    few = shared_device._with_spread(findings, shown[:2])
+    few = device_effects.with_spread(findings, shown[:2])
     assert not few.spread
-    assert not shared_device._contradictions(of(7.5e-4), few)
+    assert not device_effects.contradictions(of(7.5e-4), few)

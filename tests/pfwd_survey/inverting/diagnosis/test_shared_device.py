@@ -12,17 +12,19 @@ import pytest
 
 from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
-from pfwd_survey.inverting.diagnosis import shared_device
+from pfwd_survey.inverting.diagnosis import device_effects, rival_device, shared_device
+from pfwd_survey.inverting.diagnosis.device_effects import (
+    alternatives_of,
+    device_findings,
+    with_device,
+)
 from pfwd_survey.inverting.diagnosis.points import Look, Told, Workers
 from pfwd_survey.inverting.diagnosis.shared_device import (
-    _alternatives,
     _Asked,
-    _device_findings,
     _look_again_at_worse,
     _look_without_device,
     _looks_of_survey,
     looked_at_first,
-    with_device,
 )
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
@@ -74,6 +76,7 @@ class Survey:
         self.calls: list[int] = []
         self.looks: list[tuple[int, Look]] = []
         patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
+        patch.setattr(rival_device, "diagnose_all", self._diagnose_all)
 
     def _diagnose_all(
         self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
@@ -199,7 +202,7 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
         with_others("layer"),
         with_others(),
     ]
-    others = _alternatives(alone)
+    others = alternatives_of(alone)
     assert others == {"sensor_lag": ("acquisition_filter", "geophone_response")}
     findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
     shown = with_device(diagnosis(0.01), findings, others)
@@ -277,8 +280,8 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
         }
         return DeviceFindings({name: values[name] for name in names}, KNOWN, 9)
 
-    monkeypatch.setattr(shared_device, "fit_device", fit_device)
-    findings = _device_findings(records, found)
+    monkeypatch.setattr(device_effects, "fit_device", fit_device)
+    findings = device_findings(records, found)
     assert findings is not None
     assert len(asked) == fits
     assert set(asked[0]) == {"geophone_response", "sensor_lag"}
@@ -291,8 +294,8 @@ def test_where_all_of_the_device_is_nothing_there_is_no_device(
 ) -> None:
     records: Any = [object()] * 2
     values = {"geophone_response": {"natural_frequency": 0.15, "damping": 0.5}}
-    monkeypatch.setattr(shared_device, "fit_device", lambda *_: DeviceFindings(values, KNOWN, 9))
-    assert _device_findings(records, [diagnosis(0.01, *GEOPHONE)] * 2) is None
+    monkeypatch.setattr(device_effects, "fit_device", lambda *_: DeviceFindings(values, KNOWN, 9))
+    assert device_findings(records, [diagnosis(0.01, *GEOPHONE)] * 2) is None
 
 
 @pytest.mark.parametrize(
@@ -315,9 +318,9 @@ def test_a_lag_that_may_as_well_be_none_is_none(
     found = DeviceFindings(
         {"sensor_lag": {"delay": delay}}, {"sensor_lag": {"delay": deviation}}, 9
     )
-    monkeypatch.setattr(shared_device, "fit_device", lambda *_: found)
+    monkeypatch.setattr(device_effects, "fit_device", lambda *_: found)
     records: Any = [object()] * 5
-    assert (_device_findings(records, points) is not None) == there
+    assert (device_findings(records, points) is not None) == there
 
 
 class Rivals(Survey):

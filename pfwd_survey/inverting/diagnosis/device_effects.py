@@ -1,0 +1,214 @@
+"""What points of one device say of it: together, each by itself, and how it is told of a point."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from statistics import median
+from typing import TypeGuard
+
+from inversion import SurrogateLibrary
+from inversion.diagnosis import (
+    DeviceFindings,
+    FoundEffect,
+    FoundParameter,
+    PointDiagnosis,
+    PointRecords,
+    fit_device,
+)
+from inversion.effects import BY_NAME
+from pfwd_survey.inverting.diagnosis.points import DeviceValues
+
+# Points from which on their spread is told; of a normal distribution its middle distance from the
+# middle, as a deviation; and what contradicts the others: so many deviations, and this part.
+_FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.05
+# Of an effect that points of a device share; and the part of a range at whose end it does nothing.
+_MOST_ALTERNATIVES, _AT_END = 2, 2e-3
+# Deviations by which a value may miss the one that does nothing.
+_CHANCE = 2.0
+
+
+def is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
+    return isinstance(found, PointDiagnosis)
+
+
+def device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
+    """Effects of the device: what belongs to it shows at most of its points."""
+    counts: dict[str, int] = {}
+    for diagnosis in sound:
+        for effect in diagnosis.effects:
+            if effect.scope == "device":
+                counts[effect.name] = counts.get(effect.name, 0) + 1
+    return [name for name in BY_NAME if 2 * counts.get(name, 0) >= max(len(sound), 1)]
+
+
+def device_findings(
+    records: Sequence[PointRecords], diagnoses: Sequence[PointDiagnosis]
+) -> DeviceFindings | None:
+    """What the points of a device say of it together; None where they share nothing."""
+    names = device_names(diagnoses)
+    if not names:
+        return None
+    library = SurrogateLibrary()
+    findings = with_spread(fit_device(records, diagnoses, names, library), diagnoses)
+    there = [
+        name
+        for name in names
+        if not _is_absent(name, findings.values[name], findings.deviations[name])
+    ]
+    if there == names or not there:
+        return findings if there else None
+    return with_spread(fit_device(records, diagnoses, there, library), diagnoses)
+
+
+def _is_absent(name: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> bool:
+    """Whether all points together say that an effect does nothing, or nothing for certain.
+
+    An effect that is absent at a bound is, where its numbers sit there; one that is absent in the
+    middle of a range where its numbers are so near that chance may have brought them away.
+    """
+    ends, middles = [], []
+    for p in BY_NAME[name].parameters:
+        if p.absent is None:
+            continue
+        absent = p.unit_value(p.absent)
+        if absent in (0.0, 1.0):
+            ends.append(abs(p.unit_value(values[p.name]) - absent) < _AT_END)
+        else:
+            away = abs(values[p.name] - p.absent)
+            middles.append(away < _CHANCE * deviations[p.name])
+    there = ends or middles
+    return bool(there) and all(there)
+
+
+def with_spread(findings: DeviceFindings, alone: Sequence[PointDiagnosis]) -> DeviceFindings:
+    """By how much points differ of which each was asked by itself, and what that leaves unknown.
+
+    The middle of several points is known by the root of their number better than one of them.
+    """
+    by_points = [own for d in alone if (own := _device_values(d, findings)) is not None]
+    spread: DeviceValues = {}
+    deviations: DeviceValues = {}
+    for name, values in findings.values.items():
+        for key in values:
+            shown = [own[name][key] for own in by_points]
+            if len(shown) < _FEWEST_FOR_SPREAD:
+                continue
+            middle = median(shown)
+            wide = _OF_NORMAL * median([abs(value - middle) for value in shown])
+            spread.setdefault(name, {})[key] = wide
+            own_deviation = findings.deviations[name][key]
+            deviations.setdefault(name, {})[key] = math.hypot(
+                own_deviation if math.isfinite(own_deviation) else 0.0, wide / math.sqrt(len(shown))
+            )
+    merged = {
+        name: dict(known) | deviations.get(name, {}) for name, known in findings.deviations.items()
+    }
+    return replace(findings, deviations=merged, spread=spread)
+
+
+def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> DeviceValues | None:
+    """What one point alone says of the survey's device effects; None: not of all of them."""
+    own = {effect.name: effect for effect in diagnosis.effects}
+    if not set(findings.values) <= set(own):
+        return None
+    return {
+        name: {p.name: p.value for p in own[name].parameters if p.name in parameters}
+        for name, parameters in findings.values.items()
+    }
+
+
+def contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> list[str]:
+    """Where a point by itself shows another device than the others do."""
+    if isinstance(found, str):
+        return []
+    said = []
+    for effect in found.effects:
+        for p in effect.parameters:
+            wide = findings.spread.get(effect.name, {}).get(p.name)
+            if effect.scope != "device" or wide is None:
+                continue
+            own = p.deviation if math.isfinite(p.deviation) else 0.0
+            shared = findings.values[effect.name][p.name]
+            away = abs(p.value - shared)
+            if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
+                unit = "" if p.unit == "-" else f" {p.unit}"
+                said.append(
+                    f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
+                    f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
+                )
+    return said
+
+
+def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:
+    """Of device effects what points by themselves could not tell them from, the most named first.
+
+    As many as a point has.
+    """
+    counts: dict[str, Counter[str]] = {}
+    for diagnosis in alone:
+        for effect in diagnosis.effects:
+            if effect.scope == "device":
+                counts.setdefault(effect.name, Counter()).update(effect.alternatives)
+    return {
+        name: tuple(other for other, _ in found.most_common(_MOST_ALTERNATIVES))
+        for name, found in counts.items()
+    }
+
+
+def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
+    """Known device effects; where nothing is said of them their deviations are not known."""
+    known = spread or {}
+    deviations = {
+        name: {key: known.get(name, {}).get(key, math.nan) for key in values}
+        for name, values in device.items()
+    }
+    return DeviceFindings(device, deviations, 0)
+
+
+def with_device(
+    diagnosis: PointDiagnosis,
+    findings: DeviceFindings,
+    others: Mapping[str, Sequence[str]] | None = None,
+) -> PointDiagnosis:
+    """The diagnosis with the effects of the survey's device among its effects.
+
+    Parameters
+    ----------
+    others : of effects what they cannot be told from
+    """
+    told = {name: tuple(others.get(name, ())) if others else () for name in findings.values}
+    shared = tuple(
+        FoundEffect(
+            name=name,
+            scope="device",
+            advice=BY_NAME[name].advice,
+            parameters=tuple(
+                FoundParameter(
+                    p.name,
+                    p.unit,
+                    # As the point moved it, where it might.
+                    diagnosis.values.get((0, name, p.name, None), values[p.name]),
+                    findings.deviations[name][p.name],
+                    None,
+                    False,
+                    findings.spread.get(name, {}).get(p.name, math.nan),
+                )
+                for p in BY_NAME[name].parameters
+            ),
+            evidence=math.nan,
+            alternatives=told[name],
+            probability=math.nan,
+        )
+        for name, values in findings.values.items()
+    )
+    said = [
+        f"{name} cannot be told from {', '.join(names)}" for name, names in told.items() if names
+    ]
+    return replace(
+        diagnosis,
+        effects=(*shared, *diagnosis.effects),
+        warnings=(*diagnosis.warnings, *said),
+    )
