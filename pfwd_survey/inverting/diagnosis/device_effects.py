@@ -31,6 +31,7 @@ _CHANCE = 2.0
 
 
 def is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
+    """Whether there is a diagnosis, and not why there is none."""
     return isinstance(found, PointDiagnosis)
 
 

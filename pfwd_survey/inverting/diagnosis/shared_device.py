@@ -1,9 +1,10 @@
 """Points of one device: what most of them show is the device's, and each is looked at with it.
 
 Of a survey a few points are looked at from nothing.  Where they show something of the device, the
-others begin where these ended, and from nothing only if they end worse.  Then the device is asked
-of all points together, and each point again with what they say; what then ends worse than the
-others begins once more from nothing.
+others begin where these ended, and from nothing only if they end worse.  What few of them show is
+tried on the others.  Then the device is asked of all points together, and each point again with
+what they say; what then ends worse than the others begins once more from nothing, and what the
+device leaves worse than no device is told by itself.
 """
 
 from __future__ import annotations
