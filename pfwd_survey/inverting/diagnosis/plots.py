@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,10 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from inversion.diagnosis import ModelState
+from pfwd_survey.digits import rounded, significant, with_ends
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.matplotlib_start import start_matplotlib
 
+# An interval of so many times leaves the modulus open: a value within it would say nothing.
+_OPEN = 10.0
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
 
@@ -64,7 +69,7 @@ def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
             axis.plot(time, before * 1e6, color=_BEFORE, lw=0.8, ls="--")
             axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
             axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
-    axis.set_title(f"{Path(diagnosed.file).name}: {diagnosed.diagnosis.verdict}", fontsize=9)
+    axis.set_title(f"{_name(diagnosed)}: {diagnosed.diagnosis.verdict}", fontsize=9)
     axis.set_ylabel("displacement, µm (down +)", fontsize=8)
     axis.set_xlabel("ms", fontsize=8)
 
@@ -104,7 +109,11 @@ def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
 def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     assert diagnosed.diagnosis is not None
     effects = diagnosed.diagnosis.effects
-    names = [effect.name for effect in effects] or ["no effect"]
+    # What points of a device share was not weighed at one of them.
+    names = [
+        effect.name if np.isfinite(effect.evidence) else f"{effect.name} (shared)"
+        for effect in effects
+    ] or ["no effect"]
     evidence = [effect.evidence if np.isfinite(effect.evidence) else 0.0 for effect in effects]
     places = np.arange(len(names))
     axis.barh(places, evidence or [0.0], color=_AFTER)
@@ -113,8 +122,27 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     axis.set_xlabel("evidence (drop of the information criterion)", fontsize=8)
     before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
-        f"E {before.modulus / 1e6:.1f} to {after.modulus / 1e6:.1f} MPa, residual "
-        f"{100 * before.residual_rms_over_peak:.2g} to "
-        f"{100 * after.residual_rms_over_peak:.2g} %",
+        "\n".join(
+            f"{when} {_modulus(state)}, {significant(100 * state.residual_rms_over_peak, 2)} % left"
+            for when, state in (("before", before), ("after", after))
+        ),
         fontsize=9,
     )
+
+
+def _name(diagnosed: Diagnosed) -> str:
+    """Of the point; of a file that is one, of the file."""
+    point = None if diagnosed.result is None else diagnosed.result.point
+    return Path(diagnosed.file).name if point is None else point
+
+
+def _modulus(state: ModelState) -> str:
+    """With its interval, or why there is none."""
+    low, high = state.modulus_interval
+    if not all(map(math.isfinite, (state.modulus, low, high))):
+        return "no modulus"
+    if high > _OPEN * low:
+        near, far = (rounded(end / 1e6, end / 1e6) for end in (low, high))
+        return f"E left open ({near} to {far}) MPa"
+    value, near, far = with_ends(state.modulus / 1e6, (low / 1e6, high / 1e6))
+    return f"E {value} ({near} to {far}) MPa"

@@ -1,0 +1,56 @@
+"""What the picture of diagnoses says of each point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from inversion.diagnosis import FoundEffect, PointDiagnosis
+from inversion.diagnosis.findings import ModelState
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
+from pfwd_survey.inverting.diagnosis.plots import _draw_ladder, _draw_traces
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+
+STATE = ModelState("layer", 45.3e6, 2e6, (41e6, 50e6), 1e-6, 9.0, 0.017, 0.02, 1e5, 4e7)
+
+
+def diagnosed(before: ModelState, point: str | None, *effects: FoundEffect) -> Diagnosed:
+    found = PointDiagnosis(
+        "A", (1,), "unexplained", 1e-6, before, STATE, effects, None, None, (), ()
+    )
+    return Diagnosed("folder/S", DiagnosisResult(file="folder/S", point=point), found)
+
+
+def effect(name: str, evidence: float) -> FoundEffect:
+    return FoundEffect(name, "device", "", (), evidence, ())
+
+
+@pytest.mark.parametrize(("point", "title"), [("km 3+200", "km 3+200"), (None, "S")])
+def test_a_row_has_the_name_of_its_point(point: str | None, title: str) -> None:
+    axis: Any = Figure().subplots()
+    _draw_traces(axis, diagnosed(STATE, point))
+    assert axis.get_title() == f"{title}: unexplained"
+
+
+@pytest.mark.parametrize(
+    ("before", "modulus"),
+    [
+        (replace(STATE, modulus=50.2e6, modulus_interval=(24e6, 106e6)), "E 50 (24 to 106) MPa"),
+        (replace(STATE, modulus_interval=(0.4e6, 5e6)), "E left open (0.4 to 5) MPa"),
+        (replace(STATE, modulus=math.nan, modulus_interval=(math.nan, math.nan)), "no modulus"),
+    ],
+)
+def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
+    before: ModelState, modulus: str
+) -> None:
+    axis: Any = Figure().subplots()
+    left = replace(before, residual_rms_over_peak=1.0352)
+    _draw_ladder(axis, diagnosed(left, "A", effect("rebound", 50.0), effect("lag", math.nan)))
+    first, second = axis.get_title().split("\n")
+    assert first == f"before {modulus}, 104 % left"
+    assert second == "after E 45 (41 to 50) MPa, 1.7 % left"
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["rebound", "lag (shared)"]
