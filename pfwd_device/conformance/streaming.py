@@ -57,6 +57,8 @@ def starts(talk: Talk) -> str:
 def new_streams(talk: Talk) -> str:
     """P-9."""
     _streaming(talk)
+    # What an earlier stream still had on its way would be taken for a new one.
+    talk.answer(Stop(), Status, lambda status: not status.sampling)
     numbers: list[int] = []
     for _ in range(3):
         known = set(numbers)
