@@ -345,7 +345,8 @@ class Dataset:
     def _write_table(self, name: str, number: int, table: Any) -> None:
         path = self._file(name, number)
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_name(path.name + ".tmp")
+        # What begins with a dot no reader of data sets takes for a part of the table.
+        draft = path.with_name(f".{path.name}.tmp")
         _parquet().write_table(table, draft, compression="zstd")
         _settle(draft, path)
 

@@ -321,6 +321,32 @@ def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
     assert len(rows(out, "failures")) == 1
 
 
+def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    monkeypatch.setattr(running, "BATCH_SOURCES", 2)
+    monkeypatch.setattr(running, "PART_SOURCES", 2)
+    settle = dataset._settle
+
+    def cut_off(draft: Path, path: Path) -> None:
+        if path.name == "part-000002.parquet":
+            draft.write_bytes(draft.read_bytes()[:100])
+            raise KeyboardInterrupt
+        settle(draft, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset, "_settle", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            invert_archive([str(drops)], out, options, QuickWorkers(options))
+    # As pyarrow reads a folder: with all files in it that are not hidden.
+    assert len(rows(out)) == len(rows(out, "sources")) == 2
+    assert list(out.glob("**/*.tmp"))
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    assert len(rows(out)) == 6
+    assert list(out.glob("**/*.tmp")) == []
+
+
 @pytest.mark.parametrize("damage", ["lost", "damaged", "behind"])
 def test_the_ledger_is_made_anew_from_the_tables(
     damage: str, drops: Path, tmp_path: Path, options: AnalysisOptions
