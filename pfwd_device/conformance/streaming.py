@@ -146,11 +146,16 @@ def rate(talk: Talk) -> str:
     taken = blocks(samples)
     index = np.array([block.first_sample + len(block.counts) for block in taken], float)
     host = np.array([each.at for each in samples])
-    # The fastest arrivals of both halves: what came late says nothing of the converter.
+    require(len(samples) > 20, f"expected samples for 4 s, came {len(samples)} frames")
+    # The fastest arrivals of the first and of the last quarter: what came late says nothing of the
+    # converter, and what came in the middle is too near to either.
     lag = host - index / identity.sampling_rate
-    half = len(lag) // 2
-    first, last = int(np.argmin(lag[:half])), half + int(np.argmin(lag[half:]))
-    require(half > 10 and host[last] - host[first] > 0.5, "expected samples for 4 s, came fewer")
+    quarter = len(lag) // 4
+    first, last = int(np.argmin(lag[:quarter])), int(np.argmin(lag[-quarter:])) - quarter
+    apart = float(host[last] - host[first])
+    require(
+        apart > 0.5, f"expected samples for 4 s, came {apart:.2g} s between first and last ones"
+    )
     by_host = float((index[last] - index[first]) / (host[last] - host[first]))
     differs = by_host / identity.sampling_rate - 1
     require(

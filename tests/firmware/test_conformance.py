@@ -3,12 +3,16 @@
 import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import cast
 
+import numpy as np
 import pytest
 
-from pfwd_device.conformance import Result, conform
+from pfwd_device.conformance import Result, conform, streaming
 from pfwd_device.conformance.requirements import BY_HAND, TITLES
+from pfwd_device.conformance.talk import Failed, Heard, Talk
 from pfwd_device.transport.opening import open_transport
+from pfwd_device.wire.messages import SampleBlock
 from simulators.firmware import BoardOptions, HostBoard, Played, play_scenario
 from tests.firmware.compiled import needs_compiler
 from tests.tui.console import pfwd, records
@@ -87,6 +91,29 @@ def test_a_planted_fault_fails_its_requirement(
 def test_the_core_keeps_what_the_everyday_faults_break(played: Played) -> None:
     found = tried(played, *(FAULTS[fault] for fault in EVERYDAY))
     assert {result.result for result in found.values()} == {"passed"}, found
+
+
+@pytest.mark.parametrize("runs_fast", [0.0, 0.02])
+def test_the_rate_is_told_from_both_ends_of_a_stream(
+    runs_fast: float, played: Played, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identity, at_once = played.identity, 20
+    taken = np.arange(0, round(4.0 * identity.sampling_rate), at_once)
+    due = (taken + at_once) / identity.sampling_rate / (1.0 + runs_fast)
+    # The host hears the middle at once, the rest after a while.
+    late = np.where(abs(due - 2.0) < 0.2, 0.0, 0.004)
+    counts = np.zeros((at_once, len(identity.channels)), np.int32)
+    heard = [
+        Heard(float(at), SampleBlock(1, int(first), None, counts), 0, number % 65536)
+        for number, (at, first) in enumerate(zip(due + late, taken, strict=True))
+    ]
+    monkeypatch.setattr(streaming, "_stream", lambda *_: (identity, heard, 0))
+    talk = cast("Talk", None)
+    if runs_fast:
+        with pytest.raises(Failed, match=r"expected 10000 Hz, came 10200 Hz by the host's clock"):
+            streaming.rate(talk)
+    else:
+        assert streaming.rate(talk).startswith("10000 Hz by the host's clock")
 
 
 @needs_compiler
