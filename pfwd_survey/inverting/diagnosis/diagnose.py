@@ -22,7 +22,7 @@ from pfwd_survey.inverting.diagnosis.points import (
 )
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.diagnosis.shared_device import looked_at_first, looked_at_with_device
+from pfwd_survey.inverting.diagnosis.shared_device import Phases, diagnose_device
 from pfwd_survey.inverting.options import AnalysisOptions
 
 
@@ -114,19 +114,21 @@ def diagnose_entries(
     # Points of one device are one question: all of them are answered, or none.
     asked_anew = {entry.device for entry in every if id(entry) not in kept} - {None}
     work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
-    within: LeaveOut = leave_out or "drop"
-    with Workers(jobs) as workers:
+    found: Found = {}
+    with Workers(min(jobs, len(work))) as workers:
         if device:
-            look = Look(device=device, spread=spread, leave_out=within)
+            look = Look(device=device, spread=spread, leave_out=leave_out or "drop")
             told = Told(progress, "each point with what is known", len(work))
-            found = _found(work, look, workers, told)
+            looked = diagnose_all(work, [look] * len(work), workers, told)
+            found = dict(zip(map(id, work), looked, strict=True))
         else:
-            found, brief = looked_at_first(work, workers, within, progress)
-            again = looked_at_with_device(work, found, workers, leave_out, progress)
-            found |= again
-            alone = [point for point in work if id(point) in brief - again.keys()]
-            told = Told(progress, "each point by itself", len(alone))
-            found |= _found(alone, Look(leave_out=within), workers, told)
+            phases = Phases.of(progress, len(work))
+
+            def of_device(points: Sequence[DiagnosisPoint]) -> Found:
+                return diagnose_device(points, workers, leave_out, phases)
+
+            for of_one in workers.at_once(of_device, _by_device(work)):
+                found |= of_one
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry
@@ -146,9 +148,12 @@ def diagnose_entries(
         yield Diagnosed(entry.file, result, diagnosis, number=_number(entry))
 
 
-def _found(work: Sequence[DiagnosisPoint], look: Look, workers: Workers, told: Told) -> Found:
-    every = diagnose_all(work, [look] * len(work), workers, told)
-    return dict(zip(map(id, work), every, strict=True))
+def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
+    """Points of one device together, and those of none."""
+    devices: dict[str | None, list[DiagnosisPoint]] = {}
+    for point in work:
+        devices.setdefault(point.device, []).append(point)
+    return [devices[key] for key in sorted(devices, key=lambda key: (key is not None, key or ""))]
 
 
 def _number(entry: DiagnosisPoint) -> int | None:

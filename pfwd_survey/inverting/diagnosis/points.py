@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from threading import Lock
 from typing import Any, TypeVar
 
 from inversion import InversionError, SurrogateLibrary
@@ -19,7 +20,11 @@ from inversion.diagnosis import (
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.spawning import worker_pool
 
+# Devices that share the processes, for each of these.
+_AT_ONCE = 2
+
 _R = TypeVar("_R")
+_G = TypeVar("_G")
 DeviceValues = dict[str, dict[str, float]]
 Found = dict[int, PointDiagnosis | str]
 """Diagnoses, or why there is none, by the identity of the point."""
@@ -51,7 +56,7 @@ class Look:
 
 
 class Told:
-    """Counts points for who wants to know how far it is.
+    """Counts points for who wants to know how far it is; several devices may share one.
 
     Parameters
     ----------
@@ -64,21 +69,28 @@ class Told:
         self._progress = progress
         self._what = what
         self._done = 0
+        self._lock = Lock()
         self.total = total
+
+    def expect(self, more: int) -> None:
+        """So many points more are going to be looked at."""
+        with self._lock:
+            self.total += more
 
     def counted(self, results: Iterable[PointDiagnosis | str]) -> list[PointDiagnosis | str]:
         """Results in a list."""
         found = []
         for result in results:
             found.append(result)
-            self._done += 1
-            if self._progress is not None:
-                self._progress(self._what, self._done, self.total)
+            with self._lock:
+                self._done += 1
+                if self._progress is not None:
+                    self._progress(self._what, self._done, self.total)
         return found
 
 
 class Workers:
-    """Processes that share the work; a single one, or none begun, is this one.
+    """Processes that share the work of several devices; a single one is this one.
 
     Parameters
     ----------
@@ -88,22 +100,32 @@ class Workers:
     def __init__(self, count: int) -> None:
         self._count = count
         self._pool: ProcessPoolExecutor | None = None
+        self._waiting: ThreadPoolExecutor | None = None
 
     def __enter__(self) -> Workers:
+        if self._count > 1:
+            self._pool = worker_pool(self._count)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+        # What waits for the processes ends when they do.
+        for pool in (self._pool, self._waiting):
+            if pool is not None:
+                pool.shutdown(cancel_futures=True)
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
         """What a function gives for each row, in order."""
-        rows = len(columns[0])
-        if self._count <= 1 or rows < 2:
-            return map(function, *columns)
-        if self._pool is None:
-            self._pool = worker_pool(min(self._count, rows))
-        return self._pool.map(function, *columns)
+        return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
+
+    def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
+        """What a function that waits for these processes gives for each group, in order.
+
+        While one group waits for its last point, the processes are another's.
+        """
+        if self._pool is None or len(groups) < 2:
+            return map(function, groups)
+        self._waiting = ThreadPoolExecutor(_AT_ONCE * self._count)
+        return self._waiting.map(function, groups)
 
 
 def are_plain(found: Sequence[PointDiagnosis]) -> bool:

@@ -144,8 +144,8 @@ def _device_of(found: PointDiagnosis) -> DeviceValues:
     }
 
 
-def looked_at_with_rivals(
-    devices: Mapping[str, Sequence[DiagnosisPoint]], found: Found, workers: Workers, told: Told
+def looked_at_with_rival(
+    points: Sequence[DiagnosisPoint], found: Found, workers: Workers, told: Told
 ) -> set[int]:
     """Where device effects that few points show tell all better, all have them from here on.
 
@@ -156,47 +156,29 @@ def looked_at_with_rivals(
     -------
     Identities of the points whose diagnoses are others now, in brief.
     """
-    tried = {}
-    for device, points in devices.items():
-        alone = [found[id(point)] for point in points]
-        rival = find_rival(alone, device_names([d for d in alone if is_sound(d)]))
-        if rival is not None:
-            tried[device] = (points, alone, rival)
-    answers: dict[str, dict[int, PointDiagnosis | str]] = {device: {} for device in tried}
-    for every in (False, True):
-        asked = []
-        for device, (_, alone, rival) in tried.items():
-            begun, anew = looks_with(rival, alone)
-            asked += [
-                (device, place, begun)
-                for place in (rival.others[_ASKED_FIRST:] if every else rival.others[:_ASKED_FIRST])
-            ]
-            asked += [(device, place, anew) for place in rival.others if every]
-        if not asked:
-            break
-        told.total += len(asked)
+    alone = [found[id(point)] for point in points]
+    rival = find_rival(alone, device_names([d for d in alone if is_sound(d)]))
+    if rival is None:
+        return set()
+    begun, anew = looks_with(rival, alone)
+    first, rest = rival.others[:_ASKED_FIRST], rival.others[_ASKED_FIRST:]
+    answers: dict[int, PointDiagnosis | str] = {}
+    for asked, paid in (
+        ([(place, begun) for place in first], False),
+        ([*((place, begun) for place in rest), *((place, anew) for place in rival.others)], True),
+    ):
+        told.expect(len(asked))
         diagnoses = diagnose_all(
-            [tried[device][0][place] for device, place, _ in asked],
-            [look for _, _, look in asked],
-            workers,
-            told,
+            [points[place] for place, _ in asked], [look for _, look in asked], workers, told
         )
-        for (device, place, look), diagnosis in zip(asked, diagnoses, strict=True):
+        for (place, look), diagnosis in zip(asked, diagnoses, strict=True):
             if is_sound(diagnosis):
                 diagnosis = with_device(diagnosis, given_device(look.device or {}, look.spread))
-            known = answers[device].setdefault(place, diagnosis)
-            answers[device][place] = min(known, diagnosis, key=_criterion)
-        tried = {
-            device: (points, alone, rival)
-            for device, (points, alone, rival) in tried.items()
-            if gain(rival, alone, answers[device], paid=every) > 0.0
-        }
-    changed: set[int] = set()
-    for device, (points, _, _) in tried.items():
-        for place, diagnosis in answers[device].items():
-            found[id(points[place])] = diagnosis
-            changed.add(id(points[place]))
-    return changed
+            answers[place] = min(answers.get(place, diagnosis), diagnosis, key=_criterion)
+        if gain(rival, alone, answers, paid=paid) <= 0.0:
+            return set()
+    found.update((id(points[place]), diagnosis) for place, diagnosis in answers.items())
+    return {id(points[place]) for place in answers}
 
 
 def _criterion(found: PointDiagnosis | str) -> float:

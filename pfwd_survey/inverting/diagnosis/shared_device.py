@@ -42,7 +42,7 @@ from pfwd_survey.inverting.diagnosis.points import (
     are_plain,
     diagnose_all,
 )
-from pfwd_survey.inverting.diagnosis.rival_device import looked_at_with_rivals
+from pfwd_survey.inverting.diagnosis.rival_device import looked_at_with_rival
 
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
@@ -52,57 +52,88 @@ _COMMON = 0.2
 _FIRST, _WORSE, _WORSE_WITH_DEVICE = 4, 1.5, 1.2
 
 
-def looked_at_first(
-    work: Sequence[DiagnosisPoint],
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Who is told how far each part of the work is.
+
+    Parameters
+    ----------
+    alone : Told, points by themselves
+    together : Told, points with what others show
+    """
+
+    alone: Told
+    together: Told
+
+    @classmethod
+    def of(cls, progress: Progress | None, points: int) -> Phases:
+        """Of so many points."""
+        return cls(
+            Told(progress, "each point by itself", points),
+            Told(progress, "with what other points show", 0),
+        )
+
+
+def diagnose_device(
+    points: Sequence[DiagnosisPoint],
     workers: Workers,
-    leave_out: LeaveOut,
-    progress: Progress | None,
+    leave_out: LeaveOut | None,
+    phases: Phases,
+) -> Found:
+    """Diagnoses of the points of one device, or of points that share none.
+
+    Parameters
+    ----------
+    leave_out : None: the point, where those of the device share something, else a drop
+    """
+    within: LeaveOut = leave_out or "drop"
+    found, brief = looked_at_first(points, workers, within, phases.alone)
+    again = looked_at_with_device(points, found, workers, leave_out, phases.together)
+    rest = [point for point in points if id(point) in brief - again.keys()]
+    phases.alone.expect(len(rest))
+    looks = [Look(leave_out=within)] * len(rest)
+    alone = diagnose_all(rest, looks, workers, phases.alone)
+    return found | again | dict(zip(map(id, rest), alone, strict=True))
+
+
+def looked_at_first(
+    points: Sequence[DiagnosisPoint], workers: Workers, leave_out: LeaveOut, told: Told
 ) -> tuple[Found, set[int]]:
     """Each point by itself; and which were looked at in brief, for what the survey needs."""
-    later: dict[str, list[DiagnosisPoint]] = {}
-    for points in _by_device(work).values():
-        if len(points) >= 2 * _FIRST:
-            first = {round(i * (len(points) - 1) / (_FIRST - 1)) for i in range(_FIRST)}
-            assert points[0].device is not None
-            later[points[0].device] = [p for i, p in enumerate(points) if i not in first]
-    waiting = {id(point) for points in later.values() for point in points}
-    told = Told(progress, "each point by itself", len(work))
     found: Found = {}
 
-    def look_at(points: Sequence[DiagnosisPoint], looks: Sequence[Look] | None = None) -> None:
-        chosen = looks or [Look(leave_out=leave_out)] * len(points)
-        found.update(zip(map(id, points), diagnose_all(points, chosen, workers, told), strict=True))
+    def look_at(chosen: Sequence[DiagnosisPoint], look: Look) -> None:
+        diagnoses = diagnose_all(chosen, [look] * len(chosen), workers, told)
+        found.update(zip(map(id, chosen), diagnoses, strict=True))
 
-    look_at([point for point in work if id(point) not in waiting])
-    # Of all devices at once: no process waits for another's.
-    anew: list[DiagnosisPoint] = []
-    short: list[tuple[DiagnosisPoint, Look]] = []
-    usual: dict[str, float] = {}
-    for device, points in later.items():
-        shown = [d for p in work if p.device == device and is_sound(d := found.get(id(p), ""))]
-        if not device_names(shown):
-            anew += points
-            continue
+    alone = Look(leave_out=leave_out)
+    if points[0].device is None:
+        look_at(points, alone)
+        return found, set()
+    first = set(range(len(points)))
+    if len(points) >= 2 * _FIRST:
+        first = {round(i * (len(points) - 1) / (_FIRST - 1)) for i in range(_FIRST)}
+    look_at([point for i, point in enumerate(points) if i in first], alone)
+    others = [point for i, point in enumerate(points) if i not in first]
+    shown = [d for d in found.values() if is_sound(d)]
+    brief: set[int] = set()
+    if device_names(shown):
         likely, begun = _shown(shown, ())
         starts = [begun, *(d.values for d in shown)]
-        look = Look(likely=sorted(likely), begun=starts, plain=are_plain(shown), brief=True)
-        short += [(point, look) for point in points]
-        usual[device] = median([d.after.residual_rms_over_peak for d in shown])
-    default = Look(leave_out=leave_out)
-    look_at(
-        [*anew, *(point for point, _ in short)],
-        [*[default] * len(anew), *(look for _, look in short)],
-    )
-    worse = [
-        point
-        for point, _ in short
-        if is_sound(d := found[id(point)]) and _ended_worse(d, _WORSE * usual[str(point.device)])
-    ]
-    told.total += len(worse)
-    look_at(worse, [Look(brief=True)] * len(worse))
-    return found, {id(point) for point, _ in short} | looked_at_with_rivals(
-        _by_device(work), found, workers, told
-    )
+        plain = are_plain(shown)
+        look_at(others, Look(likely=sorted(likely), begun=starts, plain=plain, brief=True))
+        usual = median([d.after.residual_rms_over_peak for d in shown])
+        worse = [
+            point
+            for point in others
+            if is_sound(d := found[id(point)]) and _ended_worse(d, _WORSE * usual)
+        ]
+        told.expect(len(worse))
+        look_at(worse, Look(brief=True))
+        brief = set(map(id, others))
+    else:
+        look_at(others, alone)
+    return found, brief | looked_at_with_rival(points, found, workers, told)
 
 
 def _ended_worse(found: PointDiagnosis, than: float) -> bool:
@@ -111,46 +142,33 @@ def _ended_worse(found: PointDiagnosis, than: float) -> bool:
     return found.verdict == "unexplained" and found.after.residual_rms_over_peak > most
 
 
-def _by_device(work: Sequence[DiagnosisPoint]) -> dict[str, list[DiagnosisPoint]]:
-    found: dict[str, list[DiagnosisPoint]] = {}
-    for point in work:
-        if point.device is not None:
-            found.setdefault(point.device, []).append(point)
-    return dict(sorted(found.items()))
-
-
 def looked_at_with_device(
-    work: Sequence[DiagnosisPoint],
+    points: Sequence[DiagnosisPoint],
     found: Mapping[int, PointDiagnosis | str],
     workers: Workers,
     leave_out: LeaveOut | None,
-    progress: Progress | None,
+    told: Told,
 ) -> Found:
-    """Diagnoses anew of the points whose device has effects that most of its points show."""
-    surveys = [
-        (points, sound)
-        for points in _by_device(work).values()
-        if len(sound := [point for point in points if is_sound(found[id(point)])]) > 1
+    """Diagnoses anew of the points of a device that has effects which most of its points show."""
+    sound = [point for point in points if is_sound(found[id(point)])]
+    if points[0].device is None or len(sound) < 2:
+        return {}
+    own = [d for point in sound if is_sound(d := found[id(point)])]
+    records = [point.records for point in sound]
+    (findings,) = workers.map(device_findings, [records], [own])
+    if findings is None:
+        return {}
+    looks = _looks_of_survey([found[id(point)] for point in points], findings)
+    of_others = _of_others(points, sound, findings)
+    others = alternatives_of(own)
+    asked = [
+        _Asked(point, look, findings, values, others)
+        for point, look, values in zip(points, looks, of_others, strict=True)
     ]
-    alone = [[d for p in sound if is_sound(d := found[id(p)])] for _, sound in surveys]
-    records = [[point.records for point in sound] for _, sound in surveys]
-    asked: list[_Asked] = []
-    for (points, sound), own, findings in zip(
-        surveys, alone, workers.map(device_findings, records, alone), strict=True
-    ):
-        if findings is None:
-            continue
-        looks = _looks_of_survey([found[id(point)] for point in points], findings)
-        of_others = _of_others(points, sound, findings)
-        others = alternatives_of(own)
-        asked += [
-            _Asked(point, look, findings, values, others)
-            for point, look, values in zip(points, looks, of_others, strict=True)
-        ]
     # Where a point is left out, a drop of it is not.
     as_points = leave_out in (None, "point")
     within = None if as_points else leave_out
-    told = Told(progress, "with what other points show", len(asked))
+    told.expect(len(asked))
     anew = diagnose_all(
         [one.point for one in asked],
         [replace(one.look, leave_out=within) for one in asked],
@@ -194,17 +212,14 @@ def _look_again_at_worse(
 
     The better one counts: what a point showed by itself, and what others show, may lead astray.
     """
-    left: dict[str | None, list[float]] = {}
-    for one, found in zip(asked, anew, strict=True):
-        if isinstance(found, PointDiagnosis):
-            left.setdefault(one.point.device, []).append(found.after.residual_rms_over_peak)
-    usual = {device: median(values) for device, values in left.items()}
+    left = [d.after.residual_rms_over_peak for d in anew if is_sound(d)]
+    if not left:
+        return
+    most = _WORSE_WITH_DEVICE * median(left)
     worse = [
-        place
-        for place, (one, found) in enumerate(zip(asked, anew, strict=True))
-        if is_sound(found) and _ended_worse(found, _WORSE_WITH_DEVICE * usual[one.point.device])
+        place for place, found in enumerate(anew) if is_sound(found) and _ended_worse(found, most)
     ]
-    told.total += len(worse)
+    told.expect(len(worse))
     looks = [Look(device=asked[place].look.device, leave_out=leave_out) for place in worse]
     others = diagnose_all([asked[place].point for place in worse], looks, workers, told)
     for place, other in zip(worse, others, strict=True):
@@ -231,7 +246,7 @@ def _look_without_device(
         if is_sound(found)
         and found.after.residual_rms_over_peak > found.before.residual_rms_over_peak
     ]
-    told.total += len(worse)
+    told.expect(len(worse))
     look = Look(leave_out="drop" if leave_out in (None, "point") else leave_out)
     others = diagnose_all([p for p, _ in worse], [look] * len(worse), workers, told)
     by_itself: Found = {}

@@ -92,9 +92,10 @@ class Survey:
     def first(self) -> tuple[dict[int, Any], set[int]]:
         """Looks at them; places of those that were looked at in brief."""
         self.progress: list[tuple[str, int, int]] = []
-        found, brief = looked_at_first(
-            self.points, Workers(1), "drop", lambda *told: self.progress.append(told)
+        told = Told(
+            lambda *one: self.progress.append(one), "each point by itself", len(self.points)
         )
+        found, brief = looked_at_first(self.points, Workers(1), "drop", told)
         places = {id(point): point.place for point in self.points}
         assert set(found) == set(places)
         return {places[key]: value for key, value in found.items()}, {places[k] for k in brief}
@@ -242,18 +243,6 @@ def test_what_ends_worse_with_its_device_begins_from_nothing(
     assert (anew[4] is survey.cold[4]) == taken
     assert (anew[4] is first[4]) != taken
     assert anew[5] == "no load"
-
-
-def test_points_of_two_devices_are_looked_at_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    drift = ("load_filter", "device", "corner", "Hz", 300.0)
-    cold = [diagnosis(0.01, LAG)] * 8 + [diagnosis(0.02, drift)] * 8
-    survey = Survey(monkeypatch, cold, warm=diagnosis(0.012, LAG))
-    for point in survey.points[8:]:
-        point.device = "other unit"
-    survey.first()
-    assert survey.calls == [8, 8, 0]
-    likely = {place: look.likely for place, look in survey.looks[8:]}
-    assert [likely[place] for place in (1, 9)] == [["sensor_lag"], ["load_filter"]]
 
 
 KNOWN = {
