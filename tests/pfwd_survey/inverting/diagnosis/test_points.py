@@ -5,6 +5,7 @@ import math
 import operator
 import time
 from concurrent.futures import CancelledError
+from threading import Event
 
 import pytest
 
@@ -37,18 +38,21 @@ def test_an_error_of_a_group_is_told(count: int) -> None:
 
 def test_who_stops_does_not_wait_for_the_work_that_has_not_begun() -> None:
     ended: list[type[BaseException]] = []
+    asked = Event()
 
     def naps(seconds: float) -> None:
         try:
+            list(workers.map(time.sleep, [0.0]))
+            asked.set()
             list(workers.map(time.sleep, [seconds] * 40))
         except BaseException as err:
             ended.append(type(err))
             raise
 
-    began = time.monotonic()
     with contextlib.suppress(KeyboardInterrupt), Workers(2) as workers:
         workers.at_once(naps, [0.5, 0.5])
-        list(workers.map(time.sleep, [0.0]))
+        assert asked.wait(60.0)
+        began = time.monotonic()
         raise KeyboardInterrupt
     # All naps together take twenty seconds.
     assert time.monotonic() - began < 10.0
