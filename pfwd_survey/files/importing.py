@@ -1,5 +1,6 @@
 """Takes drops from files into a survey."""
 
+import contextlib
 import dataclasses
 import datetime
 import hashlib
@@ -15,12 +16,13 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.record import point_name
+from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import SurveyError, quote, refusal
 from pfwd_survey.files.foreign.common import Channels
 from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.imported import Imported, kind_of, remarks_of
-from pfwd_survey.files.importing_survey import import_survey
+from pfwd_survey.files.importing_survey import import_survey, read_exported
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import is_survey_file
@@ -61,18 +63,28 @@ def import_files(
     RecordingError
         If the survey cannot be written.
     """
-    with SurveyWriter.open(survey, spare=spare_folder(), fall_back=False) as writer:
-        before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
+    with contextlib.ExitStack() as stack:
+        writer: SurveyWriter | None = None
+        before: dict[int, int] = {}
         for file in files:
+            points: Sequence[TracePoint] = ()
+            exported: SurveyContent | None = None
             try:
                 if header is None and is_survey_file(file):
-                    yield from import_survey(writer, file, before)
-                    continue
-                points = read_points(file, header, column_map=column_map, channels=channels)
+                    exported = read_exported(file)
+                else:
+                    points = read_points(file, header, column_map=column_map, channels=channels)
                 names = [_name_of(point, file) for point in points]
             except SurveyError as err:
                 yield Imported(file, error=str(err))
                 continue
+            if writer is None:
+                # Files of which none can be read leave no survey behind.
+                opened = SurveyWriter.open(survey, spare=spare_folder(), fall_back=False)
+                writer = stack.enter_context(opened)
+                before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
+            if exported is not None:
+                yield from import_survey(writer, file, exported, before)
             for point, name in zip(points, names, strict=True):
                 for drop in point.drops:
                     imported = _import_drop(writer, file, point, name, drop, before)

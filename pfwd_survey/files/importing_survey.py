@@ -24,8 +24,22 @@ MOST_NAMED = 3
 Said = Mapping[str, Any]
 
 
+def read_exported(file: str) -> SurveyContent:
+    """What an exported survey holds.
+
+    Raises
+    ------
+    SurveyError
+        If the file cannot be read.
+    """
+    try:
+        return read_survey_file(file)
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+
+
 def import_survey(
-    writer: SurveyWriter, file: str, before: MutableMapping[int, int]
+    writer: SurveyWriter, file: str, content: SurveyContent, before: MutableMapping[int, int]
 ) -> Iterator[Imported]:
     """Import every drop with what was said of it; nothing is imported or said twice.
 
@@ -37,6 +51,8 @@ def import_survey(
     writer : SurveyWriter
     file : str
         An exported survey.
+    content : SurveyContent
+        What it holds.
     before : mapping of number within the survey to number within the point
         Of the drops that the survey holds; those that are imported are added.
 
@@ -46,15 +62,9 @@ def import_survey(
 
     Raises
     ------
-    SurveyError
-        If the file cannot be read.
     RecordingError
         If the survey cannot be written.
     """
-    try:
-        content = read_survey_file(file)
-    except RecordingError as err:
-        raise SurveyError(str(err)) from err
     there = read_survey(writer.folder)
     checks, events = there.checks, there.events
     skipped: Counter[str] = Counter()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.importing import Imported, import_files
 from pfwd_survey.files.reading import read_points
+from pfwd_survey.files.survey_file import is_survey_file
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.files.upkeep import check_survey, recover_survey
 
@@ -94,6 +96,21 @@ def test_a_refused_file_does_not_keep_the_others_out(
     assert [one.error is None for one in found] == [False, False, True, True, True]
     assert found[1] == Imported(str(long), error=found[1].error)
     assert "point: 1 to 64 characters" in str(found[1].error)
+
+
+def test_files_of_which_none_can_be_read_leave_no_survey(tmp_path: Path, csv: Path) -> None:
+    text, exported = tmp_path / "text.csv", tmp_path / "exported.h5"
+    text.write_text("not a drop\n", encoding="utf-8")
+    with h5py.File(exported, "w") as file:
+        file.attrs["format"] = "pfwd-survey"
+        file.attrs["version"] = 99
+    refused, into = [str(text), str(exported), str(tmp_path / "none.csv")], tmp_path / "into"
+    assert is_survey_file(exported)
+    assert [one.error is None for one in import_files(refused, into)] == [False] * 3
+    assert not into.exists()
+    assert len(list(import_files([*refused, str(csv)], into))) == 6
+    assert len(list(import_files(refused, into))) == 3
+    assert len(read_survey(into).drops) == 3
 
 
 def test_long_names_of_files_stay_apart(tmp_path: Path, csv: Path) -> None:
