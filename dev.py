@@ -38,6 +38,16 @@ STATIC_CHECKS = {
     # The other systems cannot be run everywhere, but what does not exist there can be found.
     "mypy for Windows": ["mypy", "--platform", "win32", "--cache-dir", ".mypy_cache/win32"],
     "mypy for macOS": ["mypy", "--platform", "darwin", "--cache-dir", ".mypy_cache/darwin"],
+    # They are in no wheel, and some of them are for one system alone.
+    "mypy for benchmarks": [
+        "mypy",
+        "-p",
+        "benchmarks",
+        "--platform",
+        "linux",
+        "--cache-dir",
+        ".mypy_cache/benchmarks",
+    ],
     "imports": ["lint-imports"],
 }
 

@@ -15,7 +15,6 @@ import numpy as np
 from benchmarks.output import Reporter
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.exporting.json_text import without_nan
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.inverting.analysis import analyse_files
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -141,7 +140,7 @@ def make_survey(path: Path) -> None:
         files = []
         for index, (point, truth) in enumerate(SURVEY.items()):
             drop = simulate(truth, (0.0,), SURVEY_TIME_STEP)
-            declared = {
+            declared: dict[str, str | float | int] = {
                 "bedrock_depth_m": math.inf,
                 "seating_drops": 1,
                 "device": "simulated",
@@ -197,5 +196,5 @@ def _store_results(survey: Path) -> None:
     numbers = {(drop.point, drop.drop): drop.number for drop in read_survey(survey).drops}
     with SurveyWriter.open(survey) as writer:
         for result in outcome.results:
-            number = numbers[str(result["point"]), int(result["drop"])]
-            writer.save_result(number, without_nan({**result, "file": "survey"}))
+            number = numbers[str(result.point), int(result.drop or 0)]
+            writer.save_result(number, {**result.to_json(), "file": "survey"})

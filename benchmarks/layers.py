@@ -204,7 +204,7 @@ def _accuracy(report: Reporter, cases: int) -> None:
         for name, offsets, pulse in (("trailer", _TRAILER, 0.025), ("portable", _PORTABLE, 0.015)):
             for damped in (True, False):
                 rng = np.random.default_rng(11)
-                setup = PlateSetup(plate, _RADIUS, offsets)  # type: ignore[arg-type]
+                setup = PlateSetup(plate, _RADIUS, offsets)
                 errors, counts = [], []
                 for number in range(cases):
                     ground = LayeredGrounds.of([_drawn(rng, number % 2 == 0, damped)])
@@ -291,7 +291,7 @@ def _finite_elements(report: Reporter) -> None:
         for contact in ("rough", "smooth"):
             drop = simulate_drop(
                 ground,
-                Plate(_RADIUS, 12.0, contact),  # type: ignore[arg-type]
+                Plate(_RADIUS, 12.0, contact),
                 Hammer(10.0, 5.6e5, 3.0),
                 _PORTABLE,
                 duration=0.05,

@@ -163,7 +163,7 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
     from pfwd_survey.measuring.plan import SessionPlan
     from tui.screen.app import PfwdApp
     from tui.screen.session.sources import LiveSource
-    from tui.screen.settings import Settings
+    from tui.screen.settings import ScreenSettings
 
     class Measured(PfwdApp):
         """Looks at itself."""
@@ -209,7 +209,7 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
             return float(sum(counters[name] or 0 for name in names))
 
     source = LiveSource(url, Path(folder) / "survey", SessionPlan())
-    Measured(source, Settings(bell=False), save=lambda _: True).run()
+    Measured(source, ScreenSettings(bell=False), save=lambda _: True).run()
 
 
 if __name__ == "__main__":

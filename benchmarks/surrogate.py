@@ -26,7 +26,7 @@ def run(arguments: list[str]) -> int:
     for plate in ("rigid-smooth", "rigid-rough"):
         report.title(f"{plate}: {_CASES} random grounds each (error over peak, 100 ms)")
         for ratio in _RATIOS:
-            problem = PlateProblem(plate, ratio)  # type: ignore[arg-type]
+            problem = PlateProblem(plate, ratio)
             begun = time.perf_counter()
             surrogate = build_surrogate(problem)
             seconds = time.perf_counter() - begun

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -235,7 +236,7 @@ def errors(reporter: Reporter, drops: int, seed: int) -> bool:
             options = BoardOptions(drop_samples=0, speed=STREAMING_SPEED, memory=memory)
             with (
                 HostBoard(played, options) as board,
-                BadLink(lambda board=board: board.url, bit_error_rate=1e-4, seed=seed) as link,
+                BadLink(partial(getattr, board, "url"), bit_error_rate=1e-4, seed=seed) as link,
             ):
                 _measure(link.url, folder / "survey", drops, 10 + drops * 2 / STREAMING_SPEED)
             recorded = Recorded(folder / "survey", played)
