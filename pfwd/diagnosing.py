@@ -83,7 +83,8 @@ class Diagnosis(Shown):
         drops = count(len(self._record["drops"]), "drop")
         verdict = self.verdict
         if self.effects:
-            verdict += f"{' by' if self.corrected else ', found'} {', '.join(self.effects)}"
+            told = " by" if self.verdict == "explained" or self.corrected else ", found"
+            verdict += f"{told} {', '.join(self.effects)}"
         warned = count(len(self.warnings), "warning") if self.warnings else "no warnings"
         if self.before is None or self.after is None:
             return f"Diagnosis({name}, {drops}: {verdict}; {warned})"

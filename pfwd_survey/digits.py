@@ -88,6 +88,22 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     return at_place(value, min(place, _top(value))), low, high
 
 
+def with_width(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
+    """A value and the ends of its interval, all to the place that its width supports.
+
+    Two digits of the value are told at least: what stands beside another one of them would look
+    farther away, or nearer, than it is.
+
+    Examples
+    --------
+    >>> with_width(45.2, (43.4, 47.1)), with_width(84.1, (67.7, 110.1))
+    (('45', '43', '47'), ('84', '68', '110'))
+    """
+    low, high = ends
+    place = min(_place(high - low), _top(value) - 1)
+    return at_place(value, place), at_place(low, place), at_place(high, place)
+
+
 def significant(value: float, digits: int = FEW_DIGITS) -> str:
     """So many digits that count, or all before the point when there are more.
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard
 
-from pfwd_survey.digits import rounded, with_ends
+from pfwd_survey.digits import rounded, with_ends, with_width
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectResult,
@@ -22,8 +22,6 @@ _VERDICT = {
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
-# An interval of so many times leaves the modulus open: a value within it would say nothing.
-_OPEN = 10.0
 # From this part on no digits after the point.
 _TENTH = 0.1
 # One of so many times is told by its nearer end: its width would leave no digit.
@@ -96,10 +94,12 @@ def diagnosis_line(point: str, result: DiagnosisResult) -> str:
 def _advice(result: DiagnosisResult) -> list[str]:
     """What an engineer may do with the number, in a sentence."""
     after = result.after
-    if after is None or not _is_finite(after.modulus_pa) or after.modulus_interval_pa is None:
+    if after is None or after.modulus_interval_pa is None:
         return []
-    if _is_open(after):
+    if after.left_open:
         return ["  The record leaves the modulus open: take none from it."]
+    if not _is_finite(after.modulus_pa):
+        return []
     low, high = after.modulus_interval_pa
     wide = (high - low) / 1e6
     _, *ends = _shown(after.modulus_pa, after.modulus_interval_pa)
@@ -109,13 +109,26 @@ def _advice(result: DiagnosisResult) -> list[str]:
     if result.corrected:
         text = f"  Use the modulus after, known to lie between {between}"
     else:
-        text = f"  Do not take the modulus after for corrected: E lies between {between}"
+        why = _why_not(result)
+        text = f"  Do not take the modulus after for corrected{why}: E lies between {between}"
     if _is_finite(after.stress_pa):
         text += f", secant at {after.stress_pa / 1e3:.0f} kPa"
         other = after.modulus_100kpa_pa
         if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _SAME:
             text += f" ({rounded(other / 1e6, wide)} MPa at 100 kPa)"
     return [f"{text}."]
+
+
+def _why_not(result: DiagnosisResult) -> str:
+    """Why a modulus that moved for a right cause is not corrected."""
+    before, after = result.before, result.after
+    if result.verdict != "explained" or before is None or after is None:
+        return ""
+    low, high = after.modulus_interval_pa or (math.nan, math.nan)
+    if not _is_finite(before.modulus_pa) or not _is_finite(after.modulus_pa):
+        return ""
+    moved = abs(after.modulus_pa - before.modulus_pa)
+    return ", it moved by less than its interval is wide" if high - low >= moved else ""
 
 
 def _held_out(held: HeldOut | None) -> list[str]:
@@ -134,26 +147,16 @@ def _held_out(held: HeldOut | None) -> list[str]:
     return lines
 
 
-def _is_open(state: FittedState) -> bool:
-    """Whether the interval leaves the modulus open."""
-    interval = state.modulus_interval_pa
-    return (
-        interval is not None
-        and all(map(math.isfinite, interval))
-        and interval[1] > _OPEN * interval[0]
-    )
-
-
 def _modulus(state: FittedState) -> str:
     """The modulus with its interval, MPa, with the digits that it supports; empty: no ground."""
     modulus, interval = state.modulus_pa, state.modulus_interval_pa
+    if interval is not None and state.left_open:
+        low, high = (rounded(end / 1e6, end / 1e6) for end in interval)
+        return f"E left open ({low} to {high} MPa)"
     if not _is_finite(modulus):
         return ""
     if interval is None or not all(map(math.isfinite, interval)):
         return f"E {modulus / 1e6:.3g} MPa"
-    if _is_open(state):
-        low, high = (rounded(end / 1e6, end / 1e6) for end in interval)
-        return f"E left open ({low} to {high} MPa)"
     middle, *ends = _shown(modulus, interval)
     return f"E {middle} MPa ({' to '.join(ends)})"
 
@@ -163,8 +166,7 @@ def _shown(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str
     middle, low, high = (value / 1e6 for value in (modulus, *interval))
     if high > _WIDE * low:
         return with_ends(middle, (low, high))
-    wide = high - low
-    return rounded(middle, wide), rounded(low, wide), rounded(high, wide)
+    return with_width(middle, (low, high))
 
 
 def _state(state: FittedState) -> str:
@@ -180,7 +182,7 @@ def _state(state: FittedState) -> str:
 
 def _change(before: FittedState, after: FittedState) -> list[str]:
     first, last = before.modulus_pa, after.modulus_pa
-    if not _is_finite(first) or not _is_finite(last) or _is_open(before) or _is_open(after):
+    if not _is_finite(first) or not _is_finite(last) or before.left_open or after.left_open:
         return []
     return [f"  the modulus changes by {100 * (last / first - 1):+.1f} %"]
 

@@ -19,6 +19,7 @@ from inversion.diagnosis.averaging import Averaged, average
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import (
     CALIBRATION,
+    LEFT_OPEN,
     DeviceValues,
     DropCurves,
     FoundEffect,
@@ -44,7 +45,7 @@ from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, WORTH, Candidate,
 from inversion.effects.base import Ground
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
-from inversion.measured.steps import find_step
+from inversion.measured.steps import PLAIN_LOAD, PLAIN_MOTION, find_step
 from inversion.threads import single_threaded_blas
 
 # Pa: the stress at which moduli of different drops are compared.
@@ -63,8 +64,8 @@ _UNKNOWN = 3.0
 _BEHIND_LEFT = 2.0
 # Of sets with a value on its bound one without is told that leaves at most so many times as much.
 _AS_CLOSE = 1.5
-# A range of moduli so wide is told; one so wide that it leaves the modulus open is none.
-_WIDE, _OPEN = 1.1, 10.0
+# A range of moduli so wide is told.
+_WIDE = 1.1
 
 
 def diagnose_point(
@@ -123,19 +124,24 @@ def diagnose_point(
 
 
 def _steps(point: Point) -> list[str]:
-    """What is said of records that step in the contact, where no motion could."""
+    """What is said of records that step in the contact, where neither motion nor weight could."""
     said = []
     for number, model in zip(point.records.numbers, point.drops, strict=True):
         time = model.record.time
         first, end = np.searchsorted(
             time, model.drop.start + np.array([0.0, model.context.contact_end])
         )
-        for sensor in model.record.sensors:
-            place = find_step(sensor.values, int(first), int(end))
+        traces = [
+            (f"sensor at {sensor.offset:g} m", "no motion", sensor.values, PLAIN_MOTION)
+            for sensor in model.record.sensors
+        ]
+        traces.append(("load", "no weight", model.record.load, PLAIN_LOAD))
+        for trace, cause, values, plain in traces:
+            place = find_step(values, int(first), int(end), plain)
             if place is not None:
                 said.append(
-                    f"drop {number}, sensor at {sensor.offset:g} m: the record steps "
-                    f"{1e3 * (time[place] - time[first]):.1f} ms into the pulse, where no motion "
+                    f"drop {number}, {trace}: the record steps "
+                    f"{1e3 * (time[place] - time[first]):.1f} ms into the pulse, where {cause} "
                     "could: samples are missing, or its range was switched; measure again"
                 )
     return said
@@ -189,13 +195,12 @@ def _report(
         best, objections = simpler, []
         others = _alternatives(point, search, best)
     found = _told(point, search, base, best, others, objections, leave_out)
-    low, high = found.after.modulus_interval
-    if objections and best.effects and high > _OPEN * low:
+    if objections and best.effects and found.after.left_open:
         nothing = by_noise.base()
         objections = [
             *reasons_to_reject(point, nothing),
             f"{_names(best)} came nearest, but left the modulus open by more than a factor of "
-            f"{_OPEN:g}: not taken over",
+            f"{LEFT_OPEN:g}: not taken over",
         ]
         found = _told(point, by_noise, base, nothing, {}, objections, leave_out)
     return found

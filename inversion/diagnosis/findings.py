@@ -22,6 +22,8 @@ _NOTHING_LEFT = 1e-9
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell and sensors that
 # read too much or too little throughout, each by the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
+# An interval so many times as high as low says nothing of a modulus.
+LEFT_OPEN = 10.0
 DeviceValues = dict[str, dict[str, float]]
 
 
@@ -101,6 +103,12 @@ class ModelState:
     stress: float
     modulus_100kpa: float
 
+    @property
+    def left_open(self) -> bool:
+        """Whether the interval is so wide that a modulus within it would say nothing."""
+        low, high = self.modulus_interval
+        return high > LEFT_OPEN * low
+
 
 @dataclass(frozen=True, eq=False)
 class DropCurves:
@@ -163,6 +171,7 @@ class PointDiagnosis:
     values : dict of all unknowns' values, from which a fit of the point may go on
     plain : bool, whether every sample counted alike, as much more than noise is left
     independent : float, samples that count in the evidence of its effects
+    elapsed : float, s, of looking at it; NaN: not known
     """
 
     name: str
@@ -181,6 +190,7 @@ class PointDiagnosis:
     values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
     plain: bool = False
     independent: float = math.nan
+    elapsed: float = math.nan
 
     @property
     def takes_most(self) -> bool:
@@ -209,24 +219,24 @@ class PointDiagnosis:
         """Whether the modulus after may be taken for corrected.
 
         The point is explained, or to at most `NEARLY_EXPLAINED` of the peak by effects none of
-        which would go on past its bounds; its modulus is known better than it moved, calibration
-        apart, which is in both; and drops that were held out are predicted better than before.
+        which would go on past its bounds; its interval is narrower than the modulus moved, and not
+        so wide that it leaves it open; and drops that were held out are predicted better than
+        before.
         """
         if not self.effects or not math.isfinite(self.after.modulus):
+            return False
+        if self.after.left_open:
             return False
         past_bounds = any(p.at_bound for effect in self.effects for p in effect.parameters)
         near = self.after.residual_rms_over_peak <= NEARLY_EXPLAINED and not past_bounds
         low, high = self.after.modulus_interval
-        half = 0.5 * math.log(high / low)
-        alone = math.sqrt(max(half**2 - math.log1p(CALIBRATION) ** 2, 0.0))
-        wide = (high - low) * (alone / half if half else 1.0)
         moved = abs(self.after.modulus - self.before.modulus)
         worse = (
             self.held_out_before is not None
             and self.held_out_after is not None
             and self.held_out_after >= self.held_out_before
         )
-        return (self.verdict == "explained" or near) and wide < moved and not worse
+        return (self.verdict == "explained" or near) and high - low < moved and not worse
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,8 @@ _FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in 
 _LEAST_TURN = 0.6
 # Rectifiers and transformers make odd harmonics.
 _HARMONICS = (1, 3, 5)
+# Of the samples in a second, frequencies that they show: nearer to half of them all look alike.
+_SHOWN = 0.45
 # A line leaves no more than this part of what a straight one leaves (rms); slow noise, which so
 # many numbers follow as far as it is smooth, leaves a fifth in one of a hundred records.
 _MOST_LEFT = 0.15
@@ -102,6 +104,9 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     most, lines = 0.0, []
     for frequency in _MAINS:
+        if frequency >= _SHOWN / step:
+            # So few samples a second show it as something else.
+            continue
         turn = 2.0 * np.pi * frequency * time
         columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
         if quiet.size <= columns.shape[1]:

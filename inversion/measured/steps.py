@@ -12,8 +12,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from inversion.arrays import FloatArray
 
-# Samples on either side, and how many deviations a step has: real channels show 6 at most.
-_SIDE, _PLAIN = 7, 8.0
+PLAIN_MOTION, PLAIN_LOAD = 8.0, 25.0
+"""Deviations that a step has. Real sensors show 6 at most; loads, where a buffer meets the plate,
+15, and 44 where a tenth of them is added within."""
+# Samples on either side.
+_SIDE = 7
 _TIMES = (np.arange(2 * _SIDE) - _SIDE + 0.5) / _SIDE
 _SHAPES = np.column_stack([_TIMES**power for power in range(4)] + [(_TIMES > 0.0).astype(float)])
 _FITTED: FloatArray = np.linalg.pinv(_SHAPES)
@@ -21,13 +24,14 @@ _LEFT: FloatArray = np.eye(2 * _SIDE) - _SHAPES @ _FITTED
 _DEVIATION = float(np.sqrt(np.linalg.inv(_SHAPES.T @ _SHAPES)[-1, -1]))
 
 
-def find_step(values: FloatArray, first: int, end: int) -> int | None:
+def find_step(values: FloatArray, first: int, end: int, plain: float = PLAIN_MOTION) -> int | None:
     """The first sample after the plainest step between two places; None where there is none.
 
     Parameters
     ----------
     values : (n,) ndarray of float
     first, end : int, where the pulse begins, before which nothing moves, and where the search ends
+    plain : float, deviations from which on it is a step
     """
     if values.size < 2 * _SIDE:
         return None
@@ -40,4 +44,4 @@ def find_step(values: FloatArray, first: int, end: int) -> int | None:
     places = np.arange(_SIDE, _SIDE + sizes.size)
     sizes[(places < first) | (places >= end)] = 0.0
     largest = int(np.argmax(sizes))
-    return int(places[largest]) if sizes[largest] > _PLAIN else None
+    return int(places[largest]) if sizes[largest] > plain else None

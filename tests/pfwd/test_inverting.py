@@ -236,7 +236,8 @@ def test_a_header_for_what_was_read_is_refused() -> None:
 
 def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
     (found,) = pfwd.diagnose(pfwd.example("unexplained"))
-    assert (found.verdict, found.corrected, found.effects) == ("explained", True, ("sensor_lag",))
+    # It moves by 4 %, and is known to 2.8 % either way: narrower than it moved it is not.
+    assert (found.verdict, found.corrected, found.effects) == ("explained", False, ("sensor_lag",))
     # The sensor comes 0.5 ms late, over a ground of 50 MPa (pfwd/data/README.md).
     (effect,) = found["effects"]
     assert effect["value"] == pytest.approx(5e-4, rel=0.02)

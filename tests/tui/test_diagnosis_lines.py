@@ -1,5 +1,7 @@
 """Diagnoses of many points: each warning once."""
 
+from dataclasses import replace
+
 import pytest
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
@@ -54,6 +56,29 @@ def test_a_modulus_that_the_record_leaves_open_is_not_told(factor: float, known:
     assert ("The record leaves the modulus open: take none from it." in text) == (not known)
     assert ("the modulus changes by +25.0 %" in text) == known
     assert "before  E 40 MPa (38 to 42)" in text
+
+
+def test_a_modulus_that_is_not_told_is_said_to_be_open() -> None:
+    after = replace(state(50e6, 0.7e6, 13e6), modulus_pa=None)
+    found = DiagnosisResult(file="survey", verdict="explained", before=after, after=after)
+    text = "\n".join(diagnosis_lines(found))
+    assert text.count("E left open (0.7 to 13 MPa)") == 2
+    assert "The record leaves the modulus open: take none from it." in text
+    assert "no ground" not in text
+
+
+@pytest.mark.parametrize(
+    ("modulus", "why"),
+    [(45e6, ", it moved by less than its interval is wide"), (44e6, ""), (None, "")],
+)
+def test_why_an_explained_modulus_is_not_corrected(modulus: float | None, why: str) -> None:
+    before = replace(state(50e6, 48e6, 52e6), modulus_pa=modulus)
+    after = state(50e6, 47.2e6, 52.8e6)
+    found = DiagnosisResult(
+        file="survey", verdict="explained", corrected=False, before=before, after=after
+    )
+    text = "\n".join(diagnosis_lines(found))
+    assert f"Do not take the modulus after for corrected{why}: E lies between 47 and 53" in text
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,10 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.message_groups import as_ranges
 from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings
 from tui.files import any_folder
-from tui.output import say
+from tui.output import clean, say
 from tui.progress import points_counted
 
 if TYPE_CHECKING:
@@ -68,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
             show_diagnosis(diagnosed.result, as_json=args.json)
     if not args.json:
         tell_warnings(found)
+    if args.leave_out is not None:
+        _tell_what_stayed(found, args.leave_out)
     keep_found(found, store=not args.no_store)
     if args.write_device:
         write_device_file(args.write_device, found, name)
@@ -80,6 +83,24 @@ def run(args: argparse.Namespace) -> int:
         )
         say(f"plot {args.plot}")
     return 1 if any(diagnosed.error for diagnosed in found) else 0
+
+
+def _tell_what_stayed(found: "Sequence[Diagnosed]", asked: str) -> None:
+    """Where what was to be left out could not be: a point has one of it, or shares nothing."""
+    results = [one.result for one in found if one.result is not None and one.result.drops]
+    names = list(dict.fromkeys(clean(one.point or one.file) for one in results))
+    other = [
+        clean(one.point or one.file)
+        for one in results
+        if one.held_out is None or one.held_out.mode != asked
+    ]
+    if other:
+        expected = {
+            "drop": "two drops or more",
+            "sensor": "two sensors or more",
+            "point": "two points or more of one device that share something",
+        }[asked]
+        say(f"--leave-out {asked}: expected {expected}, came fewer at {as_ranges(other, names)}")
 
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:

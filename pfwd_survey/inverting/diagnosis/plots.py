@@ -16,8 +16,6 @@ from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.matplotlib_start import start_matplotlib
 
-# An interval of so many times leaves the modulus open: a value within it would say nothing.
-_OPEN = 10.0
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
 
@@ -141,7 +139,7 @@ def _modulus(state: ModelState) -> str:
     low, high = state.modulus_interval
     if not all(map(math.isfinite, (state.modulus, low, high))):
         return "no modulus"
-    if high > _OPEN * low:
+    if state.left_open:
         near, far = (rounded(end / 1e6, end / 1e6) for end in (low, high))
         return f"E left open ({near} to {far}) MPa"
     value, near, far = with_ends(state.modulus / 1e6, (low / 1e6, high / 1e6))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from threading import Lock
 from typing import Any, TypeVar
+
+import numpy as np
 
 from inversion import InversionError, SurrogateLibrary
 from inversion.diagnosis import (
@@ -142,8 +145,9 @@ def diagnose_all(
 
 
 def _diagnose(records: PointRecords, look: Look) -> PointDiagnosis | str:
+    begun = time.perf_counter()
     try:
-        return diagnose_point(
+        found = diagnose_point(
             records,
             _library(),
             look.device,
@@ -156,6 +160,10 @@ def _diagnose(records: PointRecords, look: Look) -> PointDiagnosis | str:
         )
     except InversionError as err:
         return str(err)
+    except np.linalg.LinAlgError as err:
+        # One odd record costs its own point, not those of all files.
+        return f"the fit broke down ({err}): check the header, and the unit of the times"
+    return replace(found, elapsed=time.perf_counter() - begun)
 
 
 @cache

@@ -66,8 +66,20 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
         effects=tuple(_effect(effect) for effect in found.effects),
         after=_state(found.after, stress=True),
         held_out=held,
-        warnings=(*entry.warnings, *found.warnings),
+        elapsed_s=found.elapsed if math.isfinite(found.elapsed) else None,
+        warnings=(*entry.warnings, *found.warnings, *_left_open(found.after)),
     )
+
+
+def _left_open(after: ModelState) -> list[str]:
+    """Why there is ground and no modulus."""
+    if not after.left_open:
+        return []
+    low, high = (f"{end / 1e6:.2g}" for end in after.modulus_interval)
+    return [
+        f"the records leave the modulus open, between {low} and {high} MPa: none is told; another "
+        "declared depth, more sensors or a longer record may fix it"
+    ]
 
 
 def _false_trigger() -> EffectResult:
@@ -75,13 +87,15 @@ def _false_trigger() -> EffectResult:
 
 
 def _state(state: ModelState, *, stress: bool = False) -> FittedState:
+    ground = math.isfinite(state.modulus)
+    known = ground and not state.left_open
     return FittedState(
         model=state.model,
-        modulus_pa=state.modulus,
-        modulus_sd_pa=state.modulus_deviation,
-        modulus_interval_pa=state.modulus_interval,
+        modulus_pa=state.modulus if known else None,
+        modulus_sd_pa=state.modulus_deviation if known else None,
+        modulus_interval_pa=state.modulus_interval if ground else None,
         stress_pa=state.stress if stress else None,
-        modulus_100kpa_pa=state.modulus_100kpa if stress else None,
+        modulus_100kpa_pa=state.modulus_100kpa if stress and known else None,
         residual_rms_m=state.residual_rms,
         residual_over_noise=state.residual_over_noise,
         residual_rms_over_peak=state.residual_rms_over_peak,
@@ -90,15 +104,15 @@ def _state(state: ModelState, *, stress: bool = False) -> FittedState:
 
 
 def _effect(effect: FoundEffect) -> EffectResult:
-    first = effect.parameters[0]
-    alike = [p.value for p in effect.parameters if p.name == first.name]
-    middle = sorted(alike)[len(alike) // 2]
+    first = effect.parameters[0].name
+    alike = sorted((p for p in effect.parameters if p.name == first), key=lambda p: p.value)
+    middle = alike[len(alike) // 2]
     return EffectResult(
         name=effect.name,
         scope=effect.scope,
-        value=middle,
-        sd=first.deviation,
-        unit=first.unit,
+        value=middle.value,
+        sd=middle.deviation,
+        unit=middle.unit,
         parameters=tuple(
             EffectParameter(
                 name=p.name,

@@ -1,9 +1,13 @@
 """What a diagnosis says of a point, without loading what found it."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 from pfwd_survey.inverting.stored import Interval, StoredRecord
+
+LEFT_OPEN = 10.0
+"""Times as high as low, from which on an interval says nothing of a modulus."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +19,7 @@ class FittedState(StoredRecord):
     model: str | None = None
     """half-space or layer; rig where there is no ground."""
     modulus_pa: float | None = None
-    """Pa; None without ground."""
+    """Pa; None without ground, and where the interval leaves it open."""
     modulus_sd_pa: float | None = None
     """Pa."""
     modulus_interval_pa: Interval | None = None
@@ -32,6 +36,12 @@ class FittedState(StoredRecord):
     """From the trigger to the end of the record."""
     contact_residual_rms_over_peak: float | None = None
     """To the end of the contact."""
+
+    @property
+    def left_open(self) -> bool:
+        """Whether the interval is so wide that a modulus within it would say nothing."""
+        low, high = self.modulus_interval_pa or (0.0, 0.0)
+        return all(map(math.isfinite, (low, high))) and high > LEFT_OPEN * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

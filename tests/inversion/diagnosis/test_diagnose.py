@@ -209,6 +209,22 @@ def test_a_record_that_steps_in_the_contact_is_not_explained(
     assert "samples are missing, or its range was switched; measure again" in said
 
 
+@pytest.mark.parametrize(("part", "told"), [(0.2, True), (0.0, False)])
+def test_a_load_that_steps_is_not_explained(
+    part: float, told: bool, drop: SimulatedDrop, library: SurrogateLibrary
+) -> None:
+    """Its range is switched: neither a weight nor a buffer presses so all of a sudden."""
+    place = int(np.argmax(drop.load)) - 10
+    factor = np.where(np.arange(drop.load.size) < place, 1.0, 1.0 + part)
+    found = diagnose(replace(drop, load=drop.load * factor), library)
+    said = [text for text in found.warnings if text.startswith("drop 1, load: the record steps ")]
+    assert bool(said) == told
+    if told:
+        assert found.verdict == "unexplained"
+        assert found.effects == ()
+        assert "where no weight could" in said[0]
+
+
 # --- which set of effects is told -----------------------------------------------------------------
 
 
@@ -390,8 +406,8 @@ def test_a_set_that_leaves_the_modulus_open_by_ten_is_not_taken_over(
 
     def tell(*arguments: Any) -> Any:
         told.append((arguments[3], arguments[5]))
-        interval = (1e7, factor * 1e7)
-        return SimpleNamespace(told=arguments[3], after=SimpleNamespace(modulus_interval=interval))
+        after = SimpleNamespace(left_open=factor > 10.0)
+        return SimpleNamespace(told=arguments[3], after=after)
 
     monkeypatch.setattr(name + "_accepted", lambda *_: (best, list(against)))
     monkeypatch.setattr(name + "_alternatives", lambda *_: {})

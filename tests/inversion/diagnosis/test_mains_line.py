@@ -86,6 +86,12 @@ def test_how_large_hum_is_by_the_time_before_the_pulse(
     assert abs((right[2] - turns + 0.5) % 1.0 - 0.5) < 1e-6
 
 
+@pytest.mark.parametrize(("rate", "shown"), [(10.0, 0), (100.0, 0), (112.0, 1), (140.0, 2)])
+def test_hum_is_asked_only_of_samples_that_show_it(rate: float, shown: int) -> None:
+    noise = np.random.default_rng(5).standard_normal(40)
+    assert len(hum_before(1e-6 * noise, 1.0 / rate, velocity=True).lines) == shown
+
+
 def test_a_quiet_time_before_the_pulse_leaves_no_room_for_hum() -> None:
     # Ten samples of a record at 3.7 kHz that move by 10 nm.
     step, noise = 2.667e-4, np.random.default_rng(5).standard_normal((50, 10))

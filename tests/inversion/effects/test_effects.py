@@ -536,6 +536,14 @@ def test_what_is_no_frequency_of_the_mains_becomes_the_nearest(
     assert float(frequency.value(frequency.unit_value(hertz))) == pytest.approx(nearest, abs=1e-6)
 
 
+@pytest.mark.parametrize(("damping", "rings"), [(0.05, True), (0.49, True), (0.51, False)])
+def test_springs_that_would_not_ring_are_no_rig(damping: float, rings: bool) -> None:
+    values = {"stiffness": 2e7, "moving_mass": 20.0, "damping_ratio": damping}
+    said = BY_NAME["spring_rig"].objection(values, context())
+    assert (said is None) == rings
+    assert rings or "springs ring with less than 0.5" in str(said)
+
+
 @pytest.mark.parametrize(
     ("ratio", "thickness", "felt"),
     [

@@ -236,7 +236,7 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
 
 def _diagnosed(point: "MeasuredPoint") -> str:
     """Modulus, and whether it may be taken for corrected; with what is left of the peak."""
-    from pfwd_survey.digits import rounded
+    from pfwd_survey.digits import with_width
     from pfwd_survey.judging.verdicts import diagnosis_now
     from tui.screen.units import percent
 
@@ -252,9 +252,8 @@ def _diagnosed(point: "MeasuredPoint") -> str:
     if after.modulus_interval_pa is None:
         return f"{word}{rest}"
     low, high = (end / 1e6 for end in after.modulus_interval_pa)
-    wide = high - low
-    middle = rounded(after.modulus_pa / 1e6, wide)
-    return f"{middle} MPa ({rounded(low, wide)} to {rounded(high, wide)}), {word}{rest}"
+    middle, near, far = with_width(after.modulus_pa / 1e6, (low, high))
+    return f"{middle} MPa ({near} to {far}), {word}{rest}"
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from inversion import InversionError
 from pfwd_device.recording import read_survey
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.files.editing import Edit, edit_survey
@@ -108,7 +109,11 @@ def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> N
 
 def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     name = "pfwd_survey.inverting.diagnosis.points.diagnose_point"
-    monkeypatch.setattr(name, lambda *_args, **_options: "refused")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise InversionError("refused")
+
+    monkeypatch.setattr(name, refuse)
     seen: list[tuple[str, int, int]] = []
     found = diagnose_files(files, progress=lambda *told: seen.append(told))
     assert [it.error for it in found] == [f"{file}: refused" for file in files]
