@@ -31,7 +31,7 @@ from inversion.diagnosis.findings import (
     UnknownKey,
     Verdict,
 )
-from inversion.diagnosis.model import ALIKE, PointRecords
+from inversion.diagnosis.model import ALIKE, DropModel, PointRecords
 from inversion.diagnosis.prediction import (
     held_out_drops,
     held_out_sensors,
@@ -43,6 +43,7 @@ from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import ALIKE as AS_GOOD
 from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, WORTH, Candidate, Search, past_bounds
 from inversion.effects.base import Ground
+from inversion.errors import RecordError
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.steps import PLAIN_LOAD, PLAIN_MOTION, find_step
@@ -105,6 +106,11 @@ def diagnose_point(
     """
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
+        if all(map(_rises, point.drops)):
+            raise RecordError(
+                "centre sensor: expected a downward (positive) deflection, found none; check its "
+                "polarity and whether it is alive"
+            )
         base = Search([point], priors=False).base()
         by_noise = Search([point], fixed=device, spread=spread)
         stepped = _steps(point)
@@ -121,6 +127,15 @@ def diagnose_point(
         if brief:
             return _told(point, search, base, best, {}, objections, None, brief=True)
         return _report(point, by_noise, search, base, best, objections, leave_out)
+
+
+def _rises(model: DropModel) -> bool:
+    """Whether the innermost sensor, if it is under the plate, rises in the contact."""
+    innermost = int(np.argmin(np.abs(model.context.offsets)))
+    if abs(model.context.offsets[innermost]) > model.context.plate_radius:
+        return False
+    contact = model.observed[innermost][model.context.time <= model.context.contact_end]
+    return not contact.mean() > 0.0
 
 
 def _steps(point: Point) -> list[str]:

@@ -19,6 +19,9 @@ from inversion.errors import ModelError
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.surrogate import Surrogate
 
+LARGEST_RADIUS = 10.0
+"""m; no plate is nearly as large, and no surrogate reaches so far."""
+
 
 @dataclass(frozen=True)
 class Instrument:
@@ -44,6 +47,11 @@ class Instrument:
     def __post_init__(self) -> None:
         if not self.plate_radius > 0.0:
             raise ModelError(f"plate radius: expected a value > 0 m, got {self.plate_radius:g}")
+        if self.plate_radius > LARGEST_RADIUS:
+            raise ModelError(
+                f"plate radius: expected at most {LARGEST_RADIUS:g} m, got {self.plate_radius:g} "
+                "(in millimetres?)"
+            )
         if self.plate_mass < 0.0:
             raise ModelError(f"plate mass: expected a value >= 0 kg, got {self.plate_mass:g}")
 

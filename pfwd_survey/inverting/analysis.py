@@ -229,8 +229,10 @@ def analyse_file(
             inversions += [analysis.result for analysis in found]
             kept: Sequence[SurveyDrop | None] = point.kept or [None] * len(found)
             numbers += [None if drop is None else drop.number for drop in kept]
-    except (SurveyError, InversionError) as error:
+    except SurveyError as error:
         return FileOutcome(path, error=str(error))
+    except InversionError as error:
+        return FileOutcome(path, error=f"{path}: {error}")
     return FileOutcome(path, results=results, inversions=inversions, numbers=numbers)
 
 

@@ -76,8 +76,10 @@ def diagnose_files(
     for file in files:
         try:
             entries += entries_of(file, options)
-        except (SurveyError, InversionError) as err:
+        except SurveyError as err:
             entries.append(Diagnosed(file, error=str(err)))
+        except InversionError as err:
+            entries.append(Diagnosed(file, error=f"{file}: {err}"))
     yield from diagnose_entries(
         entries, device, jobs, leave_out, use_kept=use_kept, progress=progress, spread=spread
     )

@@ -32,6 +32,7 @@ from inversion.diagnosis.model import INDEPENDENT_HZ
 from inversion.diagnosis.problem import Problem
 from inversion.diagnosis.search import Candidate
 from inversion.effects import BY_NAME, Effect
+from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -207,6 +208,13 @@ def test_a_record_that_steps_in_the_contact_is_not_explained(
     (said,) = [text for text in found.warnings if "steps" in text]
     assert said.startswith("drop 1, sensor at 0 m: the record steps ")
     assert "samples are missing, or its range was switched; measure again" in said
+
+
+def test_a_sensor_of_the_wrong_polarity_is_refused(
+    drop: SimulatedDrop, library: SurrogateLibrary
+) -> None:
+    with pytest.raises(RecordError, match=r"centre sensor: expected a downward .* polarity"):
+        diagnose(drop, library, displacement=-drop.plate_displacement)
 
 
 @pytest.mark.parametrize(("part", "told"), [(0.2, True), (0.0, False)])

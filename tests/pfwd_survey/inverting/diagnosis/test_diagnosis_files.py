@@ -20,6 +20,7 @@ from pfwd_survey.inverting.diagnosis.device_file import (
 )
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.options import AnalysisOptions
 from tui.diagnosis_lines import diagnosis_lines
 
 
@@ -178,3 +179,11 @@ def test_points_that_contradict_the_device_say_so() -> None:
     few = device_effects.with_spread(findings, shown[:2])
     assert not few.spread
     assert not device_effects.contradictions(of(7.5e-4), few)
+
+
+def test_a_radius_in_millimetres_is_refused_with_its_file(files: list[str]) -> None:
+    options = AnalysisOptions(plate_radius=150.0)
+    (found,) = diagnose_files(files[:1], options)
+    assert found.error == (
+        f"{files[0]}: plate radius: expected at most 10 m, got 150 (in millimetres?)"
+    )
