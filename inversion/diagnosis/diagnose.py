@@ -250,12 +250,14 @@ def _told(
             best,
             [*fitted, *alike],
             search.independent,
-            partial(_modulus, point),
+            partial(_modulus_of_same, point, best),
             partial(_model_error, point),
         )
     before = _state(point, base)
     moduli = [
-        _modulus(point, candidate) for found in others.values() for candidate in found.values()
+        _modulus_of_same(point, best, candidate)
+        for found in others.values()
+        for candidate in found.values()
     ]
     if averaged is not None and would_fit_anything(point, best):
         # So many effects fit anything: the modulus is between what they say and what none says.
@@ -371,6 +373,23 @@ def _on_ground(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -
 def _modulus(point: Point, candidate: Candidate) -> float:
     """Of the ground under the last drop, secant at its stress, Pa."""
     return _ground(point, candidate).modulus * _bent(point, candidate, _stress(point))
+
+
+def _modulus_of_same(point: Point, best: Candidate, candidate: Candidate) -> float:
+    """Of another set the modulus of that medium whose modulus the best set tells, Pa.
+
+    A medium so stiff that it stands in the place of rock is no ground: what lies on it is.
+    """
+    ground = _ground(point, candidate)
+    instead_of_rock = (
+        _ground(point, best).inverse_depth > 0.0
+        and ground.inverse_depth == 0.0
+        and bool(ground.above)
+        and ground.modulus > LEFT_OPEN * ground.above[-1].modulus
+    )
+    if not instead_of_rock:
+        return _modulus(point, candidate)
+    return ground.above[-1].modulus * _bent(point, candidate, _stress(point))
 
 
 def _ground(point: Point, candidate: Candidate) -> Ground:

@@ -18,6 +18,7 @@ from inversion.diagnosis.diagnose import (
     _left_open,
     _model_error,
     _modulus,
+    _modulus_of_same,
     _on_ground,
     _report,
     _simpler,
@@ -476,6 +477,35 @@ def test_an_effect_of_earlier_drops_is_not_in_the_modulus() -> None:
     ratios = [u.parameter.unit_value(v) for u, v in zip(problem.own[0], (2.0, 0.5), strict=True)]
     found = Fit(problem, np.empty(0), (np.array(ratios),), 1.0, 1.0, np.eye(2))
     assert _modulus(point, Candidate((BY_NAME["seating"],), found, 0.0)) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("rock", "stiffer", "own_rock", "counts"),
+    [
+        (1.0, 10.1, 0.0, 2.0),
+        # No rock, but a stiffer ground; no rock that it could stand for; on rock of its own.
+        (1.0, 9.9, 0.0, 9.9),
+        (0.0, 10.1, 0.0, 10.1),
+        (1.0, 10.1, 0.5, 10.1),
+    ],
+)
+def test_a_layer_on_something_like_rock_is_compared_with_the_ground_on_rock(
+    monkeypatch: pytest.MonkeyPatch, rock: float, stiffer: float, own_rock: float, counts: float
+) -> None:
+    top = SimpleNamespace(modulus=1.0)
+    grounds = {
+        "best": SimpleNamespace(inverse_depth=rock, above=(), modulus=1.0),
+        "other": SimpleNamespace(inverse_depth=own_rock, above=(top,), modulus=stiffer),
+    }
+    name = "inversion.diagnosis.diagnose."
+    monkeypatch.setattr(name + "_ground", lambda _, candidate: grounds[candidate])
+    monkeypatch.setattr(name + "_modulus", lambda _, candidate: grounds[candidate].modulus)
+    monkeypatch.setattr(name + "_stress", lambda _: 1e5)
+    monkeypatch.setattr(name + "_bent", lambda *_: 2.0)
+    arguments: Any = (None, "best", "other")
+    assert _modulus_of_same(*arguments) == counts
+    same: Any = (None, "best", "best")
+    assert _modulus_of_same(*same) == 1.0
 
 
 def told(interval: tuple[float, float]) -> Averaged:
