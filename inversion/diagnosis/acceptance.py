@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from inversion.diagnosis.findings import MOST_LEFT
-from inversion.diagnosis.prediction import residual_over_peak
+from inversion.diagnosis.prediction import ground_below, residual_over_peak
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
+from inversion.effects.base import Ground
 
 # So many effects at once can be told from one record or two, one more from three and from four, and
 # no more from several: more would fit anything.  A second drop tells much the same as the first.
@@ -25,6 +26,9 @@ _CHANCE = 2.0
 # Distances of sensors from which on layers are told though much is left: fewer cannot tell the
 # bowl of a layer from that of whatever is left.
 _DISTANCES_FOR_LAYERS = 4
+# Of the thickness of layers, the least that has to be left above the rock: less of a softer ground
+# does what rock does that lies deeper.
+_LEAST_BELOW = 0.1
 
 
 def is_worth_reporting(point: Point, base: Candidate, best: Candidate) -> bool:
@@ -82,8 +86,23 @@ def objections_of_effects(point: Point, best: Candidate) -> list[str]:
     found, last = best.fit, len(point.drops) - 1
     context = point.drops[last].context
     values = found.problem.values(0, found.device, found.own[0], last)
-    said = (effect.objection(numbers, context) for effect, numbers in values)
+    said = [effect.objection(numbers, context) for effect, numbers in values]
+    said.append(_nothing_below(ground_below(point, best)))
     return [reason for reason in said if reason is not None]
+
+
+def _nothing_below(ground: Ground) -> str | None:
+    """Of layers that fill the ground down to its rock: no ground is left that is below them."""
+    layers = sum(medium.thickness for medium in ground.above)
+    if not layers or ground.inverse_depth == 0.0:
+        return None
+    depth = 1.0 / ground.inverse_depth
+    if depth - layers >= _LEAST_BELOW * layers:
+        return None
+    return (
+        f"layer: {layers:.2g} m of it leave {max(depth - layers, 0.0):.2g} m of ground above the "
+        "rock: something else is behind it, as another depth of the rock"
+    )
 
 
 def can_be_told(point: Point, candidate: Candidate) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,6 +16,7 @@ from inversion.diagnosis.acceptance import (
     would_fit_anything,
 )
 from inversion.diagnosis.averaging import Averaged, average
+from inversion.diagnosis.declarations import contradiction, doubts
 from inversion.diagnosis.discrepancy import Discrepancy
 from inversion.diagnosis.findings import (
     CALIBRATION,
@@ -33,6 +34,7 @@ from inversion.diagnosis.findings import (
 )
 from inversion.diagnosis.model import ALIKE, DropModel, PointRecords
 from inversion.diagnosis.prediction import (
+    ground_below,
     held_out_drops,
     held_out_sensors,
     mean_error,
@@ -42,7 +44,6 @@ from inversion.diagnosis.prediction import (
 from inversion.diagnosis.problem import Point, Unknown
 from inversion.diagnosis.search import ALIKE as AS_GOOD
 from inversion.diagnosis.search import ENOUGH, EXPLAINED, FAR, WORTH, Candidate, Search, past_bounds
-from inversion.effects.base import Ground
 from inversion.errors import RecordError
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
@@ -65,6 +66,8 @@ _UNKNOWN = 3.0
 _BEHIND_LEFT = 2.0
 # Of sets with a value on its bound one without is told that leaves at most so many times as much.
 _AS_CLOSE = 1.5
+# Of what the base model leaves of a point: a sensor that is turned or exchanged has to leave less.
+_FITS_BETTER = 0.8
 # A range of moduli so wide is told.
 _WIDE = 1.1
 
@@ -104,8 +107,9 @@ def diagnose_point(
     RecordError, ModelError
         If a record cannot be used.
     """
+    library = library or SurrogateLibrary()
     with single_threaded_blas():
-        point = Point(records, library or SurrogateLibrary())
+        point = Point(records, library)
         if all(map(_rises, point.drops)):
             raise RecordError(
                 "centre sensor: expected a downward (positive) deflection, found none; check its "
@@ -126,7 +130,33 @@ def diagnose_point(
                 break
         if brief:
             return _told(point, search, base, best, {}, objections, None, brief=True)
-        return _report(point, by_noise, search, base, best, objections, leave_out)
+        told = _report(point, by_noise, search, base, best, objections, leave_out)
+    if told.verdict != "unexplained" and not told.after.left_open:
+        return told
+    again = partial(diagnose_point, library=library, device=device, spread=spread, brief=True)
+    contradicted = _contradicted(point, told, library, again)
+    return replace(told, warnings=(*told.warnings, contradicted)) if contradicted else told
+
+
+def _contradicted(
+    point: Point,
+    told: PointDiagnosis,
+    library: SurrogateLibrary,
+    again: Callable[[PointRecords], PointDiagnosis],
+) -> str:
+    """What the records of a point say against one of its declarations; empty: nothing."""
+    for doubt in doubts(point):
+        if not doubt.of_ground:
+            # The base model tells in no time whether a sensor fits better so.
+            with single_threaded_blas():
+                changed = Point(doubt.records, library)
+                left = residual_over_peak(changed, Search([changed], priors=False).base())
+            if left > _FITS_BETTER * told.before.residual_rms_over_peak:
+                continue
+        said = contradiction(doubt, told, again(doubt.records))
+        if said:
+            return said
+    return ""
 
 
 def _rises(model: DropModel) -> bool:
@@ -214,8 +244,8 @@ def _report(
         nothing = by_noise.base()
         objections = [
             *reasons_to_reject(point, nothing),
-            f"{_names(best)} came nearest, but left the modulus open by more than a factor of "
-            f"{LEFT_OPEN:g}: not taken over",
+            "not taken over, as it leaves the modulus open by more than a factor of "
+            f"{LEFT_OPEN:g}: {_names(best)} came nearest",
         ]
         found = _told(point, by_noise, base, nothing, {}, objections, leave_out)
     return found
@@ -322,8 +352,8 @@ def _accepted(
     objections = reasons_to_reject(point, search.base())
     if objections:
         objections.append(
-            f"{_names(best)} came nearest, but left more than half of it or ran into a bound: not "
-            "taken over"
+            "not taken over, as it leaves more than half of the residual or runs into a bound: "
+            f"{_names(best)} came nearest"
         )
     return search.base(), objections
 
@@ -372,7 +402,7 @@ def _on_ground(best: Candidate, others: Mapping[str, Mapping[str, Candidate]]) -
 
 def _modulus(point: Point, candidate: Candidate) -> float:
     """Of the ground under the last drop, secant at its stress, Pa."""
-    return _ground(point, candidate).modulus * _bent(point, candidate, _stress(point))
+    return ground_below(point, candidate).modulus * _bent(point, candidate, _stress(point))
 
 
 def _modulus_of_same(point: Point, best: Candidate, candidate: Candidate) -> float:
@@ -380,9 +410,9 @@ def _modulus_of_same(point: Point, best: Candidate, candidate: Candidate) -> flo
 
     A medium so stiff that it stands in the place of rock is no ground: what lies on it is.
     """
-    ground = _ground(point, candidate)
+    ground = ground_below(point, candidate)
     instead_of_rock = (
-        _ground(point, best).inverse_depth > 0.0
+        ground_below(point, best).inverse_depth > 0.0
         and ground.inverse_depth == 0.0
         and bool(ground.above)
         and ground.modulus > LEFT_OPEN * ground.above[-1].modulus
@@ -390,14 +420,6 @@ def _modulus_of_same(point: Point, best: Candidate, candidate: Candidate) -> flo
     if not instead_of_rock:
         return _modulus(point, candidate)
     return ground.above[-1].modulus * _bent(point, candidate, _stress(point))
-
-
-def _ground(point: Point, candidate: Candidate) -> Ground:
-    found, last = candidate.fit, len(point.drops) - 1
-    ground = point.ground(found.problem.own[0], found.own[0])
-    for effect, values in found.problem.values(0, found.device, found.own[0], last):
-        ground = effect.ground(ground, values, point.drops[-1].context)
-    return ground
 
 
 def _stress(point: Point) -> float:
@@ -426,7 +448,7 @@ def _state(
             for model, predicted in zip(point.drops, predict(candidate), strict=True)
         ]
     )
-    ground = _ground(point, candidate)
+    ground = ground_below(point, candidate)
     rig = any(effect.replaces_ground for effect in candidate.effects)
     model = "rig" if rig else "half-space" if ground.inverse_depth == 0.0 else "layer"
     modulus, deviation, interval = math.nan, math.nan, (math.nan, math.nan)
@@ -570,7 +592,7 @@ def _warnings(
             others = ", ".join(effect.alternatives)
             found.append(f"{effect.name} cannot be told from {others}")
     low, high = after.modulus_interval
-    if high > _WIDE * low and verdict == "explained":
+    if high > _WIDE * low and verdict == "explained" and not after.left_open:
         found.append(
             f"the modulus is known no better than {low / 1e6:.3g} to {high / 1e6:.3g} MPa, with "
             "the effects that cannot be told apart"

@@ -12,6 +12,7 @@ from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import ALIKE, WHOLE, PointRecords
 from inversion.diagnosis.problem import Point, Problem
 from inversion.diagnosis.search import Candidate, Search
+from inversion.effects.base import Ground
 from inversion.forward.library import SurrogateLibrary
 from inversion.threads import single_threaded_blas
 
@@ -22,6 +23,15 @@ def predict(candidate: Candidate) -> list[FloatArray]:
     """The records of the first point's drops, (n_sensors, n) each, m."""
     found = candidate.fit
     return found.problem.predict(0, found.device, found.own[0])
+
+
+def ground_below(point: Point, candidate: Candidate) -> Ground:
+    """The ground under the last drop, without the bend that its stress makes."""
+    found, last = candidate.fit, len(point.drops) - 1
+    ground = point.ground(found.problem.own[0], found.own[0])
+    for effect, values in found.problem.values(0, found.device, found.own[0], last):
+        ground = effect.ground(ground, values, point.drops[-1].context)
+    return ground
 
 
 def residual_over_peak(point: Point, candidate: Candidate, *, contact_only: bool = False) -> float:

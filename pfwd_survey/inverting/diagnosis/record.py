@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
+from pfwd_survey.digits import rounded
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
@@ -75,7 +76,7 @@ def _left_open(after: ModelState) -> list[str]:
     """Why there is ground and no modulus."""
     if not after.left_open:
         return []
-    low, high = (f"{end / 1e6:.2g}" for end in after.modulus_interval)
+    low, high = (rounded(end / 1e6, end / 1e6) for end in after.modulus_interval)
     return [
         f"the records leave the modulus open, between {low} and {high} MPa: none is told; another "
         "declared depth, more sensors or a longer record may fix it"

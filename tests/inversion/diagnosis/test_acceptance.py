@@ -1,6 +1,6 @@
 """When a set of effects that fits is accepted as what is behind a residual."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,8 +15,10 @@ from inversion.diagnosis.acceptance import (
 )
 from inversion.diagnosis.model import ALIKE, WHOLE, FitScope
 from inversion.diagnosis.problem import Unknown
+from inversion.effects.base import Ground
 from inversion.effects.catalogue import BY_NAME
 from inversion.fitting.parameters import Parameter
+from inversion.forward.layered import Medium
 
 NATURAL = Parameter("amplitude", "-", 0.0, 1.0, (0.5,), natural=True)
 USUAL = Parameter("frequency", "Hz", 0.0, 10.0, (5.0,), usual=(2.0, 8.0))
@@ -75,6 +77,15 @@ class Point:
     """A point with drops."""
 
     drops: list[Model]
+
+
+HALF_SPACE = Ground(45e6, 5e4, 1900.0, 0.0, 10.0)
+
+
+@pytest.fixture(autouse=True)
+def half_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The ground of every candidate."""
+    monkeypatch.setattr(acceptance, "ground_below", lambda *_: HALF_SPACE)
 
 
 ONE = Point([Model(np.zeros((1, 8)))])
@@ -259,3 +270,30 @@ def test_what_an_effect_says_against_itself_counts(
     monkeypatch.setattr(acceptance, "residual_over_peak", lambda *_: 1.0)
     two: Any = point
     assert is_worth_reporting(two, worse, better) == told
+
+
+@pytest.mark.parametrize(
+    ("thicknesses", "inverse_depth", "told"),
+    [
+        ((1.0,), 1 / 1.099, False),
+        ((1.0,), 1 / 1.101, True),
+        ((0.6, 0.4), 1 / 1.099, False),
+        ((0.6, 0.4), 1 / 1.101, True),
+        ((1.0,), 0.0, True),
+        ((), 1 / 0.01, True),
+    ],
+)
+def test_layers_down_to_the_rock_leave_no_ground_below_them(
+    monkeypatch: pytest.MonkeyPatch,
+    thicknesses: tuple[float, ...],
+    inverse_depth: float,
+    told: bool,
+) -> None:
+    # The finite-element drop of test_declarations on rock that is declared too shallow: 45 MPa were
+    # "corrected" to 2.4 MPa of two centimetres.
+    above = tuple(Medium(45e6, 5e4, 1900.0, 0.35, thickness) for thickness in thicknesses)
+    ground = replace(HALF_SPACE, above=above, inverse_depth=inverse_depth)
+    monkeypatch.setattr(acceptance, "ground_below", lambda *_: ground)
+    said = reasons(ONE, Candidate())
+    assert (not said) == told
+    assert told or ("above the rock" in said[0] and len(said) == 1)

@@ -498,7 +498,7 @@ def test_a_layer_on_something_like_rock_is_compared_with_the_ground_on_rock(
         "other": SimpleNamespace(inverse_depth=own_rock, above=(top,), modulus=stiffer),
     }
     name = "inversion.diagnosis.diagnose."
-    monkeypatch.setattr(name + "_ground", lambda _, candidate: grounds[candidate])
+    monkeypatch.setattr(name + "ground_below", lambda _, candidate: grounds[candidate])
     monkeypatch.setattr(name + "_modulus", lambda _, candidate: grounds[candidate].modulus)
     monkeypatch.setattr(name + "_stress", lambda _: 1e5)
     monkeypatch.setattr(name + "_bent", lambda *_: 2.0)

@@ -126,6 +126,20 @@ def test_several_processes_find_the_same(survey: Path) -> None:
         "the modulus is the diagnosed one, 41 MPa; that of the fits is 45 MPa",
         "residual not explained: 7.5 times the noise is left",
         "density of the ground sits on a bound",
+        "sensor at 0.6 m: upside down, 0.17 % of the peak is left in place of 61 %, with E 80 MPa; "
+        "check its polarity",
+        "sensors at 0.3 and 0.6 m: exchanged, 0.24 % of the peak is left in place of 24 %, with E "
+        "70 MPa; check their order and their cables",
+        "bedrock at 1.2 m: with the depth left open, 0.13 % of the peak is left in place of 7.9 %, "
+        "with E 45 MPa and bedrock at 1.5 m; check the declared depth",
+        "bedrock at 1.2 m: with the depth left open, 0.13 % of the peak is left in place of 7.9 %, "
+        "with E 45 MPa; check the declared depth",
+        "layer: 0.88 m of it leave 0.018 m of ground above the rock: something else is behind it, "
+        "as another depth of the rock",
+        "the records leave the modulus open, between 0.71 and 13 MPa: none is told; another "
+        "declared depth, more sensors or a longer record may fix it",
+        "drop 1: the record steps 2.5 ms into the pulse, where no weight could: samples are "
+        "missing, or its range was switched; measure again",
     ],
 )
 def test_warnings_are_whole_in_every_language(said: str) -> None:

@@ -49,7 +49,7 @@ def test_a_modulus_that_is_left_open_is_none(factor: float, known: bool) -> None
     assert (told.after.modulus_sd_pa == 1e6) == known
     assert told.after.modulus_interval_pa == (1e6, factor * 1e6)
     assert told.after.left_open is not known
-    said = "between 1 and 10 MPa: none is told"
+    said = "between 1.0 and 10 MPa: none is told"
     assert (said in " ".join(told.warnings or ())) is not known
 
 
