@@ -17,7 +17,7 @@ from inversion.diagnosis.rest import DropAtRest, drops_at_rest
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
-from inversion.forward.laplace import DampedTransform
+from inversion.forward.laplace import DampedTransform, band_of_load
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
     convolve_rows,
@@ -31,13 +31,13 @@ from inversion.measured.record import PreparedDrop, Record, prepare
 
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
 MOST_SAMPLES = 180
-# Hz; a pulse of 8 ms has a hundredth of its spectrum left there.
-_BAND_HZ = 900.0
+# Hz; of a pulse of 8 ms a two-hundredth of the spectrum is left there. Of a trailer's of 30 ms no
+# more than this part is left from 300 Hz on, and its layers are solved for as much less often.
+_BAND_HZ, _LEAST_BAND_HZ = 900.0, 300.0
+_SPECTRUM_LEFT = 0.003
 _REMEMBERED = 24
 # 1/s; slow enough for the ground to be at rest.
 _STILL = 1e-3
-# Layered ground has an answer at rest itself.
-_AT_REST = np.zeros(1, dtype=np.complex128)
 # The first sample is zero by construction.
 _FROM_SAMPLE = 1
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
@@ -108,6 +108,18 @@ class PointRecords:
     half_sine: bool = False
 
 
+def band_of(drop: PreparedDrop) -> float:
+    """Band in which a drop's ground is solved for, Hz.
+
+    For several sensors, whose layers cost the more the more frequencies there are, it ends where
+    the load has hardly any spectrum left.
+    """
+    band = min(_BAND_HZ, 0.5 / drop.step)
+    if drop.offsets.size == 1:
+        return band
+    return min(max(band_of_load(drop.time, drop.load, _SPECTRUM_LEFT), _LEAST_BAND_HZ), band)
+
+
 class DropModel:
     """Predicts one record.
 
@@ -121,6 +133,7 @@ class DropModel:
     layers : FirstLook or None, the point's drops as layered ground
     response : GroundResponse or None, which the drops of a point share
     duration : float or None, s, of the longest record of the point: what is shared has one length
+    band : float or None, Hz, up to which the loads of the point reach: and one band
     rest : DropAtRest or None, the drop with its noise as all drops of the point tell it
     """
 
@@ -134,6 +147,7 @@ class DropModel:
         layers: FirstLook | None = None,
         response: GroundResponse | None = None,
         duration: float | None = None,
+        band: float | None = None,
         rest: DropAtRest | None = None,
     ) -> None:
         # The surrogate answers in this order, whatever order the record has.
@@ -150,7 +164,7 @@ class DropModel:
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
         self.response = response or GroundResponse(surrogate, self._instrument, drop.offsets)
-        self._duration = duration
+        self._duration, self._band = duration, band
         count_samples = int(np.searchsorted(drop.time, whole.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MOST_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
@@ -189,13 +203,14 @@ class DropModel:
     def _prepare_transform(self, load: FloatArray) -> None:
         """From compliances at Laplace frequencies to motions under the load, and after a hat."""
         time = self.drop.time[self.rows]
-        band = min(_BAND_HZ, 0.5 / self.drop.step)
+        band = self._band or band_of(self.drop)
         if self.record.instrument.load_filter is not None:
             band = min(band, 2.0 * self.record.instrument.load_filter)
         transform = DampedTransform(self._duration or float(time[-1]), band)
         s = transform.s
-        # Behind them the ground at rest, which is asked for with the others.
-        self.s = np.append(s, _STILL)
+        # Behind them the ground at rest, which is asked for with the others: layered ground has an
+        # answer there, homogeneous ground one nearby.
+        self.s, self._s_layered = (np.append(s, still) for still in (_STILL, 0.0))
         spectrum = transform.of_samples(self.drop.time, load)
         spectrum = spectrum * self._instrument.response(s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
@@ -367,7 +382,7 @@ class DropModel:
         Each (m, n_sensors, n), m and m/N; the latter where something is ``forced`` to move.
         """
         start = stages[0]
-        compliances = self._compliances_nearby(stages, self.s)
+        compliances = self._compliances_nearby(stages, self._variables(start))
         flat = _parts(_rows(compliances))
         shape = (len(stages), compliances.shape[1], -1)
         nonlinear = any(not stage.law.linear for stage in stages)
@@ -378,8 +393,6 @@ class DropModel:
             return self._ground_motion(start)[None], hats
         motions: FloatArray = (flat @ self._synthesis).reshape(shape)
         if nonlinear:
-            if start.ground.above:
-                compliances = self._compliances_nearby(stages, _AT_REST)
             motions = self._bent_nearby(stages, motions, hats, compliances[..., -1])
         return motions, hats
 
@@ -461,13 +474,11 @@ class DropModel:
         known = self._motions.get(stages.key)
         if known is not None:
             return known[0]
-        compliance = self._compliance(stages, self.s)
+        compliance = self._compliance(stages)
         parts = _parts(compliance)
         motion: FloatArray = parts @ self._synthesis
         solution = None
         if not stages.law.linear:
-            if stages.ground.above:
-                compliance = self._compliance(stages, _AT_REST)
             still = float(compliance[self._plate, -1].real)
             bent, solution = self._nonlinear_motion(parts, stages.law, still)
             motion[self._under_plate] += bent
@@ -478,7 +489,7 @@ class DropModel:
 
     def _impulse_response(self, stages: _Stages) -> FloatArray:
         """Motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
-        parts = _parts(self._compliance(stages, self.s))
+        parts = _parts(self._compliance(stages))
         response: FloatArray = parts @ self._hats / self.context.step
         return response
 
@@ -501,8 +512,13 @@ class DropModel:
         # What the samples of the load leave out is small and linear: it stays in the motion.
         return convolve_rows(hats[self._under_plate], force - load), solution
 
-    def _compliance(self, stages: _Stages, s: ComplexArray) -> ComplexArray:
+    def _variables(self, stages: _Stages) -> ComplexArray:
+        """Laplace variables at which the ground is solved for, the last of them at rest."""
+        return self._s_layered if stages.ground.above else self.s
+
+    def _compliance(self, stages: _Stages) -> ComplexArray:
         """Displacement over load at every sensor, (n_sensors, n), m/N."""
+        s = self._variables(stages)
         return self._shaped(self.response.compliance(stages.ground, s), stages.shaping, s)
 
     def _shaped(self, compliance: ComplexArray, shaping: Active, s: ComplexArray) -> ComplexArray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.ground_response import GroundResponse
-from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
+from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords, band_of
 from inversion.diagnosis.rest import drops_at_rest
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
@@ -94,13 +94,16 @@ class Point:
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _first_look(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
+        band = max(band_of(item.drop) for item in layers.drops)
         response = GroundResponse(
             surrogate,
             replace(first.instrument, geophone_natural_frequency=None, geophone_damping=None),
             layers.drops[0].drop.offsets,
         )
         self.drops = tuple(
-            DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
+            DropModel(
+                record, surrogate, largest, index, records, layers, response, longest, band, rest
+            )
             for index, (record, rest) in enumerate(
                 zip(records.records, drops_at_rest(records.records), strict=True)
             )

@@ -117,3 +117,18 @@ class DampedTransform:
             np.multiply(result[:rows], result[done - 1] * turn, out=result[done : done + rows])
             done += rows
         return result
+
+
+def band_of_load(time: FloatArray, load: FloatArray, part: float) -> float:
+    """Highest frequency, Hz, with more than a part of the largest of a load's spectrum.
+
+    Parameters
+    ----------
+    time, load : (n,) ndarrays of float, uniform; s and any unit
+    part : float, in (0, 1)
+    """
+    # Four times the record: between two of its own frequencies the lobes of a pulse may be missed.
+    count = 4 * time.size
+    spectrum = np.abs(np.fft.rfft(load, count))
+    highest = np.flatnonzero(spectrum > part * spectrum.max())[-1]
+    return float(highest / (count * (time[1] - time[0])))

@@ -14,10 +14,14 @@ from inversion.diagnosis.model import (
     DropModel,
     FitScope,
     PointRecords,
+    band_of,
 )
+from inversion.diagnosis.problem import Point
 from inversion.effects import BY_NAME, Ground
 from inversion.effects.base import forced_motion
 from inversion.forward.contact import PlateProblem
+from inversion.forward.layered import Medium
+from inversion.measured.record import prepare
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
 
 GROUND = Ground(
@@ -60,6 +64,36 @@ def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
     long = made(library, Scene(length=0.1))
     assert long.rows.size <= MOST_SAMPLES
     assert long.rows.size > MOST_SAMPLES / 2
+
+
+@pytest.mark.parametrize(
+    ("pulse", "least", "most"), [(0.035, 300, 300), (0.02, 400, 500), (0.006, 900, 900)]
+)
+def test_sensors_beside_a_plate_are_solved_for_as_far_as_the_load_reaches(
+    pulse: float, least: float, most: float, library: SurrogateLibrary
+) -> None:
+    drop = record(library, Scene(offsets=(0.0, 0.3, 0.6), pulse=pulse))
+    band = band_of(prepare(drop))
+    assert least <= band <= most
+    assert band_of(prepare(record(library, Scene(pulse=pulse)))) == 900
+    model = Point(PointRecords("a", (drop,), (1,)), library).drops[0]
+    assert model.s[-2].imag / (2 * np.pi) == pytest.approx(band, abs=20)
+    # The record was computed with a wider band.
+    found = model.predict(GROUND, [])[:, model.before :]
+    for one, expected in zip(found, model.observed, strict=True):
+        assert one == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())
+
+
+def test_layered_ground_at_rest_is_solved_for_with_the_rest(library: SurrogateLibrary) -> None:
+    drop = record(library, Scene(offsets=(0.0, 0.3, 0.6)))
+    model = Point(PointRecords("a", (drop,), (1,)), library).drops[0]
+    crust = Medium(2 * GROUND.modulus, 2 * GROUND.viscosity, 1900.0, POISSON_RATIO, 0.2)
+    ground = replace(GROUND, above=(crust,))
+    stages = model._stages(ground, [])
+    found = model._compliance(stages)[:, -1]
+    alone = model.response.compliance(ground, np.zeros(1, dtype=np.complex128))[:, 0]
+    assert found == pytest.approx(alone, rel=1e-3)
+    assert found[0] > 0
 
 
 def test_a_motion_under_a_force_is_that_of_impulses(model: DropModel) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inversion.errors import ModelError
-from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
+from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform, band_of_load
 
 Array = NDArray[Any]
 
@@ -165,3 +165,15 @@ def test_taper_falls_from_one() -> None:
 def test_errors(duration: float, band: float) -> None:
     with pytest.raises(ModelError, match="damped transform: expected a duration above 0"):
         DampedTransform(duration, band)
+
+
+@pytest.mark.parametrize(("duration", "part"), [(0.027, 0.005), (0.027, 0.02), (0.008, 0.005)])
+def test_the_band_of_a_half_sine_ends_where_its_lobes_do(duration: float, part: float) -> None:
+    time = 1e-4 * np.arange(800)
+    found = band_of_load(time, 5e3 * half_sine(time, duration), part)
+    # Its spectrum is 2 T0/pi times cos(pi f T0)/(1 - 4 f^2 T0^2).
+    frequency = np.linspace(1.0 / duration, 2000.0, 200_001)
+    over = frequency * duration
+    left = np.abs(np.cos(np.pi * over) / (1 - 4 * over**2))
+    expected = frequency[left > part][-1]
+    assert found == pytest.approx(expected, abs=1.0 / (4 * 0.08) + 1.0)
