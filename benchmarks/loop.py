@@ -85,11 +85,13 @@ class Judged:
 
     @property
     def half_width(self) -> float | None:
-        """Of the interval after, over the modulus."""
+        """Of the interval after, over the modulus, or its middle where it leaves that open."""
         interval = self._interval
         if interval is None or self.record is None:
             return None
-        return 0.5 * (interval[1] - interval[0]) / float(self.record["after"]["modulus_pa"])
+        low, high = interval
+        modulus = self.record["after"]["modulus_pa"] or math.sqrt(low * high)
+        return 0.5 * (high - low) / float(modulus)
 
     @property
     def _interval(self) -> Sequence[float] | None:

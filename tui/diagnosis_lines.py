@@ -109,7 +109,7 @@ def _advice(result: DiagnosisResult) -> list[str]:
     if result.corrected:
         text = f"  Use the modulus after, known to lie between {between}"
     else:
-        why = _why_not(result)
+        why = ", it moved by less than its interval is wide" if result.moved_less else ""
         text = f"  Do not take the modulus after for corrected{why}: E lies between {between}"
     if _is_finite(after.stress_pa):
         text += f", secant at {after.stress_pa / 1e3:.0f} kPa"
@@ -117,18 +117,6 @@ def _advice(result: DiagnosisResult) -> list[str]:
         if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _SAME:
             text += f" ({rounded(other / 1e6, wide)} MPa at 100 kPa)"
     return [f"{text}."]
-
-
-def _why_not(result: DiagnosisResult) -> str:
-    """Why a modulus that moved for a right cause is not corrected."""
-    before, after = result.before, result.after
-    if result.verdict != "explained" or before is None or after is None:
-        return ""
-    low, high = after.modulus_interval_pa or (math.nan, math.nan)
-    if not _is_finite(before.modulus_pa) or not _is_finite(after.modulus_pa):
-        return ""
-    moved = abs(after.modulus_pa - before.modulus_pa)
-    return ", it moved by less than its interval is wide" if high - low >= moved else ""
 
 
 def _held_out(held: HeldOut | None) -> list[str]:

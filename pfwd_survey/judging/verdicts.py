@@ -85,7 +85,10 @@ def _diagnosed(point: MeasuredPoint) -> DiagnosedModulus | None:
         return None
     after = found.after
     return DiagnosedModulus(
-        found.after.modulus_pa, after.modulus_interval_pa, found.corrected is True
+        found.after.modulus_pa,
+        after.modulus_interval_pa,
+        found.corrected is True,
+        found.verdict or "unexplained",
     )
 
 

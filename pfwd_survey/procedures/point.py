@@ -112,6 +112,8 @@ class DiagnosedModulus:
     """95 %, what is left unexplained included, Pa."""
     corrected: bool
     """Whether the diagnosis stands by it: only then is a point judged by it."""
+    verdict: str = "unexplained"
+    """Of the diagnosis: clean, explained or unexplained."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -157,6 +157,18 @@ def _inverted(
     )
 
 
+# Why a point is judged by its fits, by the verdict of its diagnosis; clean: nothing is behind it.
+_NOT_DIAGNOSED = {
+    "explained": (
+        "the diagnosis explains the residual, but does not correct the modulus: it is that of the "
+        "fits",
+    ),
+    "unexplained": (
+        "the diagnosis does not explain the residual: the modulus is that of the fits",
+    ),
+}
+
+
 def _with_diagnosis(
     value: PointValue | None, diagnosed: DiagnosedModulus | None, notes: list[str]
 ) -> PointValue | None:
@@ -164,7 +176,7 @@ def _with_diagnosis(
     if value is None or diagnosed is None:
         return value
     if not diagnosed.corrected:
-        notes.append("the diagnosis does not explain the residual: the modulus is that of the fits")
+        notes.extend(_NOT_DIAGNOSED.get(diagnosed.verdict, ()))
         return value
     notes.append(
         f"the modulus is the diagnosed one, {diagnosed.value / 1e6:.3g} MPa; that of the fits "

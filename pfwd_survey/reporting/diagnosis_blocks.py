@@ -86,6 +86,8 @@ def _use(found: DiagnosisResult, texts: Texts) -> str:
     if after is None or after.modulus_pa is None or found.verdict == "clean":
         return ""
     text = texts["use_after" if found.corrected else "do_not_use_after"]
+    if found.moved_less:
+        text += f" {texts['moved_less']}"
     if after.stress_pa is None or not math.isfinite(after.stress_pa):
         return text
     other = after.modulus_100kpa_pa
@@ -105,7 +107,8 @@ def _modulus(state: FittedState, texts: Texts) -> str:
 
 
 def _effect(effect: EffectResult) -> str:
-    value = shown.with_deviation(effect.value, effect.sd, 1.0, effect.unit or "")
+    unit = "" if effect.unit == "-" else effect.unit or ""
+    value = shown.with_deviation(effect.value, effect.sd, 1.0, unit).strip()
     text = f"{str(effect.name).replace('_', ' ')}: {value}"
     others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
     return text + (f" (or: {others})" if others else "")

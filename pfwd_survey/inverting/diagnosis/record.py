@@ -1,6 +1,7 @@
 """The result of a diagnosis as it is told, with the keys of ``pfwd diagnose --json``."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
@@ -15,6 +16,9 @@ from pfwd_survey.inverting.diagnosis.result import (
     HeldOutOne,
 )
 from pfwd_survey.inverting.diagnosis.rig import rig_result
+
+# How the screening says that nothing fell.
+_NO_DROP = ("false trigger", "no pulse")
 
 
 def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
@@ -39,7 +43,7 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
             **conditions,
             verdict="unexplained",
             corrected=False,
-            effects=(_false_trigger(),) if entry.rejected else (),
+            effects=(_false_trigger(),) if _nothing_fell(entry.rejected) else (),
             warnings=(*entry.warnings, *entry.rejected, "no measured drop to diagnose"),
         )
     held = None
@@ -81,6 +85,11 @@ def _left_open(after: ModelState) -> list[str]:
         f"the records leave the modulus open, between {low} and {high} MPa: none is told; another "
         "declared depth, more sensors or a longer record may fix it"
     ]
+
+
+def _nothing_fell(rejected: Sequence[str]) -> bool:
+    """Whether the screening found a drop that is none, by its reasons ("drop 1: ...")."""
+    return any(text.partition(": ")[2].startswith(_NO_DROP) for text in rejected)
 
 
 def _false_trigger() -> EffectResult:

@@ -173,6 +173,17 @@ class DiagnosisResult(StoredRecord):
     stored: bool | None = None
     """Whether the survey kept it from before; None: no."""
 
+    @property
+    def moved_less(self) -> bool:
+        """Whether the modulus of an explained point moved by less than its interval is wide."""
+        before, after = self.before, self.after
+        if self.verdict != "explained" or before is None or after is None:
+            return False
+        ends = after.modulus_interval_pa
+        if before.modulus_pa is None or after.modulus_pa is None or ends is None:
+            return False
+        return not ends[1] - ends[0] < abs(after.modulus_pa - before.modulus_pa)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DropDiagnosis(StoredRecord):

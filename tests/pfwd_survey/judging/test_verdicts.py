@@ -122,6 +122,24 @@ def test_a_diagnosed_modulus_counts_where_the_diagnosis_stands_by_it(
     assert any("diagnos" in note for note in progress.notes), "which one it is is said"
 
 
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("clean", None),
+        ("explained", "explains the residual, but does not correct the modulus"),
+        ("unexplained", "does not explain the residual"),
+    ],
+)
+def test_why_the_modulus_is_that_of_the_fits_is_said(verdict: str, said: str | None) -> None:
+    found = dataclasses.replace(diagnosis(corrected=False), verdict=verdict)
+    progress = judge_point(
+        Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), diagnosis=found)
+    )
+    notes = [note for note in progress.notes if "diagnosis" in note]
+    assert bool(notes) == (said is not None)
+    assert said is None or (said in notes[0] and "that of the fits" in notes[0])
+
+
 def test_a_diagnosis_changes_no_deflection() -> None:
     job = Job(procedure=find_procedure("mndot"))
     plain = judge_point(job, MeasuredPoint("1", drops()))

@@ -493,14 +493,16 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         "model": "half-space",
         "modulus_pa": 50e6,
         "modulus_sd_pa": 1e5,
+        "modulus_interval_pa": [42e6, 48e6],
         "residual_rms_over_peak": 0.03,
     }
+    bent = {"name": "stress_dependence", "value": 0.43, "sd": 0.13, "unit": "-"}
     effect = {"name": "geophone_response", "value": 11.0, "sd": 0.2, "unit": "Hz"}
     record = {
         "verdict": "explained",
         "before": state,
         "after": {**state, "modulus_pa": 45e6},
-        "effects": [{**effect, "alternatives": ["lag"]}],
+        "effects": [{**effect, "alternatives": ["lag"]}, bent],
         "warnings": [],
     }
     found = [
@@ -525,6 +527,8 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert report.points[0].diagnosis.verdict == "explained"
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
     assert "clean: the base model leaves only noise" in text
+    assert "stress dependence: 0.43 ± 0.13" in page.texts
+    assert text.count("It moved by less than its interval is wide.") == 1
 
 
 def test_a_browser_shows_it(survey: Path) -> None:

@@ -53,6 +53,23 @@ def test_a_modulus_that_is_left_open_is_none(factor: float, known: bool) -> None
     assert (said in " ".join(told.warnings or ())) is not known
 
 
+@pytest.mark.parametrize(
+    ("reason", "none"),
+    [
+        ("false trigger: peak load 0.4 kN, less than 1.5 kN", True),
+        ("no pulse: the load changes by 3 N at most", True),
+        ("load of the wrong polarity: 8 kN upward, downward is positive", False),
+        ("dead centre channel: constant at 0", False),
+    ],
+)
+def test_only_what_is_no_drop_is_a_false_trigger(reason: str, none: bool) -> None:
+    entry = DiagnosisPoint("A.csv", None, None, (f"drop 1: {reason}",), ())
+    told = diagnosis_result(entry, None)
+    assert [effect.name for effect in told.effects or ()] == (["false_trigger"] if none else [])
+    assert told.verdict == "unexplained"
+    assert any(reason in text for text in told.warnings or ())
+
+
 def test_what_is_open_is_so_for_all() -> None:
     assert result.LEFT_OPEN == engine.LEFT_OPEN
 
