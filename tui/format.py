@@ -216,8 +216,16 @@ def verdict_of_fit(result: DropResult) -> str:
 
 
 def peak_load(result: DropResult) -> str:
-    """Of the half-sine, kN."""
-    return _short(_finite(result.half_sine_load_n, 1e3))
+    """As it was measured, kN; of results that do not know it that of the half-sine."""
+    return _short(_finite(result.known_peak_load_n, 1e3))
+
+
+def _peak_pressure(result: DropResult) -> str:
+    """Mean of the peak load under the plate, kPa."""
+    load, radius = result.known_peak_load_n, result.plate_radius_m
+    if load is None or not radius:
+        return NOTHING
+    return _short(_finite(load / (math.pi * radius**2), 1e3))
 
 
 def _layer(result: DropResult, number: int) -> LayerResult:
@@ -261,7 +269,7 @@ _PULSE: dict[str, Callable[[DropResult], str]] = {
     "drop": lambda result: _text(result.drop),
     "kind": lambda result: _text(result.status),
     "kN": peak_load,
-    "kPa": lambda result: _short(_finite(_pulse(result).peak_pressure_pa, 1e3)),
+    "kPa": _peak_pressure,
     "ms": lambda result: _short(_finite(_pulse(result).duration_s, 1e-3)),
     "peak E MPa": lambda result: _short(_finite(result.peak_modulus_pa, 1e6)),
     "residual %": lambda result: percent(result.residual_rms_over_peak),

@@ -53,6 +53,11 @@ REJECTED = DropResult.from_json(
 )
 
 
+def test_the_load_is_the_measured_one() -> None:
+    lines = result_lines([replace(RESULT, peak_load_n=10.5e3)])
+    assert any(line.split()[:4] == ["1", "measured", "10.5", "149"] for line in lines)
+
+
 def test_a_point_is_shown_with_its_units() -> None:
     second = replace(RESULT, drop=2, status="seating", modulus_pa=35.0e6, explained=False)
     assert result_lines([RESULT, second, REJECTED]) == [

@@ -181,6 +181,33 @@ def test_half_of_what_is_left_over_the_noise_is_worth_reporting_too(
     assert is_worth_reporting(ONE, base, best) is worth  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("drops", "many", "left", "over_noise", "worth"),
+    [
+        (1, 2, 0.5, 9.0, True),
+        (1, 3, 0.11, 9.0, False),
+        (1, 3, 0.09, 9.0, True),
+        (1, 3, 0.11, 0.99, True),
+        (1, 3, 0.11, 1.01, False),
+        (2, 3, 0.11, 9.0, False),
+        (3, 4, 0.11, 9.0, True),
+    ],
+)
+def test_more_effects_than_few_records_tell_have_to_leave_little(
+    monkeypatch: pytest.MonkeyPatch,
+    drops: int,
+    many: int,
+    left: float,
+    over_noise: float,
+    worth: bool,
+) -> None:
+    point: Any = Point([Model(np.zeros((1, 8)))] * drops)
+    base: Any = Candidate(10.0)
+    best: Any = Candidate(over_noise, (EFFECT,) * many)
+    _leaving(monkeypatch, {id(base): 1.0, id(best): left})
+    assert is_worth_reporting(point, base, best) is worth
+
+
 @pytest.mark.parametrize(("name", "worth"), [("layer", False), ("bedrock", True)])
 def test_a_ground_below_layers_past_their_bounds_is_not_worth_reporting(
     monkeypatch: pytest.MonkeyPatch, name: str, worth: bool
