@@ -52,6 +52,8 @@ def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[s
         lines.append(f"  after   {_state(result.after)}")
         if result.effects:
             lines += _change(result.before, result.after)
+        elif result.verdict == "unexplained" and _modulus(result.before) != _modulus(result.after):
+            lines.append("  no effect is taken over: after is the base model within usual soils")
         lines += _advice(result)
     for effect in result.effects or ():
         lines += _effect(effect)

@@ -55,7 +55,7 @@ def fit_device(
         plain = 2 * sum(diagnosis.plain for diagnosis in found) > len(found)
         scope = ALIKE if plain else WHOLE
         problem = Problem(
-            made,
+            [point.coarse() for point in made] if plain else made,
             _union(local),
             local=local,
             prior_weight=weight,

@@ -214,7 +214,8 @@ def _looked_for(
     if not plain and best.fit.excess <= FAR:
         yield by_noise, best
         return
-    alike = Search(by_noise.points, fixed=by_noise.fixed, spread=by_noise.spread, scope=ALIKE)
+    points = [point.coarse() for point in by_noise.points]
+    alike = Search(points, fixed=by_noise.fixed, spread=by_noise.spread, scope=ALIKE)
     found = alike.run(likely, begun, beside=best)
     if found.over_noise <= EXPLAINED:
         near = by_noise.begun_at(found)

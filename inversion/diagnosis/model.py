@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -32,7 +33,7 @@ from inversion.measured.record import PreparedDrop, Record, prepare
 # Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
 MOST_SAMPLES = 180
 # Hz; of a pulse of 8 ms a two-hundredth of the spectrum is left there. Of a trailer's of 30 ms no
-# more than this part is left from 300 Hz on, and its layers are solved for as much less often.
+# more than this part is left from 300 Hz on.
 _BAND_HZ, _LEAST_BAND_HZ = 900.0, 300.0
 _SPECTRUM_LEFT = 0.003
 _REMEMBERED = 24
@@ -108,18 +109,6 @@ class PointRecords:
     half_sine: bool = False
 
 
-def band_of(drop: PreparedDrop) -> float:
-    """Band in which a drop's ground is solved for, Hz.
-
-    For several sensors, whose layers cost the more the more frequencies there are, it ends where
-    the load has hardly any spectrum left.
-    """
-    band = min(_BAND_HZ, 0.5 / drop.step)
-    if drop.offsets.size == 1:
-        return band
-    return min(max(band_of_load(drop.time, drop.load, _SPECTRUM_LEFT), _LEAST_BAND_HZ), band)
-
-
 class DropModel:
     """Predicts one record.
 
@@ -133,7 +122,6 @@ class DropModel:
     layers : FirstLook or None, the point's drops as layered ground
     response : GroundResponse or None, which the drops of a point share
     duration : float or None, s, of the longest record of the point: what is shared has one length
-    band : float or None, Hz, up to which the loads of the point reach: and one band
     rest : DropAtRest or None, the drop with its noise as all drops of the point tell it
     """
 
@@ -147,7 +135,6 @@ class DropModel:
         layers: FirstLook | None = None,
         response: GroundResponse | None = None,
         duration: float | None = None,
-        band: float | None = None,
         rest: DropAtRest | None = None,
     ) -> None:
         # The surrogate answers in this order, whatever order the record has.
@@ -164,12 +151,13 @@ class DropModel:
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
         self.response = response or GroundResponse(surrogate, self._instrument, drop.offsets)
-        self._duration, self._band = duration, band
+        self._duration = duration
         count_samples = int(np.searchsorted(drop.time, whole.tail_end * (1 + 1e-9)))
         stride = max(1, -(-count_samples // MOST_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
         load = fit_half_sine(drop.time, drop.load).load(drop.time) if point.half_sine else drop.load
-        self._prepare_transform(load)
+        self._load = load
+        self._prepare_transform(_BAND_HZ)
         first = int(np.searchsorted(record.time, drop.start - 0.5 * drop.step))
         # Samples before the pulse, where nothing moves but drift, hum and noise show.
         self.before = first // stride
@@ -200,10 +188,24 @@ class DropModel:
         """Whether some channel has more noise before the pulse than the model's own error."""
         return bool(np.any(self.noise > _LOUD * self._floor))
 
-    def _prepare_transform(self, load: FloatArray) -> None:
+    @property
+    def least_band(self) -> float:
+        """Hz up to which the load has more than hardly any spectrum, or as far as it is solved."""
+        reaches = band_of_load(self.drop.time, self._load, _SPECTRUM_LEFT)
+        return min(max(reaches, _LEAST_BAND_HZ), _BAND_HZ)
+
+    def in_band(self, band: float) -> DropModel:
+        """The same drop, solved for up to this frequency, Hz."""
+        other = copy.copy(self)
+        other._prepare_transform(band)
+        other._motions, other._last_displacement, other._latest = {}, None, None
+        return other
+
+    def _prepare_transform(self, band: float) -> None:
         """From compliances at Laplace frequencies to motions under the load, and after a hat."""
+        load = self._load
         time = self.drop.time[self.rows]
-        band = self._band or band_of(self.drop)
+        band = min(band, 0.5 / self.drop.step)
         if self.record.instrument.load_filter is not None:
             band = min(band, 2.0 * self.record.instrument.load_filter)
         transform = DampedTransform(self._duration or float(time[-1]), band)

@@ -167,7 +167,8 @@ def left_out_error(
     """
     with single_threaded_blas():
         point = Point(records, library or SurrogateLibrary())
-        search = Search([point], fixed=device, scope=ALIKE if found.plain else WHOLE)
+        looked, scope = (point.coarse(), ALIKE) if found.plain else (point, WHOLE)
+        search = Search([looked], fixed=device, scope=scope)
         names = [effect.name for effect in found.effects if effect.name not in device]
         after = search.named(names, found.values)
         return HeldOutPart(

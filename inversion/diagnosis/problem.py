@@ -7,6 +7,7 @@ its own.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.diagnosis.ground_response import GroundResponse
-from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords, band_of
+from inversion.diagnosis.model import WHOLE, DropModel, FitScope, PointRecords
 from inversion.diagnosis.rest import drops_at_rest
 from inversion.effects.base import Effect, Ground
 from inversion.fitting.layered.first_look import FirstLook
@@ -94,16 +95,13 @@ class Point:
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _first_look(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
-        band = max(band_of(item.drop) for item in layers.drops)
         response = GroundResponse(
             surrogate,
             replace(first.instrument, geophone_natural_frequency=None, geophone_damping=None),
             layers.drops[0].drop.offsets,
         )
         self.drops = tuple(
-            DropModel(
-                record, surrogate, largest, index, records, layers, response, longest, band, rest
-            )
+            DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
             for index, (record, rest) in enumerate(
                 zip(records.records, drops_at_rest(records.records), strict=True)
             )
@@ -120,6 +118,20 @@ class Point:
         self.peak_modulus = float(np.median(peaks))
         layers.peak_modulus = self.peak_modulus
         self._soil = relative_soil(self.peak_modulus)
+
+    def coarse(self) -> Point:
+        """The point as it is looked at where much more than noise is left.
+
+        Beside the plate layers are solved for, which costs the more the more frequencies there are:
+        there the band ends where the loads have hardly any spectrum left. What that changes, up to
+        2e-3 of the peak, is more than noise may be.
+        """
+        if self.drops[0].context.offsets.size == 1:
+            return self
+        band = max(model.least_band for model in self.drops)
+        other = copy.copy(self)
+        other.drops = tuple(model.in_band(band) for model in self.drops)
+        return other
 
     def soil(self, below: bool = False) -> list[Unknown]:
         """Unknowns of the base model; ``below``: of the ground under layers, of wider bounds."""

@@ -81,6 +81,13 @@ def test_why_an_explained_modulus_is_not_corrected(modulus: float | None, why: s
     assert f"Do not take the modulus after for corrected{why}: E lies between 47 and 53" in text
 
 
+@pytest.mark.parametrize(("high", "said"), [(52e6, False), (90e6, True)])
+def test_what_differs_without_an_effect_is_said(high: float, said: bool) -> None:
+    before, after = state(50e6, 48e6, 52e6), state(50e6, 48e6, high)
+    found = DiagnosisResult(file="survey", verdict="unexplained", before=before, after=after)
+    assert ("no effect is taken over" in "\n".join(diagnosis_lines(found))) is said
+
+
 @pytest.mark.parametrize(
     ("left", "told"), [(0.0123, "1.2 %"), (0.0996, "10 %"), (0.237, "24 %"), (1.037, "104 %")]
 )

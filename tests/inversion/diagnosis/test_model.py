@@ -14,14 +14,12 @@ from inversion.diagnosis.model import (
     DropModel,
     FitScope,
     PointRecords,
-    band_of,
 )
 from inversion.diagnosis.problem import Point
 from inversion.effects import BY_NAME, Ground
 from inversion.effects.base import forced_motion
 from inversion.forward.contact import PlateProblem
 from inversion.forward.layered import Medium
-from inversion.measured.record import prepare
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
 
 GROUND = Ground(
@@ -73,15 +71,33 @@ def test_sensors_beside_a_plate_are_solved_for_as_far_as_the_load_reaches(
     pulse: float, least: float, most: float, library: SurrogateLibrary
 ) -> None:
     drop = record(library, Scene(offsets=(0.0, 0.3, 0.6), pulse=pulse))
-    band = band_of(prepare(drop))
-    assert least <= band <= most
-    assert band_of(prepare(record(library, Scene(pulse=pulse)))) == 900
-    model = Point(PointRecords("a", (drop,), (1,)), library).drops[0]
-    assert model.s[-2].imag / (2 * np.pi) == pytest.approx(band, abs=20)
+    point = Point(PointRecords("a", (drop,), (1,)), library)
+    model, coarse = point.drops[0], point.coarse().drops[0]
+    before = model.predict(GROUND, [])
+    assert least <= model.least_band <= most
+    assert _band(coarse) == pytest.approx(model.least_band, abs=20)
     # The record was computed with a wider band.
-    found = model.predict(GROUND, [])[:, model.before :]
+    found = coarse.predict(GROUND, [])[:, coarse.before :]
     for one, expected in zip(found, model.observed, strict=True):
         assert one == pytest.approx(expected, abs=3e-3 * np.abs(expected).max())
+    # The point itself stays as it is.
+    assert _band(model) == pytest.approx(900, abs=20)
+    assert model.predict(GROUND, []) == pytest.approx(before)
+
+
+def test_the_band_of_a_coarse_point_is_that_of_its_widest_load(library: SurrogateLibrary) -> None:
+    scenes = [Scene(offsets=(0.0, 0.3, 0.6), pulse=pulse) for pulse in (0.035, 0.02)]
+    drops = tuple(record(library, scene) for scene in scenes)
+    point = Point(PointRecords("a", drops, (1, 2)), library)
+    first, second = point.coarse().drops
+    assert _band(first) == _band(second) == pytest.approx(point.drops[1].least_band, abs=20)
+    # A single sensor is never solved for in layers.
+    alone = Point(PointRecords("a", (record(library, Scene(pulse=0.035)),), (1,)), library)
+    assert alone.coarse() is alone
+
+
+def _band(model: DropModel) -> float:
+    return float(model.s[-2].imag / (2 * np.pi))
 
 
 def test_layered_ground_at_rest_is_solved_for_with_the_rest(library: SurrogateLibrary) -> None:
