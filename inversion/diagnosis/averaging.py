@@ -13,7 +13,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from inversion.diagnosis.discrepancy import Discrepancy
@@ -26,6 +25,8 @@ _LEAST_WEIGHT, _MOST = 0.02, 8
 _SAME_MODULUS = 1e-3
 # Largest deviation of the logarithm that is told from "not known".
 _UNKNOWN = 3.0
+# Of a logarithm, to which the ends of an interval are found.
+_EXACT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,4 +117,8 @@ def _quantile(solutions: Sequence[tuple[float, float, float]], part: float) -> f
 
     low = float(np.min(middles - 9.0 * deviations))
     high = float(np.max(middles + 9.0 * deviations))
-    return float(brentq(beyond, low, high, xtol=1e-9))
+    # It rises throughout. The root finders of scipy.optimize take a fifth of the start to import.
+    while high - low > _EXACT:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if beyond(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)

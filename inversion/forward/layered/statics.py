@@ -11,7 +11,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from inversion.forward.layered.ground import LayeredGround, LayeredGrounds, Medium
 from inversion.forward.layered.plate import (
@@ -55,6 +54,8 @@ def effective_depth(plate: LayeredPlateModel, radius: float, ground: LayeredGrou
     low, high = _SHALLOWEST_RADII * radius, min(ground.rock_depth, _DEEPEST_RADII * radius)
     if missing(high) <= 0.0:
         return high
+    from scipy.optimize import brentq  # takes a fifth of a diagnosis' start, which needs it not
+
     found: float = brentq(missing, low, high, rtol=1e-3)
     return found
 

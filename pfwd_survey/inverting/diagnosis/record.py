@@ -15,7 +15,6 @@ from pfwd_survey.inverting.diagnosis.result import (
     HeldOut,
     HeldOutOne,
 )
-from pfwd_survey.inverting.diagnosis.rig import rig_result
 
 # How the screening says that nothing fell.
 _NO_DROP = ("false trigger", "no pulse")
@@ -24,6 +23,9 @@ _NO_DROP = ("false trigger", "no pulse")
 def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
     """What is told of one point; `found` is None where no drop of it was measured."""
     if entry.rig is not None:
+        # Loaded here: on the ground nobody needs it.
+        from pfwd_survey.inverting.diagnosis.rig import rig_result
+
         return rig_result(entry, entry.rig)
     conditions: dict[str, Any] = {}
     if entry.records is not None:
