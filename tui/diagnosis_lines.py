@@ -7,6 +7,7 @@ from typing import TypeGuard
 from pfwd_survey.digits import rounded, with_ends, with_width
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
+    EffectParameter,
     EffectResult,
     FittedState,
     HeldOut,
@@ -22,6 +23,14 @@ _VERDICT = {
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
+# SI, and the unit that people read it in, with its scale.
+_READ_IN = {
+    "s": (1e3, "ms"),
+    "m/s": (1e3, "mm/s"),
+    "N/m": (1e-6, "MN/m"),
+    "Pa": (1e-3, "kPa"),
+    "Pa s": (1e-3, "kPa s"),
+}
 # From this part on no digits after the point.
 _TENTH = 0.1
 # One of so many times is told by its nearer end: its width would leave no digit.
@@ -62,9 +71,27 @@ def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[s
     return [*lines, *diagnosis_warnings([result])] if warnings else lines
 
 
+def nothing_lines(results: Sequence[DiagnosisResult]) -> list[str]:
+    """Several points none of whose drops can be used, in one line; their warnings say why."""
+    names = _names(results)
+    empty = [name for name, result in zip(names, results, strict=True) if result.drops == ()]
+    if not empty:
+        return []
+    order = list(dict.fromkeys(names))
+    where = "all points" if len(empty) == len(results) else as_ranges(empty, order)
+    return [
+        f"NOTHING TO DIAGNOSE at {where} ({len(empty)}): none of their drops can be used, the "
+        "warnings say why"
+    ]
+
+
+def _names(results: Sequence[DiagnosisResult]) -> list[str]:
+    return [clean(result.file if result.point is None else result.point) for result in results]
+
+
 def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     """What is to be known of diagnoses: each sentence once, with its points as ranges."""
-    names = [clean(result.file if result.point is None else result.point) for result in results]
+    names = _names(results)
     order = list(dict.fromkeys(names))
     said = [
         (name, clean(text))
@@ -180,19 +207,21 @@ def _change(before: FittedState, after: FittedState) -> list[str]:
 def _effect(effect: EffectResult) -> list[str]:
     numbers = []
     for parameter in effect.parameters or ():
-        unit = "" if parameter.unit == "-" else f" {clean(parameter.unit)}"
+        scale, unit = _read_in(parameter)
         drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
         name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
         if not _is_finite(parameter.value):
             numbers.append(f"{name} -")
         elif not _is_finite(parameter.sd):
             given = not _is_finite(effect.probability)
-            numbers.append(f"{name} {parameter.value:.3g}{unit}" if given else f"{name} not fixed")
+            shown = f"{name} {scale * parameter.value:.3g}{unit}"
+            numbers.append(shown if given else f"{name} not fixed")
         elif parameter.sd == 0.0:
-            numbers.append(f"{name} {parameter.value:.3g}{unit}")
+            numbers.append(f"{name} {scale * parameter.value:.3g}{unit}")
         else:
-            value = rounded(parameter.value, parameter.sd)
-            numbers.append(f"{name} {value} ± {rounded(parameter.sd, parameter.sd)}{unit}")
+            spread = scale * parameter.sd
+            value = rounded(scale * parameter.value, spread)
+            numbers.append(f"{name} {value} ± {rounded(spread, spread)}{unit}")
     evidence = effect.evidence
     shared = "declared" if effect.scope == "point" else "shared by the device's points"
     strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
@@ -207,6 +236,12 @@ def _effect(effect: EffectResult) -> list[str]:
     if effect.advice:
         lines.append(f"    {clean(effect.advice)}")
     return lines
+
+
+def _read_in(parameter: EffectParameter) -> tuple[float, str]:
+    """What a number is told by, and the unit that people read it in, with a space before it."""
+    scale, unit = _READ_IN.get(parameter.unit or "", (1.0, clean(parameter.unit)))
+    return scale, "" if unit == "-" else f" {unit}"
 
 
 def _percent(value: float | None) -> str:

@@ -4,8 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
-from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, diagnosis_warnings
+from pfwd_survey.inverting.diagnosis.result import (
+    DiagnosisResult,
+    EffectParameter,
+    EffectResult,
+    FittedState,
+)
+from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, diagnosis_warnings, nothing_lines
 
 
 def diagnosis(point: str | None, *warnings: str) -> DiagnosisResult:
@@ -79,6 +84,37 @@ def test_why_an_explained_modulus_is_not_corrected(modulus: float | None, why: s
     )
     text = "\n".join(diagnosis_lines(found))
     assert f"Do not take the modulus after for corrected{why}: E lies between 47 and 53" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "unit", "told"),
+    [
+        (-0.00204, 0.00003, "s", "x -2.04 ± 0.03 ms"),
+        (20e6, 2.3e6, "N/m", "x 20.0 ± 2.3 MN/m"),
+        (0.0012, 0.0004, "m/s", "x 1.2 ± 0.4 mm/s"),
+        (1.62e5, 0.0, "Pa", "x 162 kPa"),
+        (5.1e4, 2e3, "Pa s", "x 51.0 ± 2.0 kPa s"),
+        (1.2, 0.1, "m", "x 1.20 ± 0.10 m"),
+        (0.43, 0.13, "-", "x 0.43 ± 0.13 ["),
+    ],
+)
+def test_numbers_are_told_in_the_units_that_people_read(
+    value: float, sd: float, unit: str, told: str
+) -> None:
+    parameter = EffectParameter(name="x", value=value, sd=sd, unit=unit)
+    effect = EffectResult(name="effect", parameters=(parameter,), evidence=50.0)
+    found = DiagnosisResult(file="survey", verdict="explained", effects=(effect,))
+    assert told in "\n".join(diagnosis_lines(found))
+
+
+def test_points_without_a_drop_stand_in_one_line() -> None:
+    empty = [DiagnosisResult(file="a.F25", point=f"km {n}", drops=()) for n in range(1, 5)]
+    whole = DiagnosisResult(file="a.F25", point="km 5", drops=(1,))
+    (line,) = nothing_lines([*empty, whole])
+    assert line.startswith("NOTHING TO DIAGNOSE at km 1 to km 4 (4): none of their drops")
+    (line,) = nothing_lines(empty)
+    assert "at all points (4)" in line
+    assert nothing_lines([whole]) == []
 
 
 @pytest.mark.parametrize(("high", "said"), [(52e6, False), (90e6, True)])

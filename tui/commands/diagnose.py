@@ -12,7 +12,7 @@ from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.message_groups import as_ranges
-from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings
+from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings, nothing_lines
 from tui.files import any_folder
 from tui.output import clean, say
 from tui.progress import points_counted
@@ -62,13 +62,7 @@ def run(args: argparse.Namespace) -> int:
         )
         found = list(done)
     name = device_of(found) if args.write_device else None
-    for diagnosed in found:
-        if diagnosed.error is not None:
-            say(diagnosed.error)
-        elif diagnosed.result is not None:
-            show_diagnosis(diagnosed.result, as_json=args.json)
-    if not args.json:
-        tell_warnings(found)
+    show_all(found, as_json=args.json)
     if args.leave_out is not None:
         _tell_what_stayed(found, args.leave_out)
     keep_found(found, store=not args.no_store)
@@ -136,10 +130,21 @@ def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
             say(failed)
 
 
-def tell_warnings(found: "Sequence[Diagnosed]") -> None:
-    """Print the warnings of all points, each once with the points that it belongs to."""
-    for line in diagnosis_warnings([d.result for d in found if d.result is not None]):
-        print(line, flush=True)
+def show_all(found: "Sequence[Diagnosed]", *, as_json: bool) -> None:
+    """Print what was found, and as text the warnings of all points, each once with its points.
+
+    As text several points of which no drop can be used stand in one line.
+    """
+    results = [one.result for one in found if one.result is not None]
+    together = not as_json and sum(result.drops == () for result in results) > 1
+    for one in found:
+        if one.error is not None:
+            say(one.error)
+        elif one.result is not None and not (together and one.result.drops == ()):
+            show_diagnosis(one.result, as_json=as_json)
+    if not as_json:
+        for line in [*(nothing_lines(results) if together else ()), *diagnosis_warnings(results)]:
+            print(line, flush=True)
 
 
 def show_diagnosis(result: DiagnosisResult, *, as_json: bool) -> None:

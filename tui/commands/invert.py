@@ -85,15 +85,14 @@ def _diagnosed(
 
 def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
     """Keep diagnoses, and print them where their lines do not hold them already."""
-    from tui.commands.diagnose import keep_found, show_diagnosis, tell_warnings
+    from tui.commands.diagnose import keep_found, show_all
 
-    for found in diagnosed:
-        if found.error is not None:
-            say(found.error)
-        elif found.result is not None and not as_json:
-            show_diagnosis(found.result, as_json=False)
-    if not as_json:
-        tell_warnings(diagnosed)
+    if as_json:
+        for found in diagnosed:
+            if found.error is not None:
+                say(found.error)
+    else:
+        show_all(diagnosed, as_json=False)
     keep_found(diagnosed, store=store)
 
 

@@ -1,0 +1,43 @@
+"""What a diagnosis of many points prints."""
+
+import json
+
+import pytest
+
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from tui.commands.diagnose import show_all
+
+
+def empty(name: str) -> Diagnosed:
+    rejected = ("drop 1: peaks only",)
+    result = DiagnosisResult(
+        file="a.F25", point=name, drops=(), rejected=rejected, warnings=rejected
+    )
+    return Diagnosed("a.F25", result)
+
+
+WHOLE = Diagnosed("b.csv", DiagnosisResult(file="b.csv", drops=(1,), verdict="clean"))
+
+
+def test_many_points_without_a_drop_take_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    show_all([empty("1"), WHOLE, empty("2"), Diagnosed("c.csv", error="no load")], as_json=False)
+    out, err = capsys.readouterr()
+    lines = out.splitlines()
+    assert lines[0].startswith("b.csv")
+    assert [line for line in lines if "NOTHING TO DIAGNOSE" in line] == [lines[-2]]
+    assert lines[-1] == "  warning, 1, 2: drop 1: peaks only"
+    assert "no load" in err
+
+
+def test_one_has_its_own_block(capsys: pytest.CaptureFixture[str]) -> None:
+    show_all([empty("1"), WHOLE], as_json=False)
+    out = capsys.readouterr().out
+    assert "  NOTHING TO DIAGNOSE: no drop" in out
+    assert "  drop 1: peaks only" in out
+
+
+def test_json_has_a_line_for_each(capsys: pytest.CaptureFixture[str]) -> None:
+    show_all([empty("1"), empty("2"), WHOLE], as_json=True)
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [record.get("point") for record in records] == ["1", "2", None]
