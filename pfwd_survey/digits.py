@@ -11,6 +11,32 @@ MOST_DIGITS = 4
 FEW_DIGITS = 3
 """That count, of a value whose spread nobody knows."""
 
+_READ_IN = {
+    "-": (1.0, ""),
+    "s": (1e3, "ms"),
+    "m/s": (1e3, "mm/s"),
+    "N/m": (1e-6, "MN/m"),
+    "Pa": (1e-3, "kPa"),
+    "Pa s": (1e-3, "kPa s"),
+}
+"""Of SI units those that people read effects in, with their scale."""
+
+
+def read_in(unit: str) -> tuple[float, str]:
+    """By what a number of an effect is multiplied for people, and the unit that it then has.
+
+    Parameters
+    ----------
+    unit : str
+        SI; - for none.
+
+    Examples
+    --------
+    >>> read_in("s"), read_in("Hz"), read_in("-")
+    ((1000.0, 'ms'), (1.0, 'Hz'), (1.0, ''))
+    """
+    return _READ_IN.get(unit, (1.0, unit))
+
 
 def rounded(value: float, spread: float) -> str:
     """A number with no more digits than its spread supports.

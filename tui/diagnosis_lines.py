@@ -4,10 +4,9 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard
 
-from pfwd_survey.digits import rounded, with_ends, with_width
+from pfwd_survey.digits import read_in, rounded, with_ends, with_width
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
-    EffectParameter,
     EffectResult,
     FittedState,
     HeldOut,
@@ -23,14 +22,6 @@ _VERDICT = {
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
 # Moduli that differ by less than this part need not both be told.
 _SAME = 0.02
-# SI, and the unit that people read it in, with its scale.
-_READ_IN = {
-    "s": (1e3, "ms"),
-    "m/s": (1e3, "mm/s"),
-    "N/m": (1e-6, "MN/m"),
-    "Pa": (1e-3, "kPa"),
-    "Pa s": (1e-3, "kPa s"),
-}
 # From this part on no digits after the point.
 _TENTH = 0.1
 # One of so many times is told by its nearer end: its width would leave no digit.
@@ -207,7 +198,8 @@ def _change(before: FittedState, after: FittedState) -> list[str]:
 def _effect(effect: EffectResult) -> list[str]:
     numbers = []
     for parameter in effect.parameters or ():
-        scale, unit = _read_in(parameter)
+        scale, unit = read_in(clean(parameter.unit))
+        unit = f" {unit}" if unit else ""
         drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
         name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
         if not _is_finite(parameter.value):
@@ -236,12 +228,6 @@ def _effect(effect: EffectResult) -> list[str]:
     if effect.advice:
         lines.append(f"    {clean(effect.advice)}")
     return lines
-
-
-def _read_in(parameter: EffectParameter) -> tuple[float, str]:
-    """What a number is told by, and the unit that people read it in, with a space before it."""
-    scale, unit = _READ_IN.get(parameter.unit or "", (1.0, clean(parameter.unit)))
-    return scale, "" if unit == "-" else f" {unit}"
 
 
 def _percent(value: float | None) -> str:

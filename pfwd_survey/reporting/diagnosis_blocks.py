@@ -3,6 +3,7 @@
 import math
 from functools import partial
 
+from pfwd_survey.digits import read_in
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Listing, Paragraph, Picture, Table
@@ -107,8 +108,8 @@ def _modulus(state: FittedState, texts: Texts) -> str:
 
 
 def _effect(effect: EffectResult) -> str:
-    unit = "" if effect.unit == "-" else effect.unit or ""
-    value = shown.with_deviation(effect.value, effect.sd, 1.0, unit).strip()
+    scale, unit = read_in(effect.unit or "")
+    value = shown.with_deviation(effect.value, effect.sd, scale, unit).strip()
     text = f"{str(effect.name).replace('_', ' ')}: {value}"
     others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
     return text + (f" (or: {others})" if others else "")

@@ -497,12 +497,13 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         "residual_rms_over_peak": 0.03,
     }
     bent = {"name": "stress_dependence", "value": 0.43, "sd": 0.13, "unit": "-"}
+    late = {"name": "sensor_lag", "value": 0.0021, "sd": 0.0001, "unit": "s"}
     effect = {"name": "geophone_response", "value": 11.0, "sd": 0.2, "unit": "Hz"}
     record = {
         "verdict": "explained",
         "before": state,
         "after": {**state, "modulus_pa": 45e6},
-        "effects": [{**effect, "alternatives": ["lag"]}, bent],
+        "effects": [{**effect, "alternatives": ["lag"]}, bent, late],
         "warnings": [],
     }
     found = [
@@ -528,6 +529,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
     assert "clean: the base model leaves only noise" in text
     assert "stress dependence: 0.43 ± 0.13" in page.texts
+    assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
     assert text.count("It moved by less than its interval is wide.") == 1
 
 

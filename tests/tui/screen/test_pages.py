@@ -26,8 +26,10 @@ from tests.tui.screen.scripted import (
     until,
     whole_point,
 )
+from tui.screen.pages.diagnosis import device_lines
 from tui.screen.session.screen_events import ContentsRead, DiagnosisDone, Refitted
 from tui.screen.settings import ScreenSettings
+from tui.screen.units import Units
 
 SIZES = [(80, 24), (120, 40), (200, 60)]
 
@@ -300,6 +302,25 @@ RECORD = {
     "held_out": None,
     "warnings": [],
 }
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "unit", "told"),
+    [
+        (-0.00204, 0.00003, "s", "-2.04 ± 0.03 ms (1 point)"),
+        (11.0, 0.2, "Hz", "11.00 ± 0.20 Hz (1 point)"),
+        (8.0, None, "kg", "8 kg (1 point)"),
+        (1.05, 0.0, "-", "1.05 (1 point)"),
+    ],
+)
+def test_device_effects_are_told_in_units_that_people_read(
+    value: float, sd: float | None, unit: str, told: str
+) -> None:
+    effect = {"name": "x", "scope": "device", "value": value, "sd": sd, "unit": unit}
+    found = DiagnosisResult.from_json({**RECORD, "effects": [effect]})
+    lines = device_lines([found], Units("si"), 80)
+    text = " ".join(str(part) for part in lines[-1])
+    assert told in text
 
 
 @pytest.mark.parametrize("size", SIZES)

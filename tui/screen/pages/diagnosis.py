@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from pfwd_survey.digits import read_in, rounded
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
@@ -165,14 +166,18 @@ def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -
             value, sd = effect.value, effect.sd
             if value is None or not math.isfinite(value):
                 continue
-            sure = f" ± {sd:.2g}" if sd is not None and math.isfinite(sd) else ""
-            shown = "" if effect.unit == "-" else f" {effect.unit}"
-            values.setdefault(str(effect.name), []).append(f"{value:.4g}{sure}{shown}")
+            scale, unit = read_in(effect.unit or "")
+            spread = scale * sd if sd is not None and math.isfinite(sd) else 0.0
+            text = f"{scale * value:.4g}"
+            if spread > 0.0:
+                text = f"{rounded(scale * value, spread)} ± {rounded(spread, spread)}"
+            values.setdefault(str(effect.name), []).append(f"{text} {unit}".rstrip())
     if not values:
         return []
     lines: list[Line] = [(), line(cell(" effects of the device over the points", "strong"))]
     for name, texts in values.items():
         same = texts[:1] if len(set(texts)) == 1 else texts
-        for row in wrap(f"{name}: {'; '.join(same)} ({len(texts)} points)", width - 2):
+        points = "1 point" if len(texts) == 1 else f"{len(texts)} points"
+        for row in wrap(f"{name}: {'; '.join(same)} ({points})", width - 2):
             lines.append(line(" ", row))
     return lines
