@@ -12,7 +12,9 @@ import pytest
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
 from inversion.diagnosis.declarations import Doubt, contradiction, doubts
+from inversion.diagnosis.diagnose import _contradicted
 from inversion.diagnosis.problem import Point
+from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -109,6 +111,20 @@ def test_what_nobody_knows_is_not_blamed_on_a_declaration(
     found = diagnose_point(PointRecords("test", (ringing(record),), (1,)), library)
     assert found.verdict == "unexplained"
     assert not [text for text in found.warnings if "in place of" in text]
+
+
+def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
+    record: Record, library: SurrogateLibrary
+) -> None:
+    asked = []
+
+    def again(records: PointRecords) -> PointDiagnosis:
+        asked.append(records)
+        raise RecordError("centre sensor: expected a downward deflection, found none")
+
+    point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)
+    assert _contradicted(point, diagnosis(0.08), library, again) == ""
+    assert len(asked) == 1
 
 
 def declared(record: Record, library: SurrogateLibrary) -> list[str]:
