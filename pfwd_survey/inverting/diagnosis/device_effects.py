@@ -52,8 +52,7 @@ def device_findings(
     names = device_names(diagnoses)
     if not names:
         return None
-    library = SurrogateLibrary()
-    findings = with_spread(fit_device(records, diagnoses, names, library), diagnoses)
+    findings = with_spread(_fitted(records, diagnoses, names), diagnoses)
     there = [
         name
         for name in names
@@ -61,7 +60,29 @@ def device_findings(
     ]
     if there == names or not there:
         return findings if there else None
-    return with_spread(fit_device(records, diagnoses, there, library), diagnoses)
+    return with_spread(_fitted(records, diagnoses, there), diagnoses)
+
+
+def _fitted(
+    records: Sequence[PointRecords], diagnoses: Sequence[PointDiagnosis], names: Sequence[str]
+) -> DeviceFindings:
+    """Device effects as the points say that show them all, if those are most.
+
+    The ground of another was found without them: there they would begin in the wrong place.
+    """
+    places = [
+        place
+        for place, diagnosis in enumerate(diagnoses)
+        if set(names) <= {effect.name for effect in diagnosis.effects}
+    ]
+    if 2 * len(places) < len(diagnoses) or len(places) < 2:
+        places = list(range(len(diagnoses)))
+    showing = [records[place] for place in places], [diagnoses[place] for place in places]
+    findings = fit_device(*showing, names, SurrogateLibrary())
+    of_others = [findings.values] * len(diagnoses)
+    for place, values in zip(places, findings.of_others, strict=False):
+        of_others[place] = values
+    return replace(findings, of_others=tuple(of_others))
 
 
 def _is_absent(name: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> bool:

@@ -7,7 +7,7 @@ another.  A point by itself cannot tell; the points together can.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
@@ -89,18 +89,30 @@ def find_rival(alone: Sequence[PointDiagnosis | str], usual: Collection[str]) ->
     return Rival(values, deviations, showing, others) if others else None
 
 
-def looks_with(rival: Rival, alone: Sequence[PointDiagnosis | str]) -> tuple[Look, Look]:
-    """How a point that did not show it is looked at with it: as others ended, and from nothing.
+def looks_with(
+    rival: Rival, alone: Sequence[PointDiagnosis | str]
+) -> tuple[dict[int, Look], dict[int, Look]]:
+    """How each point that did not show it is looked at with it, by place.
+
+    First as those that show it ended, on their ground and on that of the point itself; then from
+    nothing.
 
     Parameters
     ----------
     alone : diagnoses of the points, each by itself
     """
-    sound = [d for d in alone if is_sound(d)]
+    plain = are_plain([d for d in alone if is_sound(d)])
     shown = [d for place in rival.showing if is_sound(d := alone[place])]
-    likely = {e.name for d in shown for e in d.effects} - set(rival.values)
-    anew = Look(rival.values, rival.deviations, plain=are_plain(sound), brief=True)
-    return replace(anew, likely=sorted(likely), begun=[d.values for d in shown]), anew
+    likely = sorted({e.name for d in shown for e in d.effects} - set(rival.values))
+    begun, anew = {}, {}
+    for place in rival.others:
+        starts = [dict(d.values) for d in shown]
+        if is_sound(own := alone[place]):
+            ground = {key: value for key, value in own.values.items() if not key[1]}
+            starts += [values | ground for values in starts]
+        anew[place] = Look(rival.values, rival.deviations, plain=plain, brief=True)
+        begun[place] = replace(anew[place], likely=likely, begun=starts)
+    return begun, anew
 
 
 def gain(
@@ -150,7 +162,7 @@ def looked_at_with_rival(
     """Where device effects that few points show tell all better, all have them from here on.
 
     Some of the others begin first as those that show it ended; only where they gain by it, all are
-    asked.
+    asked.  If all do not gain by it then, those that lose by it begin from nothing.
 
     Returns
     -------
@@ -161,22 +173,26 @@ def looked_at_with_rival(
     if rival is None:
         return set()
     begun, anew = looks_with(rival, alone)
-    first, rest = rival.others[:_ASKED_FIRST], rival.others[_ASKED_FIRST:]
+    device = given_device(rival.values, rival.deviations)
     answers: dict[int, PointDiagnosis | str] = {}
-    for asked, paid in (
-        ([(place, begun) for place in first], False),
-        ([*((place, begun) for place in rest), *((place, anew) for place in rival.others)], True),
-    ):
+
+    def ask(places: Iterable[int], looks: Mapping[int, Look], *, paid: bool) -> float:
+        asked = list(places)
         told.expect(len(asked))
         diagnoses = diagnose_all(
-            [points[place] for place, _ in asked], [look for _, look in asked], workers, told
+            [points[place] for place in asked], [looks[place] for place in asked], workers, told
         )
-        for (place, look), diagnosis in zip(asked, diagnoses, strict=True):
-            if is_sound(diagnosis):
-                diagnosis = with_device(diagnosis, given_device(look.device or {}, look.spread))
-            answers[place] = min(answers.get(place, diagnosis), diagnosis, key=_criterion)
-        if gain(rival, alone, answers, paid=paid) <= 0.0:
-            return set()
+        for place, diagnosis in zip(asked, diagnoses, strict=True):
+            other = with_device(diagnosis, device) if is_sound(diagnosis) else diagnosis
+            answers[place] = min(answers.get(place, other), other, key=_criterion)
+        return gain(rival, alone, answers, paid=paid)
+
+    if ask(rival.others[:_ASKED_FIRST], begun, paid=False) <= 0.0:
+        return set()
+    ask(rival.others[_ASKED_FIRST:], begun, paid=True)
+    losing = [p for p in rival.others if _criterion(answers[p]) > _criterion(alone[p])]
+    if ask(losing, anew, paid=True) <= 0.0:
+        return set()
     found.update((id(points[place]), diagnosis) for place, diagnosis in answers.items())
     return {id(points[place]) for place in answers}
 

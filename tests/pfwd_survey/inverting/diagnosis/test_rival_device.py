@@ -83,14 +83,19 @@ def test_what_is_hardly_explained_is_no_witness(left: float, heard: bool) -> Non
 
 
 def test_the_others_are_asked_as_those_that_show_it_ended_and_from_nothing() -> None:
-    alone = [point(0.02, plain=False), point(0.02, geophone=9.0), point(0.02)]
+    ground = {(0, "", "modulus_ratio", None): 1.1}
+    shown = {(0, "", "modulus_ratio", None): 0.7, (0, "geophone", "size", None): 9.0}
+    own = replace(point(0.02, plain=False), values=ground | {(0, "lag", "size", None): 1.0})
+    alone = [own, replace(point(0.02, geophone=9.0), values=shown), point(0.02)]
     rival = find_rival(alone, [])
     assert rival is not None
     begun, anew = looks_with(rival, alone)
-    assert (anew.likely, anew.begun) == ((), ())
-    assert begun.likely == ["seating"]
-    assert begun.begun == [alone[1].values]
-    for look in (anew, begun):
+    assert set(begun) == set(anew) == {0, 2}
+    assert (anew[0].likely, anew[0].begun) == ((), ())
+    assert begun[0].likely == ["seating"]
+    # On their ground and on its own.
+    assert begun[0].begun == [shown, shown | ground]
+    for look in (*anew.values(), *begun.values()):
         assert look.device == rival.values
         assert look.spread == rival.deviations
         # As at most of them.

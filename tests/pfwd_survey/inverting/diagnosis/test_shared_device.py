@@ -278,6 +278,36 @@ def test_a_device_effect_that_all_points_take_to_nothing_is_none(
     assert math.isclose(findings.values["sensor_lag"]["delay"], 6e-4)
 
 
+@pytest.mark.parametrize(("showing", "of", "asked"), [(3, 4, 3), (2, 4, 2), (1, 4, 4), (1, 2, 2)])
+def test_points_that_show_all_of_the_device_say_what_it_is(
+    monkeypatch: pytest.MonkeyPatch, showing: int, of: int, asked: int
+) -> None:
+    """A point that does not show it was found on ground without it; of few all are asked."""
+    both = diagnosis(0.01, LAG, *GEOPHONE)
+    found = [both] * showing
+    found += [diagnosis(0.01, *(GEOPHONE if i % 2 else (LAG,))) for i in range(of - showing)]
+    records: Any = [object() for _ in found]
+    values = {
+        "geophone_response": {"natural_frequency": 4.5, "damping": 0.5},
+        "sensor_lag": {"delay": 6e-4},
+    }
+    fitted: list[int] = []
+
+    def fit_device(records: Any, diagnoses: Any, names: Any, library: Any) -> DeviceFindings:
+        fitted.append(len(records))
+        assert len(diagnoses) == len(records)
+        others = tuple({"geophone_response": {"damping": float(i)}} for i in range(len(records)))
+        return DeviceFindings(values, KNOWN, 9, of_others=others)
+
+    monkeypatch.setattr(device_effects, "fit_device", fit_device)
+    findings = device_findings(records, found)
+    assert findings is not None
+    assert fitted == [asked]
+    # What the others say of a point that was not asked is what all say that were.
+    told: list[Any] = [{"geophone_response": {"damping": float(i)}} for i in range(asked)]
+    assert list(findings.of_others) == told + [values] * (of - asked)
+
+
 def test_where_all_of_the_device_is_nothing_there_is_no_device(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -341,13 +371,16 @@ def with_rival(survey: Rivals) -> list[tuple[int, Look]]:
 
 
 def test_what_one_point_shows_is_tried_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    survey = survey_of_rivals(monkeypatch, lambda place, look: 0.012 if look.begun else 0.011)
+    def left(place: int, look: Look) -> float:
+        return (0.03 if place in (1, 6) else 0.012) if look.begun else 0.011
+
+    survey = survey_of_rivals(monkeypatch, left)
     found, brief = survey.first()
     asked = with_rival(survey)
-    # Four as the one that shows it ended, then the others so, and all from nothing.
-    assert [place for place, _ in asked] == [0, 1, 2, 4, 5, 6, 0, 1, 2, 4, 5, 6]
-    assert [bool(look.begun) for _, look in asked] == [True] * 6 + [False] * 6
-    assert survey.calls == [7, 0, 0, 4, 8]
+    # Four as the one that shows it ended, then the others so, and what lost by it from nothing.
+    assert [place for place, _ in asked] == [0, 1, 2, 4, 5, 6, 1, 6]
+    assert [bool(look.begun) for _, look in asked] == [True] * 6 + [False] * 2
+    assert survey.calls == [7, 0, 0, 4, 2, 2]
     given = {"geophone_response": {"natural_frequency": 4.5, "damping": 0.5}}
     for _, look in asked:
         assert look.device == given
@@ -355,12 +388,12 @@ def test_what_one_point_shows_is_tried_on_the_others(monkeypatch: pytest.MonkeyP
         assert look.spread["geophone_response"]["natural_frequency"] == pytest.approx(0.675)
         assert look.brief
         assert look.plain
-    assert asked[0][1].begun == [survey.cold[3].values]
+    assert asked[0][1].begun == [survey.cold[3].values] * 2
     assert asked[0][1].likely == ["seating"]
     assert brief == {0, 1, 2, 4, 5, 6}
     for place in brief:
         # The better one of both counts, with the device among what it shows.
-        assert found[place].after.residual_rms_over_peak == 0.011
+        assert found[place].after.residual_rms_over_peak == (0.011 if place in (1, 6) else 0.012)
         assert "geophone_response" in {effect.name for effect in found[place].effects}
     assert found[3] is survey.cold[3]
 
