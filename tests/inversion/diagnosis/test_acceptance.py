@@ -105,6 +105,10 @@ def at(parameter: Parameter, unit_value: float, spread: float, effect: Any = EFF
     ("over_noise", "excess", "effects", "accepted"),
     [
         (1.4, 2.0, (EFFECT,), True),
+        # Several effects may leave less, but for slow noise.
+        (1.19, 2.0, (EFFECT, EFFECT), True),
+        (1.21, 2.0, (EFFECT, EFFECT), False),
+        (1.9, 0.9, (EFFECT, EFFECT), True),
         (1.9, 0.9, (EFFECT,), True),
         (1.9, 1.1, (EFFECT,), False),
         (2.1, 0.9, (EFFECT,), False),
