@@ -256,11 +256,15 @@ def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
     real = [point for point in judged if point.case.effect not in HARMLESS and point.matters]
     known = [point for point in real if point.case.known]
     unknown = [point for point in real if not point.case.known]
+    shown = [point for point in known if point.visible]
     visible = [point for point in unknown if point.visible]
     corrected = [point for point in known if point.verdict == "explained"]
     return {
         "known": _drops(known),
         "right_named": _share(known, lambda point: point.right),
+        # what moves the modulus by little more than 1 % may leave nothing that noise would not
+        "known_visible": _drops(shown),
+        "visible_right_named": _share(shown, lambda point: point.right),
         "clean": _drops(harmless),
         "false_alarms": _share(harmless, lambda point: point.alarmed),
         "unknown": _drops(unknown),

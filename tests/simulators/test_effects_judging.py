@@ -108,6 +108,8 @@ def test_totals_count_drops() -> None:
     ]
     found = totals(judged)
     assert found["right_named"] == pytest.approx(2 / 3)
+    assert found["known_visible"] == 0
+    assert found["visible_right_named"] is None
     assert found["false_alarms"] == pytest.approx(1 / 2)
     assert found["called_unexplained"] == pytest.approx(1 / 2)
     assert found["unknown_visible"] == 0
@@ -115,6 +117,18 @@ def test_totals_count_drops() -> None:
     assert found["before_median"] == pytest.approx(10.0)
     assert found["after_median"] == pytest.approx(0.0)
     assert found["worse_anywhere"] == pytest.approx(1 / 12)
+
+
+def test_what_is_named_of_what_is_visible_is_told_by_itself() -> None:
+    judged = [
+        Judged(CASE, said("explained", 44, 40, "sensor_lag", residual=3.1)),
+        Judged(replace(CASE, drops=1), said("explained", 44, 46, "bedrock", residual=3.1)),
+        Judged(CASE, said("clean", 44, 44, residual=2.9)),
+    ]
+    found = totals(judged)
+    assert (found["known"], found["known_visible"]) == (5, 3)
+    assert found["right_named"] == pytest.approx(2 / 5)
+    assert found["visible_right_named"] == pytest.approx(2 / 3)
 
 
 def test_rejected_drops_and_clipped_samples_count_as_named() -> None:
