@@ -45,6 +45,8 @@ _FROM_SAMPLE = 1
 INDEPENDENT_HZ = 800.0
 # The deflection has its peak within so many contact times.
 _SOON = 1.3
+# How far a plate has to come up to swing back, of its largest deflection and over the noise.
+_SWINGS_BACK, _ABOVE_NOISE = 0.01, 3.0
 # Noise so many times the model's own error is seen beside it.
 _LOUD = 2.0
 
@@ -168,10 +170,10 @@ class DropModel:
         )
         self._everywhere = np.stack([channel.observed for channel in self.channels])
         self.observed = self._everywhere[:, self.before :]
-        self.context = self._make_context(load, largest_load, index, point)
-        self._recorded = replace(self.context, time=drop.step * (samples - first))
         floor = model_floor(whole, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
+        self.context = self._make_context(load, largest_load, index, point)
+        self._recorded = replace(self.context, time=drop.step * (samples - first))
         self._floor = floor
         self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}
         self.peak: FloatArray = drop.peak_displacement
@@ -227,6 +229,13 @@ class DropModel:
         """What effects may know of the drop."""
         drop, record = self.drop, self.record
         noises = [channel.model.rms for channel in drop.channels]
+        plate = int(np.argmin(drop.offsets))
+        above = -float(
+            self.observed[plate, drop.time[self.rows] > drop.contact_end].min(initial=0.0)
+        )
+        least = max(
+            _SWINGS_BACK * float(drop.peak_displacement[plate]), _ABOVE_NOISE * self.noise[plate]
+        )
         return DropContext(
             time=drop.time[self.rows],
             offsets=drop.offsets,
@@ -244,6 +253,7 @@ class DropModel:
             load_left=(drop.load - load)[self.rows] if point.half_sine else None,
             layers=self._layers,
             plate_mass=record.instrument.plate_mass,
+            swings_back=above > least,
             has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
             flat=tuple(
                 flat_velocity(sensor, noise, drop.step, drop.peak_load >= largest_load)

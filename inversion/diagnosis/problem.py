@@ -156,11 +156,14 @@ class Point:
             drops: list[int | None] = [None]
             if effect.scope == "drop":
                 drops = [i for i, model in enumerate(self.drops) if effect.acts_on(model.context)]
-            found += [
-                Unknown(p, effect, d)
-                for d in drops
-                for p in effect.parameters_for(self.drops[d or 0].context)
-            ]
+            shared = set()
+            for d in drops:
+                for p in effect.parameters_for(self.drops[d or 0].context):
+                    # What drops share stands with the first that has it.
+                    if p.name not in shared:
+                        found.append(Unknown(p, effect, None if p.of_point else d))
+                    if p.of_point:
+                        shared.add(p.name)
         return found
 
     def ground(self, own: Sequence[Unknown], unit_values: FloatArray) -> Ground:

@@ -64,6 +64,7 @@ class DropContext:
     most_hum : float, m/s, how large hum may be by the time before the pulse
     plate_mass : float, kg, declared
     has_bedrock : bool, whether a rigid base is declared
+    swings_back : bool, whether the plate comes up above where it stood before
     elastic : bool, whether the base model's ground is
     density_given : bool, whether the ground's density is declared
     load_left : (n,) ndarray of float, N: what the load in use leaves of the measured one
@@ -89,6 +90,7 @@ class DropContext:
     most_hum: float = np.inf
     plate_mass: float = 0.0
     has_bedrock: bool = False
+    swings_back: bool = False
     elastic: bool = False
     density_given: bool = False
     load_left: FloatArray | None = None

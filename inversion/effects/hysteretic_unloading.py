@@ -8,9 +8,11 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
 class HystereticUnloading(Effect):
-    """Another exponent on the way back, and a part that is not recovered.
+    """Another exponent on the way back, a part that is not recovered, and what holds above it.
 
-    See `inversion.forward.nonlinear_stiffness` for both.
+    A plate that swings back over shallow rock pulls at ground that gives way. How much of the
+    resistance is left there belongs to the ground, the other two to each drop. See
+    `inversion.forward.nonlinear_stiffness` for all.
     """
 
     name = "hysteretic_unloading"
@@ -22,8 +24,13 @@ class HystereticUnloading(Effect):
         Parameter(
             "unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True, prior=(0.0, 0.25), absent=0.0
         ),
+        Parameter("tension_share", "-", 0.1, 1.0, (0.5,), natural=True, absent=1.0, of_point=True),
     )
     advice = "the ground yields: drop again until nothing is left behind"
+
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
+        """Ground is pulled where the plate comes up above its place, as over shallow rock."""
+        return tuple(p for p in self.parameters if drop.swings_back or p.name != "tension_share")
 
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
@@ -33,4 +40,5 @@ class HystereticUnloading(Effect):
             law,
             unloading_exponent=values["exponent"],
             unrecovered=values["unrecovered"],
+            tension_share=values.get("tension_share", 1.0),
         )

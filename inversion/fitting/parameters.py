@@ -56,6 +56,7 @@ class Parameter:
         logarithm where it is logarithmic
     inverse_prior : float or None, standard deviation of what nature gives for one over the value,
         around 0; in place of ``prior``
+    of_point : bool, of an effect of single drops, whether all drops of a point share it
     absent : float or None, value at which the effect that it belongs to changes nothing, or nearly
     """
 
@@ -70,6 +71,7 @@ class Parameter:
     prior: tuple[float, float] | None = None
     absent: float | None = None
     inverse_prior: float | None = None
+    of_point: bool = False
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Physical value of points (...,) of the unit interval."""

@@ -16,8 +16,9 @@ so that its stiffness at rest is not zero.  Where a plate that swings back relie
 a quarter of that (:math:`x < -x_0/4`) the tangent goes on: the power itself would be without any
 stiffness a little further up, and as stiff in tension as under load beyond.  Unloading from the
 peak :math:`w_p`:
-:math:`R = R(w_p) P(x; q/(1-n), x_0 w_r/w_p)`, :math:`x = (w/w_p - u)/(1-u)`. With n = 0, q = 1,
-u = 0 this is the linear model to rounding.
+:math:`R = R(w_p) P(x; q/(1-n), x_0 w_r/w_p)`, :math:`x = (w/w_p - u)/(1-u)`, and a part t of that
+where the plate is above what is not recovered (:math:`x < 0`): ground that is pulled gives way.
+With n = 0, q = 1, u = 0, t = 1 this is the linear model to rounding.
 
 Newton's method on all samples at once; the system is lower triangular.
 """
@@ -62,6 +63,7 @@ class NonlinearStiffness:
     stress_exponent : float, n in E ~ stress^n
     unloading_exponent : float, q; 1: as in loading
     unrecovered : float, u; 0: all recovered
+    tension_share : float, t; 1: ground that is pulled holds as it is pressed
     rest : float, x_0: what the stress at rest would deflect the linear ground, of the reference
     """
 
@@ -69,12 +71,19 @@ class NonlinearStiffness:
     unloading_exponent: float = 1.0
     unrecovered: float = 0.0
     rest: float = 0.0
+    tension_share: float = 1.0
 
     @property
     def linear(self) -> bool:
         """Whether the resistance is a straight line."""
-        straight = self.stress_exponent == 0.0 and self.unrecovered == 0.0
-        return straight and self.unloading_exponent == 1.0
+        return self.stress_exponent == 0.0 and not self.turns
+
+    @property
+    def turns(self) -> bool:
+        """Whether the way back is another than that of loading."""
+        return not (
+            self.unloading_exponent == 1.0 and self.unrecovered == 0.0 == self.tension_share - 1.0
+        )
 
 
 def secant(law: NonlinearStiffness, force: float) -> float:
@@ -262,7 +271,6 @@ def _march(
     power = 1.0 / (1.0 - law.stress_exponent)
     back = power * law.unloading_exponent
     unrecovered, free, rest = law.unrecovered, 1.0 - law.unrecovered, law.rest
-    other_path = law.unloading_exponent != 1.0 or unrecovered != 0.0
     w, acting = np.zeros(load.size), np.zeros(load.size)
     reversed_plate = plate[::-1]
     loaded = np.flatnonzero(load > _LOADED * load.max())
@@ -271,13 +279,14 @@ def _march(
     far = 10.0 * float(np.abs(plate).sum() * np.abs(load).max())
 
     def resistance(value: float, turned: bool) -> tuple[float, float]:
-        if not (turned and other_path):
+        if not (turned and law.turns):
             force, slope = _power_of(value / reference, power, rest)
             return stiffness * reference * force, stiffness * slope
         top = stiffness * reference * _power_of(peak / reference, power, rest)[0]
         ratio = (value / peak - unrecovered) / free
         force, slope = _power_of(ratio, back, min(rest * reference / peak, _MOST_REST))
-        return top * force, top * slope / (peak * free)
+        held = top * law.tension_share if ratio < 0.0 else top
+        return held * force, held * slope / (peak * free)
 
     for n in range(load.size):
         past = float(acting[:n] @ reversed_plate[load.size - n - 1 : load.size - 1]) if n else 0.0
@@ -349,13 +358,15 @@ def _resistance(
     power = 1.0 / (1.0 - law.stress_exponent)
     force, slope, _ = _power(w / reference, power, law.rest)
     force, slope = force * stiffness * reference, slope * stiffness
-    if turn is None or (law.unloading_exponent == 1.0 and law.unrecovered == 0.0):
+    if turn is None or not law.turns:
         return force, slope, None
     peak, top, free = float(w[turn]), float(force[turn]), 1.0 - law.unrecovered
     later, rest = w[turn + 1 :], min(law.rest * reference / peak, _MOST_REST)
-    value, steep, in_rest = _power(
-        (later / peak - law.unrecovered) / free, power * law.unloading_exponent, rest
-    )
+    ratio = (later / peak - law.unrecovered) / free
+    value, steep, in_rest = _power(ratio, power * law.unloading_exponent, rest)
+    if law.tension_share != 1.0:
+        held = np.where(ratio < 0.0, law.tension_share, 1.0)
+        value, steep, in_rest = held * value, held * steep, held * in_rest
     in_peak = np.zeros_like(w)
     in_peak[turn + 1 :] = slope[turn] * value - top * steep * later / (peak**2 * free)
     if rest > 0.0:
@@ -371,6 +382,7 @@ class _Laws:
     power: FloatArray
     unloading_exponent: FloatArray
     unrecovered: FloatArray
+    tension_share: FloatArray
     rest: FloatArray
     stiffness: FloatArray
     reference: FloatArray
@@ -383,6 +395,7 @@ class _Laws:
                 1.0 / (1.0 - law.stress_exponent),
                 law.unloading_exponent,
                 law.unrecovered,
+                law.tension_share,
                 law.rest,
                 stiffness,
                 reference,
@@ -401,6 +414,7 @@ def _resistances(w: FloatArray, turn: int | None, laws: _Laws) -> FloatArray:
         peak, top = w[:, turn, None], force[:, turn, None]
         ratio = (w[:, turn + 1 :] / peak - laws.unrecovered) / (1.0 - laws.unrecovered)
         rest = np.clip(laws.rest * laws.reference / peak, 0.0, _MOST_REST)
+        top = np.where(ratio < 0.0, laws.tension_share * top, top)
         force[:, turn + 1 :] = top * _force(ratio, laws.power * laws.unloading_exponent, rest)
     return force
 

@@ -33,7 +33,7 @@ STEP = 1e-4
 RIGHT = 0.015
 BENT: Any = [
     (BY_NAME["stress_dependence"], {"exponent": 0.35, "rest_stress": 9e3, "within": 0.8}),
-    (BY_NAME["hysteretic_unloading"], {"exponent": 1.4, "unrecovered": 0.1}),
+    (BY_NAME["hysteretic_unloading"], {"exponent": 1.4, "unrecovered": 0.1, "tension_share": 0.5}),
 ]
 Active = Sequence[tuple[Effect, dict[str, float]]]
 
@@ -216,13 +216,15 @@ LAWS = [
     NonlinearStiffness(0.4, 1.5, 0.2),
     NonlinearStiffness(-0.3),
     NonlinearStiffness(0.0, 1.3, 0.0),
+    NonlinearStiffness(0.0, 1.1, 0.05, tension_share=0.4),
     NonlinearStiffness(),
 ]
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) -> None:
-    load, stiffness, step = 8000.0 * PULSE[:300], 2e7, 1e-4
+    # A blow that ends in a pull.
+    load, stiffness, step = 8000.0 * (PULSE[:300] - 0.2 * np.roll(PULSE, 180)[:300]), 2e7, 1e-4
     hats = rod(1e-4, 300, stiffness, 4e4)[0]
     _, w = effective_force(hats, load, law, stiffness, 4e-4)
     _, w = effective_force(hats, load, law, stiffness, 4e-4, w)
@@ -236,6 +238,8 @@ def test_forces_of_grounds_nearby_are_those_solved_for(law: NonlinearStiffness) 
     if law.stress_exponent >= 0.0:
         # Softening ground is infinitely steep at rest: when that moves, one step cannot follow.
         nearby.append((hats, replace(law, unrecovered=law.unrecovered + step), stiffness))
+    if law.tension_share != 1.0:
+        nearby.append((hats, replace(law, tension_share=law.tension_share + step), stiffness))
     found = forces_nearby(
         hats,
         load,

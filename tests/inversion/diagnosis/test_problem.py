@@ -53,6 +53,12 @@ def test_each_effect_has_its_values_where_it_acts(point: Point) -> None:
     hum = names(point.unknowns([BY_NAME["mains_hum"]]))
     assert [drop for name, drop in hum if name == "phase"] == [0, 1, 2]
     assert names(point.unknowns([BY_NAME["sensor_lag"]])) == soil
+    # How ground holds that is pulled belongs to it; the way back to each drop.
+    back = names(point.unknowns([BY_NAME["hysteretic_unloading"]]))[len(soil) :]
+    assert back == [
+        ("exponent", 0), ("unrecovered", 0), ("tension_share", None),
+        *((name, drop) for drop in (1, 2) for name in ("exponent", "unrecovered")),
+    ]  # fmt: skip
     rig = names(point.unknowns([BY_NAME["spring_rig"]]))
     assert [name for name, _ in rig] == ["stiffness", "moving_mass", "damping_ratio"]
 

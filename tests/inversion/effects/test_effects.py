@@ -42,7 +42,7 @@ NOTHING = {
     "seating": {"modulus_ratio": 1.0},
     "rough_contact": {"factor": 1.0},
     "stress_dependence": {"exponent": 0.0},
-    "hysteretic_unloading": {"exponent": 1.0, "unrecovered": 0.0},
+    "hysteretic_unloading": {"exponent": 1.0, "unrecovered": 0.0, "tension_share": 1.0},
     "permanent_set": {"displacement": 0.0, "exponent": 1.5},
     "sensor_lag": {"delay": 0.0},
     "baseline_drift": {"velocity_offset": 0.0, "acceleration": 0.0},

@@ -90,6 +90,61 @@ def test_all_samples_at_once_and_one_after_the_other_agree(law: NonlinearStiffne
     np.testing.assert_allclose(marched, together, atol=1e-6 * together.max())
 
 
+PULLED = [
+    NonlinearStiffness(0.0, 1.1, 0.02, tension_share=0.25),
+    NonlinearStiffness(0.0, 1.0, 0.0, tension_share=0.4),
+    NonlinearStiffness(0.2, 1.4, 0.1, rest=0.05, tension_share=0.6),
+]
+
+
+@pytest.mark.parametrize("law", PULLED)
+def test_ground_that_is_pulled_gives_way(law: NonlinearStiffness) -> None:
+    """Spring and damper under a blow that ends in a pull, integrated in small steps."""
+    stiffness, damper, reference = 2e7, 3e4, 4e-4
+    p, x0 = 1 / (1 - law.stress_exponent), law.rest
+    load = 8000.0 * (PULSE - 0.2 * np.roll(PULSE, 200) * (TIME > 0.02))
+
+    def curve(x: float, power: float, rest: float) -> float:
+        place, least = x + rest, 0.75 * rest
+        bent = max(place, least) if rest else place
+        odd = np.sign(bent) * abs(bent) ** power
+        if rest and place < least:
+            odd += power * least ** (power - 1) * (place - least)
+        return float((odd - rest**power) / ((1 + rest) ** power - rest**power))
+
+    w, peak, found = 0.0, 0.0, []
+    fine = 50
+    for n in range(TIME.size):
+        found.append(w)
+        for part in range(fine):
+            force = np.interp(TIME[n] + part * 1e-4 / fine, TIME, load)
+            peak = max(peak, w)
+            if w >= peak:
+                answer = curve(w / reference, p, x0)
+            else:
+                x = (w / peak - law.unrecovered) / (1 - law.unrecovered)
+                answer = curve(peak / reference, p, x0) * (law.tension_share if x < 0 else 1.0)
+                answer *= curve(x, p * law.unloading_exponent, x0 * reference / peak)
+            w += 1e-4 / fine * (force - stiffness * reference * answer) / damper
+    hats = rod(1e-4, 600, stiffness, damper)
+    force, solved = effective_force(hats[0], load, law, stiffness, reference)
+    got = np.convolve(hats[0], force)[:600]
+    # It is pulled as far as half of the pull over what is left of the stiffness.
+    assert min(found) < -0.1 / law.tension_share * reference
+    np.testing.assert_allclose(got, found, atol=1e-2 * max(found))
+    marched = _march(hats[0], load, law, stiffness, reference)
+    np.testing.assert_allclose(solved, marched, atol=1e-6 * max(found))
+
+
+def test_ground_that_is_pulled_less_is_no_straight_line() -> None:
+    assert NonlinearStiffness().linear
+    assert not NonlinearStiffness().turns
+    assert not NonlinearStiffness(stress_exponent=0.2).turns
+    for law in (NonlinearStiffness(tension_share=0.9), NonlinearStiffness(unrecovered=0.1)):
+        assert law.turns
+        assert not law.linear
+
+
 AT_REST = [
     NonlinearStiffness(0.4, rest=0.05),
     NonlinearStiffness(0.4, 1.5, 0.2, rest=0.05),
