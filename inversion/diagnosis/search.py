@@ -42,6 +42,8 @@ EXPLAINED = 1.5
 # Up to this many times nothing is asked, if as it is weighed the residual is noise as well: there
 # is nothing to explain; and up to so many where the correlation of the noise tells that it is slow.
 NOISE, SLOW_NOISE = 1.2, 2.0
+# Of what is more, though as it is weighed it is noise, hum has to take so much.
+_HALF = 0.5
 # What single effects leave more of, as it is weighed, than so many times the noise is no matter of
 # noise.
 FAR = 3.0
@@ -394,6 +396,12 @@ class Search:
             loud = any(model.is_loud for point in self.points for model in point.drops)
             noises = [e for e in self.catalogue if loud and e.looks_like_noise]
             return self._better(base, [self.candidate((effect,)) for effect in noises])
+        if base.fit.excess <= 1.0:
+            # What is taken for noise before the pulse holds it: so weighed it is worth nothing.
+            most = min(EXPLAINED, _HALF * base.over_noise)
+            for hum in (self.candidate((e,)) for e in self.catalogue if e.looks_like_noise):
+                if hum.over_noise <= most and not past_bounds(hum):
+                    return hum
         expected = self._beside((), (e for e in self.catalogue if e.name in likely))
         if expected and begun:
             fitted = self._gone_on(self._ordered(expected), begun, _FULL_ITERATIONS)

@@ -97,6 +97,30 @@ def test_what_looks_like_noise_is_looked_for_where_no_more_is_left(
     assert still.run().names == names()
 
 
+@pytest.mark.parametrize(
+    ("over_noise", "kept", "taken"),
+    [(6.0, 0.20, True), (6.0, 0.28, False), (2.2, 0.45, True), (2.2, 0.55, False)],
+)
+def test_hum_that_is_in_the_noise_is_told_by_single_samples(
+    over_noise: float,
+    kept: float,
+    taken: bool,
+    bench: Bench,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As it is weighed it is worth nothing: it has to leave noise at single samples, and half."""
+    hum = Toy("a", looks_like_noise=True)
+    weighed = 0.9
+    share = np.sqrt(1.0 - kept**2) * weighed * np.sqrt(SAMPLES)
+    search = bench.search((hum, B), {"a": share}, rest=kept * weighed)
+    search.points[0].drops[0].noise[:] = weighed / over_noise
+    base = search.base()
+    assert base.over_noise == pytest.approx(over_noise, rel=1e-2)
+    assert base.fit.excess < 1.0
+    monkeypatch.setattr(search, "_better", lambda best, others: best)
+    assert search.run().names == (names("a") if taken else names())
+
+
 def test_far_below_the_noise_sets_are_not_told_apart(bench: Bench) -> None:
     """From half the noise on, less is no better."""
 
