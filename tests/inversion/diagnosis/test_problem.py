@@ -63,6 +63,16 @@ def test_each_effect_has_its_values_where_it_acts(point: Point) -> None:
     assert [name for name, _ in rig] == ["stiffness", "moving_mass", "damping_ratio"]
 
 
+@pytest.mark.parametrize(("depth", "swings"), [(TRUTH["bedrock_depth"], True), (np.inf, False)])
+def test_ground_is_pulled_where_the_plate_comes_up_above_its_place(
+    depth: float, swings: bool, library: SurrogateLibrary
+) -> None:
+    made = Point(PointRecords("a", (record(library, Scene(), depth),), (1,)), library)
+    assert made.drops[0].context.swings_back == swings
+    back = names(made.unknowns([BY_NAME["hysteretic_unloading"]]))
+    assert (("tension_share", None) in back) == swings
+
+
 def test_declared_values_are_no_unknowns(point: Point, library: SurrogateLibrary) -> None:
     known = replace(point.records.records[0], density=1900.0)
     other = Point(PointRecords("a", (known,), (1,), elastic=True), library)

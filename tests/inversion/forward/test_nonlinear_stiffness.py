@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from inversion.forward import nonlinear_stiffness
 from inversion.forward.nonlinear_stiffness import (
     NonlinearStiffness,
     _force,
@@ -134,6 +135,19 @@ def test_ground_that_is_pulled_gives_way(law: NonlinearStiffness) -> None:
     np.testing.assert_allclose(got, found, atol=1e-2 * max(found))
     marched = _march(hats[0], load, law, stiffness, reference)
     np.testing.assert_allclose(solved, marched, atol=1e-6 * max(found))
+
+
+@pytest.mark.parametrize("tension_share", [0.2, 1.0])
+def test_about_an_edge_steps_that_are_shorter_come_to_an_end(
+    tension_share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A way back that is infinitely steep at its end; one sample after the other takes longer."""
+    law = NonlinearStiffness(0.0, 0.6, 0.1, tension_share=tension_share)
+    hats, load = rod(1e-4, 600, 2e7, 3e4)[0], 8000.0 * (PULSE - 0.2 * np.roll(PULSE, 200))
+    marched = _march(hats, load, law, 2e7, 4e-4)
+    monkeypatch.setattr(nonlinear_stiffness, "_march", None)
+    _, solved = effective_force(hats, load, law, 2e7, 4e-4)
+    np.testing.assert_allclose(solved, marched, atol=1e-5 * marched.max())
 
 
 def test_ground_that_is_pulled_less_is_no_straight_line() -> None:
