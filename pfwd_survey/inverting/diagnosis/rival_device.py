@@ -162,7 +162,7 @@ def looked_at_with_rival(
     """Where device effects that few points show tell all better, all have them from here on.
 
     Some of the others begin first as those that show it ended; only where they gain by it, all are
-    asked.  If all do not gain by it then, those that lose by it begin from nothing.
+    asked, and those that lose by it then begin from nothing.
 
     Returns
     -------
