@@ -121,11 +121,29 @@ def _of_others(found: Fit) -> tuple[DeviceValues, ...]:
         rest = [shares[point] for point in range(count) if point not in group]
         normal = prior[0] + sum(share[0] for share in rest)
         gradient = prior[1] + sum(share[1] for share in rest)
-        step = np.linalg.lstsq(normal, -gradient, rcond=1e-12)[0]
-        of_group = _device_values(found, np.clip(found.device + step, 0.0, 1.0))
+        of_group = _device_values(found, _moved(found.device, normal, gradient))
         for point in group:
             values[point] = of_group
     return tuple(values)
+
+
+def _moved(place: FloatArray, normal: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Where a Gauss-Newton step leads in the unit box, from J^T J and J^T r.
+
+    What would leave it stays on its edge, and the rest follows that.
+    """
+    step, held = np.zeros_like(place), np.zeros(place.size, dtype=bool)
+    while True:
+        free = ~held
+        pull = -gradient[free] - normal[np.ix_(free, held)] @ step[held]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], pull, rcond=1e-12)[0]
+        there = place + step
+        inside = np.clip(there, 0.0, 1.0)
+        beyond = free & (there != inside)
+        if not beyond.any():
+            return inside
+        step[beyond] = (inside - place)[beyond]
+        held |= beyond
 
 
 def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:

@@ -75,6 +75,26 @@ def test_an_own_value_on_its_bound_does_not_follow() -> None:
     )
 
 
+def test_a_value_of_the_device_on_its_bound_stays_and_the_others_follow_that() -> None:
+    """Where a damping would go below none, the frequency does not go where that would lead it."""
+    slanted = 0.8 * direction("a") + 0.6 * direction("b")
+    narrow = (Parameter("size", "-", -100.0, 0.0, (-10.0,), absent=0.0),)
+    effects = (
+        Toy("a", scope="device"),
+        Toy("c", slanted, scope="device", parameters=narrow),
+    )
+    points = [toy_point({"a": 12.0 + 3.0 * i, "b": 20.0 + 5.0 * i}) for i in range(4)]
+    everything = fit(Problem(points, effects), np.full(2, 0.5), [np.full(1, 0.5)] * 4, 60)
+    assert everything.device[1] > 0.999
+    for left_out, found in enumerate(_of_others(everything)):
+        kept = [i for i in range(4) if i != left_out]
+        rest = Problem([points[i] for i in kept], effects)
+        expected = fit(rest, everything.device, [everything.own[i] for i in kept], 60)
+        values = _device_values(expected, expected.device)
+        assert found["c"]["size"] == pytest.approx(values["c"]["size"], abs=0.02)
+        assert found["a"]["size"] == pytest.approx(values["a"]["size"], abs=0.05)
+
+
 def test_a_single_point_has_no_others() -> None:
     assert _of_others(together(Toy("half", HALF, scope="device"), [0], 0.0)) == ()
 
