@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -108,20 +108,28 @@ def _device_values(found: Fit, device: FloatArray) -> DeviceValues:
 def _of_others(found: Fit) -> tuple[DeviceValues, ...]:
     """Of each point what the points say that are not left out with it; a single one has none.
 
-    By one Gauss-Newton step from where all points together are at rest, every point's own unknowns
-    following (`Fit.of_device`): what a point says is a small part of what all of them say.
+    By Gauss-Newton steps from where the fit of all points ended, every point's own unknowns
+    following (`Fit.of_device`): the step of the others beyond that of all of them, which is none
+    where they are at rest, and as wrong as that of the others where they are not.
     """
     count = len(found.problem.points)
     if count < 2:
         return ()
     shares, prior = found.of_device()
+
+    def moved(points: Collection[int]) -> FloatArray:
+        """Where what some of the points say leads."""
+        normal = prior[0] + sum(shares[point][0] for point in points)
+        gradient = prior[1] + sum(shares[point][1] for point in points)
+        return _moved(found.device, normal, gradient)
+
+    of_all = moved(range(count))
     values: list[DeviceValues] = [{}] * count
     for first in range(min(count, _MOST_GROUPS)):
         group = range(first, count, _MOST_GROUPS)
-        rest = [shares[point] for point in range(count) if point not in group]
-        normal = prior[0] + sum(share[0] for share in rest)
-        gradient = prior[1] + sum(share[1] for share in rest)
-        of_group = _device_values(found, _moved(found.device, normal, gradient))
+        rest = [point for point in range(count) if point not in group]
+        place = np.clip(found.device + moved(rest) - of_all, 0.0, 1.0)
+        of_group = _device_values(found, place)
         for point in group:
             values[point] = of_group
     return tuple(values)

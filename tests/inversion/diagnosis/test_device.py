@@ -52,12 +52,15 @@ def test_of_each_point_the_others_say_what_a_fit_of_them_finds(
     assert abs(shown[2] - shown[0]) > 2.0
 
 
-def test_it_does_not_matter_where_the_fit_of_all_points_ended() -> None:
-    """On straight lines one step leads to the end from everywhere."""
+def test_where_the_fit_of_all_points_ended_others_differ_from_it_by_what_a_point_pulls() -> None:
+    """A fit that stopped on its way is as far from its end without a point as with it."""
     ended = together(Toy("half", HALF, scope="device"), [0, 1, 2, 3], 2.0)
     before = replace(ended, device=ended.device + 0.01, own=tuple(own - 0.02 for own in ended.own))
+    size, earlier = (_device_values(f, f.device)["half"]["size"] for f in (ended, before))
+    assert abs(earlier - size) > 1.9
     for here, there in zip(_of_others(ended), _of_others(before), strict=True):
-        assert there["half"]["size"] == pytest.approx(here["half"]["size"], abs=0.3)
+        pulled = here["half"]["size"] - size
+        assert there["half"]["size"] - earlier == pytest.approx(pulled, abs=0.3)
 
 
 def test_an_own_value_on_its_bound_does_not_follow() -> None:
