@@ -13,7 +13,7 @@ from pfwd_device.drop import Peaks
 from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.results import DropResult, MeasuredFacts
+from pfwd_survey.inverting.results import DropResult, MeasuredFacts, fit_fault
 from pfwd_survey.inverting.screening.drops import CENTRE, Screening, pulse_peak, screen
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
@@ -76,7 +76,7 @@ def point_drop(
     if centre and duration:
         facts |= _deflection(whole, centre[0], setup, start, duration)
     found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
-    return found if result is None else with_modulus(found, result)
+    return with_modulus(found, result)
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
@@ -183,12 +183,18 @@ def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
         return None
 
 
-def with_modulus(facts: PointDrop, result: DropResult) -> PointDrop:
-    """The same drop with the modulus of a result, where that has one."""
-    if result.modulus_pa is None:
-        return facts
+def with_modulus(facts: PointDrop, result: DropResult | None) -> PointDrop:
+    """Return the same drop with the modulus of a result, or without one where there is none."""
+    if result is None or result.modulus_pa is None:
+        return dataclasses.replace(
+            facts, modulus=None, modulus_interval=None, residual=None, fit_fault=None
+        )
     return dataclasses.replace(
-        facts, modulus=result.modulus_pa, modulus_interval=result.modulus_interval_pa
+        facts,
+        modulus=result.modulus_pa,
+        modulus_interval=result.modulus_interval_pa,
+        residual=result.contact_residual_rms_over_peak,
+        fit_fault=fit_fault(result),
     )
 
 

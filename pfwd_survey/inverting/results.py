@@ -258,6 +258,21 @@ class DropResult(StoredRecord):
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
 
+DECISIVE_PARAMETERS = ("modulus", "density", "depth", "thickness")
+"""Parts of the names of parameters without which there is no modulus when they are on a bound.
+Viscosity on a bound widens the interval only."""
+
+
+def fit_fault(result: DropResult) -> str | None:
+    """Return why the data do not support a fitted modulus, its residual apart; None: they do."""
+    if result.converged is False:
+        return "the fit did not converge"
+    for name in result.at_bound or ():
+        if any(part in name for part in DECISIVE_PARAMETERS):
+            return f"{name.replace('_', ' ')} is on a bound of the search"
+    return None
+
+
 def drop_result(
     path: str | os.PathLike[str],
     analysis: DropAnalysis,

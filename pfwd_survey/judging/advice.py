@@ -11,8 +11,8 @@ from enum import StrEnum
 
 from pfwd_survey.judging.drops import MeasuredDrop
 from pfwd_survey.judging.job import Job
-from pfwd_survey.procedures import Kind, PointDrop, PointProgress, Quantity
-from pfwd_survey.procedures.valuing import OTHER_LOAD
+from pfwd_survey.procedures import Kind, PointDrop, PointProgress
+from pfwd_survey.procedures.preconditions import presumed_load
 
 LOAD_DIFFERS = 0.15
 """Of the median of the point's drops. Drops from one height repeat within a few percent; the next
@@ -55,7 +55,7 @@ class Advised(StrEnum):
     """What is wrong."""
 
     LOAD = "load"
-    """From another height, or another stress than the procedure takes for granted."""
+    """From another height, or another stress than the procedure presumes."""
     SEATING = "seating"
     """Too few seating drops."""
     SINKING = "sinking"
@@ -126,7 +126,7 @@ def advice_on_drop(
         found.append(Advice(Advised.SENSOR, text, number))
     if saturated:
         found.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
-    found += _load(job, facts, [other.facts for other in others])
+    found += _load(job, drop, [other.facts for other in others])
     if contact_residual is not None and _is_uneven(contact_residual, usual_residuals):
         text = (
             f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
@@ -153,7 +153,8 @@ def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
     return worst if others <= OTHERS_FIT and residuals[worst] > least else None
 
 
-def _load(job: Job, facts: PointDrop, others: Sequence[PointDrop]) -> list[Advice]:
+def _load(job: Job, drop: MeasuredDrop, others: Sequence[PointDrop]) -> list[Advice]:
+    facts = drop.facts
     load = facts.peak_load
     if load is None:
         return []
@@ -163,9 +164,7 @@ def _load(job: Job, facts: PointDrop, others: Sequence[PointDrop]) -> list[Advic
         if other.peak_load and other.kind not in (Kind.REJECTED, Kind.DISCARDED)
     ]
     usual = statistics.median(loads) if len(loads) > 1 else None
-    # Only E_vd takes the load for granted; the others compute with the measured one.
-    by_nominal = job.quantity is Quantity.E_VD
-    nominal = job.procedure_in_force.nominal_load if by_nominal else None
+    presumed = presumed_load(job.procedure_in_force, [facts], drop.setup.plate_radius)
     if usual is not None and abs(load - usual) > LOAD_DIFFERS * usual:
         side = "lower" if load < usual else "higher"
         text = (
@@ -173,10 +172,10 @@ def _load(job: Job, facts: PointDrop, others: Sequence[PointDrop]) -> list[Advic
             f"{usual / 1e3:.1f} kN; lift to the catch and repeat it"
         )
         return [Advice(Advised.LOAD, text, facts.number)]
-    if nominal is not None and abs(load - nominal.value) > OTHER_LOAD * nominal.value:
+    if presumed is not None and not presumed.is_met_by(load):
         text = (
-            f"{load / 1e3:.1f} kN, the procedure takes {nominal.value / 1e3:.2f} kN for granted: "
-            "set the drop height as calibrated"
+            f"wrong drop height: {load / 1e3:.3g} kN, the procedure needs "
+            f"{presumed.load / 1e3:.3g} kN: set the drop height as calibrated"
         )
         return [Advice(Advised.LOAD, text, facts.number)]
     return []

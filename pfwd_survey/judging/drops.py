@@ -37,13 +37,9 @@ class MeasuredDrop:
 
     def with_result(self, result: DropResult | None) -> "MeasuredDrop":
         """The same with the modulus of the result that counts."""
-        facts = self.facts
-        if facts.modulus is not None or facts.modulus_interval is not None:
-            facts = dataclasses.replace(facts, modulus=None, modulus_interval=None)
-        if result is not None:
-            facts = with_modulus(facts, result)
+        facts = with_modulus(self.facts, result)
         unmoved = None if self.unmoved is None else self.unmoved.with_result(result)
-        if facts is self.facts and unmoved is None:
+        if facts == self.facts and unmoved is None:
             return self
         return dataclasses.replace(self, facts=facts, unmoved=unmoved)
 

@@ -18,7 +18,8 @@ from pfwd_survey.procedures import (
     Verdict,
     judge,
 )
-from pfwd_survey.procedures.valuing import value_of
+from pfwd_survey.procedures.point import in_force_as_dict
+from pfwd_survey.procedures.valuing import moduli_of, value_of
 
 USUAL_RADIUS = 0.15
 """m; stands in for the plate where no drop says it, and nothing is computed with it."""
@@ -65,6 +66,8 @@ def point_line(name: str, progress: PointProgress) -> dict[str, Any]:
         "target": progress.target,
         "verdict": progress.verdict.value,
         "verdict_reason": progress.verdict_reason,
+        "verdict_reason_code": said["verdict_reason_code"],
+        **in_force_as_dict(progress.modulus_in_force),
         "used": list(progress.used),
         "compaction": said["compaction"],
     }
@@ -80,15 +83,12 @@ def diagnosis_now(point: MeasuredPoint) -> DiagnosisResult | None:
 
 
 def _diagnosed(point: MeasuredPoint) -> DiagnosedModulus | None:
-    found = diagnosis_now(point)
-    if found is None or found.after is None or found.after.modulus_pa is None:
+    diagnosis = diagnosis_now(point)
+    after = None if diagnosis is None else diagnosis.after
+    if diagnosis is None or after is None or after.modulus_pa is None:
         return None
-    after = found.after
     return DiagnosedModulus(
-        found.after.modulus_pa,
-        after.modulus_interval_pa,
-        found.corrected is True,
-        found.verdict or "unexplained",
+        after.modulus_pa, after.modulus_interval_pa, diagnosis.use, diagnosis.use_reason
     )
 
 
@@ -130,7 +130,10 @@ def judge_point(
         progress = dataclasses.replace(progress, target_source=source)
     if point.discarded:
         progress = dataclasses.replace(
-            progress, verdict=Verdict.NONE, verdict_reason="the point is discarded"
+            progress,
+            verdict=Verdict.NONE,
+            verdict_reason="the point is discarded",
+            verdict_reason_code=None,
         )
     return progress
 
@@ -190,7 +193,6 @@ def value_of_drop(job: Job, drop: MeasuredDrop) -> PointValue | None:
     """
     if drop.facts.kind is Kind.REJECTED:
         return None
-    setup = drop.setup
-    return value_of(
-        job.procedure_in_force, [drop.facts], setup.plate_radius, setup.poisson_ratio, []
-    )
+    setup, procedure, drops = drop.setup, job.procedure_in_force, [drop.facts]
+    modulus, _ = moduli_of(procedure, drops, None)
+    return value_of(procedure, drops, setup.plate_radius, setup.poisson_ratio, [], modulus)

@@ -11,9 +11,22 @@ _REPEATED = frozenset({Exclusion.REJECTED, Exclusion.DISCARDED, Exclusion.FAULT}
 
 
 def next_step(
-    procedure: Procedure, sorted_drops: SortedDrops, faults: Sequence[str]
+    procedure: Procedure,
+    sorted_drops: SortedDrops,
+    violated: Sequence[str],
+    faults: Sequence[str],
 ) -> tuple[Kind | None, str]:
-    """Kind of the next drop, None when the point is done, and what is to be done."""
+    """Return the kind of the next drop, None when the point is done, and an instruction.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    sorted_drops : SortedDrops
+    violated : sequence of str
+        Preconditions of the procedure that the point violates.
+    faults : sequence of str
+        Faults that other checks of the procedure report.
+    """
     seating, measured = procedure.seating_drops, procedure.measured_drops
     seating_done, complete = sorted_drops.seating_done, sorted_drops.complete
     repeated = _to_be_repeated(sorted_drops)
@@ -31,6 +44,9 @@ def next_step(
     if not complete:
         text = f"measured drop {len(sorted_drops.used) + 1} of {measured}"
         return Kind.MEASURED, f"{again}{text}." if again else f"Lift the weight for {text}."
+    if violated:
+        sentence = f"{violated[0][0].upper()}{violated[0][1:]}"
+        return None, f"{sentence}: correct it and measure the point again beside this place."
     if faults:
         return None, (
             f"{faults[0][0].upper()}{faults[0][1:]}: see that the plate lies flat, and measure the "

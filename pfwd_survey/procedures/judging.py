@@ -1,5 +1,6 @@
 """Judges the drops of a point by a procedure. Pure: the same drops give the same answer."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,20 +12,29 @@ from pfwd_survey.procedures.point import (
     DiagnosedModulus,
     Kind,
     PointDrop,
+    PointModulus,
     PointProgress,
     PointValue,
-    StressDependence,
+    ReasonCode,
     Verdict,
 )
-from pfwd_survey.procedures.profile import CHECKS, Procedure, Quantity
+from pfwd_survey.procedures.preconditions import violated_preconditions
+from pfwd_survey.procedures.profile import CHECKS, OUR_TOLERANCES, Procedure, Quantity
 from pfwd_survey.procedures.sorting import SortedDrops, sort_drops
-from pfwd_survey.procedures.valuing import known, stress_of, value_of
-
-OTHER_PLATE = 0.01
-"""Part by which the plate may differ from the procedure's before a note says so."""
+from pfwd_survey.procedures.valuing import (
+    MIN_DROPS_FOR_INTERVAL,
+    known,
+    moduli_of,
+    stress_of,
+    value_of,
+)
 
 LARGEST_DEFLECTION = 1.0
 """m; what is larger is a modulus in Pa."""
+
+
+_ALWAYS_ENFORCED = frozenset({"nominal_load_n", "plate_radius_m", *OUR_TOLERANCES})
+"""Keys of preconditions and of their tolerances, which apply without a verified source, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +72,7 @@ def judge(
     diagnosed: DiagnosedModulus | None = None,
     found_before: Sequence[str] = (),
 ) -> PointProgress:
-    """What a procedure says of the drops of a point.
+    """Judge the drops of a point by a procedure.
 
     Parameters
     ----------
@@ -80,10 +90,9 @@ def judge(
     material : str, optional
         The same.
     diagnosed : DiagnosedModulus, optional
-        Counts in place of the fits' mean where the procedure judges the modulus of the inversion
-        and the diagnosis stands by it.
+        Counts in place of the fitted modulus where its diagnosis allows a use.
     found_before : sequence of str
-        What is wrong with the point besides what the checks find; it is undecided then.
+        Violated preconditions besides those that the procedure states.
 
     Returns
     -------
@@ -97,19 +106,57 @@ def judge(
     on_rig = plate_radius == 0 and all(drop.kind is Kind.REJECTED for drop in drops)
     if not (on_rig or plate_radius > 0) or not math.isfinite(plate_radius):
         raise OptionError(refusal("plate radius", "a number > 0, in m", f"{plate_radius:g}"))
-    notes = _notes(procedure, plate_radius)
+    notes = _notes(procedure)
     sorted_drops = sort_drops(procedure, drops, notes)
-    value = value_of(procedure, sorted_drops.used, plate_radius, poisson_ratio, notes, diagnosed)
-    scatter = _scatter(sorted_drops.used)
-    faults = [*found_before, *_point_faults(procedure, scatter, value, notes)]
+    used = sorted_drops.used
+    violated = [*found_before, *violated_preconditions(procedure, used, plate_radius)]
+    modulus, other_modulus = moduli_of(procedure, used, diagnosed)
+    if procedure.quantity is Quantity.MODULUS:
+        if len(used) == 1 and modulus is not None and modulus.source == "fitted":
+            notes.append("one drop: the scatter between drops is not in the interval")
+        notes += _modulus_notes(modulus, other_modulus, diagnosed)
+    value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
+    if value is not None and violated:
+        value = dataclasses.replace(value, not_supported=violated[0])
+    scatter = _scatter(used)
+    faults = _point_faults(procedure, scatter, value, notes)
     goal = _goal(procedure, target, moisture, material, notes)
     _note_s_over_v(procedure, scatter.s_over_v, notes)
-    stress = stress_of(procedure, sorted_drops.usable, plate_radius, poisson_ratio)
-    return _progress(procedure, sorted_drops, value, scatter, faults, goal, stress, notes)
+    verdict, reason, code = _verdict(value, goal.target, violated, faults, sorted_drops)
+    next_kind, instruction = next_step(procedure, sorted_drops, violated, faults)
+    return PointProgress(
+        next_kind=next_kind,
+        instruction=instruction,
+        seating_done=sorted_drops.seating_done,
+        seating_wanted=procedure.seating_drops,
+        measured_done=len(sorted_drops.usable),
+        measured_wanted=procedure.measured_drops,
+        complete=sorted_drops.complete,
+        used=tuple(drop.number for drop in used),
+        kinds=tuple(sorted_drops.kinds.items()),
+        excluded=tuple(sorted(sorted_drops.excluded, key=lambda drop: drop.number)),
+        faults=(*violated, *faults),
+        notes=tuple(notes),
+        value=value,
+        modulus=modulus,
+        other_modulus=other_modulus,
+        deflection_spread=scatter.deflection,
+        load_spread=scatter.load,
+        modulus_spread=scatter.modulus,
+        s_over_v=scatter.s_over_v,
+        compaction=_compaction(sorted_drops),
+        compaction_change=scatter.change,
+        stress=stress_of(procedure, sorted_drops.usable, plate_radius, poisson_ratio),
+        target=goal.target,
+        target_source=goal.source,
+        verdict=verdict,
+        verdict_reason=reason,
+        verdict_reason_code=code,
+    )
 
 
-def _notes(procedure: Procedure, plate_radius: float) -> list[str]:
-    """What should be known of the procedure before any drop."""
+def _notes(procedure: Procedure) -> list[str]:
+    """Return notes on the procedure that hold before any drop."""
     notes = []
     unverified = [
         key
@@ -119,20 +166,28 @@ def _notes(procedure: Procedure, plate_radius: float) -> list[str]:
     in_formula = [key for key in unverified if key in ("factor", "nominal_pressure_pa")]
     if in_formula:
         notes.append(f"used in the formula without being verified: {', '.join(in_formula)}")
-    others = [key for key in unverified if key not in in_formula]
+    others = [key for key in unverified if key not in in_formula and key not in _ALWAYS_ENFORCED]
     if others:
         notes.append(f"not verified, hence not enforced: {', '.join(others)}")
-    radius = procedure.plate_radius
-    if (
-        radius is not None
-        and plate_radius
-        and abs(plate_radius - radius.value) > OTHER_PLATE * radius.value
-    ):
-        notes.append(
-            f"the procedure is written for a plate of radius {radius.value:g} m, this one has "
-            f"{plate_radius:g} m"
-        )
     return notes
+
+
+def _modulus_notes(
+    modulus: PointModulus | None,
+    other: PointModulus | None,
+    diagnosed: DiagnosedModulus | None,
+) -> list[str]:
+    """Return notes on which modulus of the point counts."""
+    if modulus is None or diagnosed is None:
+        return []
+    if modulus.source == "fitted":
+        return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
+    if other is None:
+        return [f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa"]
+    return [
+        f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa; that of the fits is "
+        f"{other.value / 1e6:.3g} MPa"
+    ]
 
 
 def _scatter(used: Sequence[PointDrop]) -> _Scatter:
@@ -214,68 +269,47 @@ def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str
 
 
 def _verdict(
-    value: PointValue | None, target: float | None, faults: Sequence[str], drops: SortedDrops
-) -> tuple[Verdict, str]:
+    value: PointValue | None,
+    target: float | None,
+    violated: Sequence[str],
+    faults: Sequence[str],
+    drops: SortedDrops,
+) -> tuple[Verdict, str, ReasonCode | None]:
+    undecided = Verdict.UNDECIDED
     if target is None:
-        return Verdict.NONE, "there is no target"
+        return Verdict.NONE, "there is no target", None
+    if violated:
+        return undecided, violated[0], ReasonCode.PRECONDITION
     if not drops.complete:
-        return Verdict.UNDECIDED, "measured drops are missing"
+        return undecided, "measured drops are missing", ReasonCode.DROPS_MISSING
     if value is None or (drops.counted and value.drops < len(drops.used)):
-        return Verdict.UNDECIDED, "a measured drop lacks what is judged: discard and repeat it"
+        text = "a measured drop lacks what is judged: discard and repeat it"
+        return undecided, text, ReasonCode.VALUE_MISSING
+    if value.not_supported is not None:
+        text = f"the modulus is not supported by the data: {value.not_supported}"
+        return undecided, text, ReasonCode.NOT_SUPPORTED
     if faults:
-        return Verdict.UNDECIDED, faults[0]
+        return undecided, faults[0], ReasonCode.SCATTER
     if value.interval is None:
-        return Verdict.UNDECIDED, "one drop has no scatter: the uncertainty is not known"
+        return undecided, _too_few(value), ReasonCode.DROPS_MISSING
     low, high = value.interval
     if value.quantity is Quantity.DEFLECTION:  # smaller is better
         reached, missed = high <= target, low > target
     else:
         reached, missed = low >= target, high < target
     if reached:
-        return Verdict.PASS, "the whole 95 % interval reaches the target"
+        return Verdict.PASS, "the whole 95 % interval reaches the target", ReasonCode.DECIDED
     if missed:
-        return Verdict.FAIL, "the whole 95 % interval misses the target"
-    return Verdict.UNDECIDED, "the target lies within the 95 % interval"
+        return Verdict.FAIL, "the whole 95 % interval misses the target", ReasonCode.DECIDED
+    return undecided, "the target lies within the 95 % interval", ReasonCode.INTERVAL
 
 
-def _progress(
-    procedure: Procedure,
-    sorted_drops: SortedDrops,
-    value: PointValue | None,
-    scatter: _Scatter,
-    faults: Sequence[str],
-    goal: _Goal,
-    stress: StressDependence | None,
-    notes: Sequence[str],
-) -> PointProgress:
-    """The answer of the rules: the verdict, what is to be done next, and all they rest on."""
-    verdict, reason = _verdict(value, goal.target, faults, sorted_drops)
-    next_kind, instruction = next_step(procedure, sorted_drops, faults)
-    return PointProgress(
-        next_kind=next_kind,
-        instruction=instruction,
-        seating_done=sorted_drops.seating_done,
-        seating_wanted=procedure.seating_drops,
-        measured_done=len(sorted_drops.usable),
-        measured_wanted=procedure.measured_drops,
-        complete=sorted_drops.complete,
-        used=tuple(drop.number for drop in sorted_drops.used),
-        kinds=tuple(sorted_drops.kinds.items()),
-        excluded=tuple(sorted(sorted_drops.excluded, key=lambda drop: drop.number)),
-        faults=tuple(faults),
-        notes=tuple(notes),
-        value=value,
-        deflection_spread=scatter.deflection,
-        load_spread=scatter.load,
-        modulus_spread=scatter.modulus,
-        s_over_v=scatter.s_over_v,
-        compaction=_compaction(sorted_drops),
-        compaction_change=scatter.change,
-        stress=stress,
-        target=goal.target,
-        target_source=goal.source,
-        verdict=verdict,
-        verdict_reason=reason,
+def _too_few(value: PointValue) -> str:
+    """Return why a value has no interval."""
+    if value.quantity is Quantity.MODULUS:
+        return "the modulus has no interval"
+    return (
+        f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, the point has {value.drops}"
     )
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from pfwd_survey.procedures.profile import Quantity
 
@@ -40,12 +40,34 @@ class PointDrop:
     """Pa, from the full time history."""
     modulus_interval: tuple[float, float] | None = None
     """95 %, the model's error included, Pa."""
+    residual: float | None = None
+    """Root mean square residual of the fit in the contact, over the peak."""
+    fit_fault: str | None = None
+    """Reason why the data do not support the modulus, apart from its residual."""
     offset_over_peak: float | None = None
     """Deflection just before the drop over its peak, absolute."""
     return_over_peak: float | None = None
     """Deflection left at the end of the record over its peak, absolute."""
     reason: str | None = None
     """Why it was rejected or discarded."""
+
+
+class ReasonCode(StrEnum):
+    """Kind of reason for a verdict."""
+
+    PRECONDITION = "precondition"
+    """The drops or the plate are not those that the procedure presumes."""
+    NOT_SUPPORTED = "not-supported"
+    """The data do not support the value."""
+    DROPS_MISSING = "drops-missing"
+    VALUE_MISSING = "value-missing"
+    """A measured drop lacks the quantity that is judged."""
+    SCATTER = "scatter"
+    """The drops differ by more than the procedure allows."""
+    INTERVAL = "interval"
+    """The target lies within the interval."""
+    DECIDED = "decided"
+    """The verdict is pass or fail."""
 
 
 class Verdict(StrEnum):
@@ -75,9 +97,13 @@ class PointValue:
     """Pa, or m for a deflection."""
     interval: tuple[float, float] | None
     """95 %: scatter of the drops (Student), the model's error for the modulus of the inversion.
-    Calibration and the plate factor are not in it. None: one drop has no scatter."""
+    Calibration and the plate factor are not in it. None: too few drops for one."""
     drops: int
-    """How many were averaged."""
+    """Number of drops that were averaged."""
+    drop_range: tuple[float, float] | None = None
+    """Smallest and largest value of single drops where there is no interval; None: one drop."""
+    not_supported: str | None = None
+    """Reason why nothing can be decided by the value; None: it is supported."""
     mean_deflection: float | None = None
     """m."""
     mean_load: float | None = None
@@ -102,6 +128,10 @@ def unit_of(quantity: Quantity) -> str:
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
+Use = Literal["design", "with-care", "do-not-use"]
+"""What the modulus of a diagnosis may be used for."""
+
+
 @dataclass(frozen=True, slots=True)
 class DiagnosedModulus:
     """The modulus of a point after its residual was diagnosed."""
@@ -109,11 +139,27 @@ class DiagnosedModulus:
     value: float
     """Pa."""
     interval: tuple[float, float] | None
-    """95 %, what is left unexplained included, Pa."""
-    corrected: bool
-    """Whether the diagnosis stands by it: only then is a point judged by it."""
-    verdict: str = "unexplained"
-    """Of the diagnosis: clean, explained or unexplained."""
+    """95 %, the unexplained residual included, Pa."""
+    use: Use
+    use_reason: str
+    """One sentence."""
+
+
+ModulusSource = Literal["diagnosed", "fitted"]
+
+
+@dataclass(frozen=True, slots=True)
+class PointModulus:
+    """One modulus of a point."""
+
+    value: float
+    """Pa."""
+    interval: tuple[float, float] | None
+    """95 %, Pa."""
+    source: ModulusSource
+    """Diagnosis of the point, or the fits of its drops."""
+    not_supported: str | None = None
+    """Reason why the data do not support it; None: they do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +223,10 @@ class PointProgress:
     notes: tuple[str, ...]
     """What should be known: checks that are not verified and not enforced, assumptions."""
     value: PointValue | None
+    modulus: PointModulus | None
+    """The modulus that counts; in force unless the data do not support it. None: none is known."""
+    other_modulus: PointModulus | None
+    """The fitted modulus where the diagnosed one counts, and the reverse; for details only."""
     deflection_spread: float | None
     """Largest less smallest over mean of the used drops."""
     load_spread: float | None
@@ -193,13 +243,32 @@ class PointProgress:
     target_source: str
     verdict: Verdict
     verdict_reason: str
+    verdict_reason_code: ReasonCode | None
+    """None: there is no target."""
+
+    @property
+    def modulus_in_force(self) -> PointModulus | None:
+        """The modulus that may be used; None: the data support none."""
+        modulus = self.modulus
+        return None if modulus is None or modulus.not_supported is not None else modulus
 
     def as_dict(self) -> Mapping[str, Any]:
         """As JSON knows it; SI units."""
         known = {key: _plain(value) for key, value in asdict(self).items()}
         if self.value is not None:
             known["value"]["unit"] = self.value.unit
-        return known | {"excluded": [[drop.number, drop.reason] for drop in self.excluded]}
+        excluded = [[drop.number, drop.reason] for drop in self.excluded]
+        return known | {"excluded": excluded} | in_force_as_dict(self.modulus_in_force)
+
+
+def in_force_as_dict(modulus: PointModulus | None) -> dict[str, Any]:
+    """The modulus in force as JSON keys, SI units."""
+    interval = None if modulus is None else modulus.interval
+    return {
+        "modulus_in_force_pa": None if modulus is None else modulus.value,
+        "modulus_in_force_interval_pa": None if interval is None else list(interval),
+        "modulus_source": None if modulus is None else modulus.source,
+    }
 
 
 def _plain(value: Any) -> Any:

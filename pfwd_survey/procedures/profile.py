@@ -68,6 +68,9 @@ CHECKS: Mapping[str, Check] = MappingProxyType(
         "most_deflection_m": Check("mm", 1e3, "peak deflection, at most"),
         "most_offset_over_peak": Check("%", 1e2, "deflection before the drop over its peak"),
         "most_return_over_peak": Check("%", 1e2, "deflection left at the end over its peak"),
+        "most_load_deviation": Check("%", 1e2, "peak load, deviation from the presumed one"),
+        "most_radius_deviation": Check("%", 1e2, "plate radius, deviation from the presumed one"),
+        "most_residual": Check("%", 1e2, "residual of a supported modulus over the peak"),
         "most_load_spread": Check("%", 1e2, "peak loads, largest less smallest over mean"),
         "most_deflection_spread": Check("%", 1e2, "deflections, largest less smallest over mean"),
         "most_modulus_spread": Check("%", 1e2, "moduli, largest less smallest over mean"),
@@ -77,6 +80,39 @@ CHECKS: Mapping[str, Check] = MappingProxyType(
     }
 )
 """By the key of the profile."""
+
+
+OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
+    {
+        # E_vd changes in proportion to the load; drops of one height repeat within a few percent.
+        "most_load_deviation": 0.10,
+        # The same plate given in other units; the next size in use differs by a fifth.
+        "most_radius_deviation": 0.01,
+        # Base models leave 1 to 9 % of the contact of sound records, fits of damaged ones 11 to 78.
+        "most_residual": 0.10,
+    }
+)
+"""Relative tolerances of checks that a profile does not state."""
+
+
+class Tolerance(NamedTuple):
+    """A relative tolerance and whether this program chose it."""
+
+    value: float
+    is_ours: bool
+    """False: a verified source states it."""
+
+    @property
+    def words(self) -> str:
+        """Text for messages.
+
+        Examples
+        --------
+        >>> Tolerance(0.1, is_ours=True).words
+        'within 10 %, our tolerance'
+        """
+        origin = ", our tolerance" if self.is_ours else ""
+        return f"within {100 * self.value:.3g} %{origin}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,13 +137,13 @@ class Procedure:
     factor: Number | None = None
     """Plate factor: 1.5 in E_vd; 2 (uniform), pi/2 (rigid), 8/3 (parabolic) in E_LWD."""
     nominal_pressure: Number | None = None
-    """Pa; in place of the measured one, E_vd only."""
+    """Pa; the stress that the procedure presumes. E_vd takes it in place of the measured one."""
     nominal_load: Number | None = None
-    """N; what the device was calibrated to."""
+    """N; the peak load that the procedure presumes."""
     poisson_ratio: Number | None = None
     """None: what the setup declares."""
     plate_radius: Number | None = None
-    """m, that the document is written for."""
+    """m; the plate that the procedure presumes."""
     checks: Mapping[str, Number] = field(default_factory=dict)
     """Limits by the keys of `CHECKS`."""
     targets: tuple[Target, ...] = ()
@@ -118,6 +154,19 @@ class Procedure:
     """The TOML it was read from, to be kept with a survey."""
     file: str | None = None
     """Where that stands; None: shipped with the program."""
+
+    def tolerance(self, check: str) -> "Tolerance":
+        """Return a tolerance, which applies whether or not its source is verified.
+
+        Parameters
+        ----------
+        check : str
+            Key of `OUR_TOLERANCES`, which has the default.
+        """
+        number = self.checks.get(check)
+        if number is None:
+            return Tolerance(OUR_TOLERANCES[check], is_ours=True)
+        return Tolerance(number.value, is_ours=not number.verified)
 
     def enforced(self, number: Number | None) -> float | None:
         """The value of a number that is enforced; None: there is none, or it is not verified."""

@@ -1,6 +1,5 @@
 """The quantity of a procedure for a point, from the drops that are averaged."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -14,6 +13,7 @@ from pfwd_survey.procedures.moduli import (
 from pfwd_survey.procedures.point import (
     DiagnosedModulus,
     PointDrop,
+    PointModulus,
     PointValue,
     StressDependence,
 )
@@ -22,9 +22,8 @@ from pfwd_survey.procedures.profile import Procedure, Quantity
 ASSUMED_POISSON_RATIO = 0.35
 """Where neither procedure nor setup says one: the usual value of subgrades; said so in a note."""
 
-OTHER_LOAD = 0.1
-"""Part by which the mean load may differ from the nominal one, which E_vd takes for granted,
-before a note says so."""
+MIN_DROPS_FOR_INTERVAL = 3
+"""Measured drops; Student's interval of two is twelve standard deviations wide and says nothing."""
 
 
 def value_of(
@@ -33,19 +32,33 @@ def value_of(
     plate_radius: float,
     declared_ratio: float | None,
     notes: list[str],
-    diagnosed: DiagnosedModulus | None = None,
+    modulus: PointModulus | None = None,
 ) -> PointValue | None:
-    """The quantity that a procedure judges; None: the drops do not say it."""
+    """Return the quantity that a procedure judges; None: the drops do not give it.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    used : sequence of PointDrop
+        The drops that are averaged.
+    plate_radius : float, m
+    declared_ratio : float or None
+        Poisson's ratio of the setup.
+    notes : list of str
+        Receives the assumptions that were made.
+    modulus : PointModulus, optional
+        Of the point, see `moduli_of`; judged where the procedure judges a modulus.
+    """
     if procedure.quantity is Quantity.MODULUS:
-        return _with_diagnosis(_inverted(used, plate_radius, notes), diagnosed, notes)
-    moved = [drop for drop in used if drop.peak_deflection]
-    deflections, loads = known(moved, "peak_deflection"), known(moved, "peak_load")
+        return _judged_modulus(used, plate_radius, modulus)
+    measured = [drop for drop in used if drop.peak_deflection]
+    deflections, loads = known(measured, "peak_deflection"), known(measured, "peak_load")
     if not deflections:
         return None
     if procedure.quantity is Quantity.DEFLECTION:
         return _deflection(deflections, loads, plate_radius)
     if procedure.quantity is Quantity.E_VD:
-        return _e_vd(procedure, deflections, loads, plate_radius, notes)
+        return _e_vd(procedure, deflections, loads, plate_radius)
     if len(loads) != len(deflections):
         return None
     ratio = _poisson_ratio(procedure, declared_ratio, notes)
@@ -55,16 +68,28 @@ def value_of(
 def _deflection(
     deflections: Sequence[float], loads: Sequence[float], plate_radius: float
 ) -> PointValue:
-    middle = mean(deflections)
+    average = mean(deflections)
+    interval, drop_range = _spread_of(average, deflections)
     return PointValue(
         Quantity.DEFLECTION,
-        middle,
-        _around(middle, half_width_95(deflections)),
+        average,
+        interval,
         len(deflections),
-        middle,
-        _mean_load(deflections, loads),
+        drop_range,
+        mean_deflection=average,
+        mean_load=_mean_load(deflections, loads),
         plate_radius=plate_radius,
     )
+
+
+def _spread_of(
+    average: float, values: Sequence[float]
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Return the 95 % interval of a mean, or in its place the range of too few values."""
+    if len(values) < MIN_DROPS_FOR_INTERVAL:
+        return None, (min(values), max(values)) if len(values) > 1 else None
+    half = half_width_95(values) or 0.0
+    return (max(0.0, average - half), average + half), None
 
 
 def _e_vd(
@@ -72,26 +97,26 @@ def _e_vd(
     deflections: Sequence[float],
     loads: Sequence[float],
     plate_radius: float,
-    notes: list[str],
 ) -> PointValue:
     # The reader refuses a profile without them.
     assert procedure.factor is not None
     assert procedure.nominal_pressure is not None
     factor, nominal = procedure.factor.value, procedure.nominal_pressure.value
-    middle, mean_load = mean(deflections), _mean_load(deflections, loads)
-    _note_load(procedure, mean_load, notes)
+    average = mean(deflections)
     moduli = [e_vd(deflection, plate_radius, factor, nominal) for deflection in deflections]
-    of_means = e_vd(middle, plate_radius, factor, nominal)
+    of_means = e_vd(average, plate_radius, factor, nominal)
     value = mean(moduli) if procedure.average == "modulus" else of_means
+    interval, drop_range = _spread_of(value, moduli)
     return PointValue(
         Quantity.E_VD,
         value,
-        _around(value, half_width_95(moduli)),
+        interval,
         len(deflections),
-        middle,
-        mean_load,
-        factor,
-        plate_radius,
+        drop_range,
+        mean_deflection=average,
+        mean_load=_mean_load(deflections, loads),
+        factor=factor,
+        plate_radius=plate_radius,
         pressure=nominal,
     )
 
@@ -105,24 +130,26 @@ def _e_lwd(
 ) -> PointValue:
     assert procedure.factor is not None  # the reader refuses a profile without
     factor = procedure.factor.value
-    middle, mean_load = mean(deflections), mean(loads)
+    average, mean_load = mean(deflections), mean(loads)
     moduli = [
         e_lwd(load, deflection, plate_radius, ratio, factor)
         for load, deflection in zip(loads, deflections, strict=True)
     ]
-    of_means = e_lwd(mean_load, middle, plate_radius, ratio, factor)
+    of_means = e_lwd(mean_load, average, plate_radius, ratio, factor)
     value = mean(moduli) if procedure.average == "modulus" else of_means
+    interval, drop_range = _spread_of(value, moduli)
     return PointValue(
         Quantity.E_LWD,
         value,
-        _around(value, half_width_95(moduli)),
+        interval,
         len(deflections),
-        middle,
-        mean_load,
-        factor,
-        plate_radius,
-        ratio,
-        mean_load / (math.pi * plate_radius**2),
+        drop_range,
+        mean_deflection=average,
+        mean_load=mean_load,
+        factor=factor,
+        plate_radius=plate_radius,
+        poisson_ratio=ratio,
+        pressure=mean_load / (math.pi * plate_radius**2),
     )
 
 
@@ -131,79 +158,100 @@ def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | 
     return mean(loads) if len(loads) == len(deflections) else None
 
 
-def _inverted(
-    used: Sequence[PointDrop], plate_radius: float, notes: list[str]
-) -> PointValue | None:
-    inverted = [drop for drop in used if drop.modulus is not None]
-    moduli = known(inverted, "modulus")
-    if not moduli:
+def moduli_of(
+    procedure: Procedure, used: Sequence[PointDrop], diagnosed: DiagnosedModulus | None
+) -> tuple[PointModulus | None, PointModulus | None]:
+    """Return the modulus of a point that counts, and the other one for the details.
+
+    The diagnosed modulus counts where its diagnosis allows a use, else the fitted one.
+
+    Parameters
+    ----------
+    procedure : Procedure
+        Has the largest residual of a supported fit.
+    used : sequence of PointDrop
+        The drops that are averaged.
+    diagnosed : DiagnosedModulus or None
+    """
+    fitted = _fitted_modulus(procedure, used)
+    if diagnosed is None:
+        return fitted, None
+    usable = diagnosed.use != "do-not-use"
+    result = PointModulus(
+        diagnosed.value,
+        diagnosed.interval,
+        "diagnosed",
+        None if usable else diagnosed.use_reason,
+    )
+    return (result, fitted) if usable or fitted is None else (fitted, result)
+
+
+def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:
+    r"""Combine the fitted moduli of drops on the logarithm of E.
+
+    One drop keeps its interval. Of several, :math:`\ln E` is the mean, and each side of the interval
+    is :math:`\sqrt{m^2 + s^2}` with the mean half-width m of the drops' own intervals on that side
+    and the half-width s from the scatter (Student). The model's error is common to the drops of a
+    point: their mean does not lessen it.
+    """
+    fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
+    if not fitted:
         return None
-    value, half = mean(moduli), half_width_95(moduli)
-    # The model's error is common to the drops of a point: a mean does not lessen it.
-    if half is None:
-        notes.append("one drop: the scatter between drops is not in the interval")
-    intervals = [drop.modulus_interval for drop in inverted if drop.modulus_interval is not None]
-    model = mean([(high - low) / 2 for low, high in intervals]) if intervals else None
-    parts = [part for part in (half, model) if part is not None]
-    deflections, loads = (known(inverted, name) for name in ("peak_deflection", "peak_load"))
+    faults = (unsupported_fit(procedure, drop) for drop in fitted)
+    fault = next((text for text in faults if text is not None), None)
+    if len(fitted) == 1:
+        only = fitted[0]
+        assert only.modulus is not None
+        return PointModulus(only.modulus, only.modulus_interval, "fitted", fault)
+    logarithms = [math.log(value) for value in known(fitted, "modulus")]
+    average, scatter = mean(logarithms), half_width_95(logarithms) or 0.0
+    below, above = [], []
+    for drop, logarithm in zip(fitted, logarithms, strict=True):
+        if drop.modulus_interval is not None:
+            low, high = drop.modulus_interval
+            below.append(logarithm - math.log(low) if low > 0 else math.inf)
+            above.append(math.log(high) - logarithm)
+    ends = [math.hypot(mean(sides), scatter) if sides else scatter for sides in (below, above)]
+    interval = math.exp(average - ends[0]), math.exp(average + ends[1])
+    return PointModulus(math.exp(average), interval, "fitted", fault)
+
+
+def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
+    """Return the reason why the data do not support the modulus of a drop; None: they do."""
+    if drop.fit_fault is not None:
+        return f"drop {drop.number}: {drop.fit_fault}"
+    limit = procedure.tolerance("most_residual")
+    if drop.residual is not None and drop.residual > limit.value:
+        return (
+            f"drop {drop.number}: the model leaves {100 * drop.residual:.2g} % of the peak, at "
+            f"most {100 * limit.value:.3g} % is allowed"
+        )
+    return None
+
+
+def _judged_modulus(
+    used: Sequence[PointDrop], plate_radius: float, modulus: PointModulus | None
+) -> PointValue | None:
+    if modulus is None:
+        return None
+    fitted = [drop for drop in used if drop.modulus is not None] or used
+    deflections, loads = (known(fitted, name) for name in ("peak_deflection", "peak_load"))
     return PointValue(
         Quantity.MODULUS,
-        value,
-        _around(value, math.hypot(*parts)) if parts else None,
-        len(inverted),
-        mean(deflections) if deflections else None,
-        mean(loads) if loads else None,
+        modulus.value,
+        modulus.interval,
+        len(fitted),
+        not_supported=modulus.not_supported,
+        mean_deflection=mean(deflections) if deflections else None,
+        mean_load=mean(loads) if loads else None,
         plate_radius=plate_radius,
     )
-
-
-# Why a point is judged by its fits, by the verdict of its diagnosis; clean: nothing is behind it.
-_NOT_DIAGNOSED = {
-    "explained": (
-        "the diagnosis explains the residual, but does not correct the modulus: it is that of the "
-        "fits",
-    ),
-    "unexplained": (
-        "the diagnosis does not explain the residual: the modulus is that of the fits",
-    ),
-}
-
-
-def _with_diagnosis(
-    value: PointValue | None, diagnosed: DiagnosedModulus | None, notes: list[str]
-) -> PointValue | None:
-    """The diagnosed modulus where the diagnosis stands by it, else that of the fits."""
-    if value is None or diagnosed is None:
-        return value
-    if not diagnosed.corrected:
-        notes.extend(_NOT_DIAGNOSED.get(diagnosed.verdict, ()))
-        return value
-    notes.append(
-        f"the modulus is the diagnosed one, {diagnosed.value / 1e6:.3g} MPa; that of the fits "
-        f"is {value.value / 1e6:.3g} MPa"
-    )
-    return dataclasses.replace(value, value=diagnosed.value, interval=diagnosed.interval)
-
-
-def _around(value: float, half: float | None) -> tuple[float, float] | None:
-    return None if half is None else (max(0.0, value - half), value + half)
 
 
 def known(drops: Sequence[PointDrop], attribute: str) -> list[float]:
     """What is known of an attribute of drops, in their order."""
     values = (getattr(drop, attribute) for drop in drops)
     return [float(value) for value in values if value is not None]
-
-
-def _note_load(procedure: Procedure, load: float | None, notes: list[str]) -> None:
-    nominal = procedure.nominal_load
-    if nominal is None or load is None:
-        return
-    if abs(load - nominal.value) > OTHER_LOAD * nominal.value:
-        notes.append(
-            f"E_vd takes a load of {nominal.value / 1e3:.2f} kN for granted, the mean is "
-            f"{load / 1e3:.2f} kN"
-        )
 
 
 def _poisson_ratio(procedure: Procedure, declared: float | None, notes: list[str]) -> float:

@@ -2,9 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pfwd_survey.inverting.stored import Interval, StoredRecord
+
+if TYPE_CHECKING:
+    from pfwd_survey.procedures.point import Use
 
 LEFT_OPEN = 10.0
 """Times as high as low, from which on an interval says nothing of a modulus."""
@@ -93,6 +96,20 @@ class EffectResult(StoredRecord):
     """What to do in the field."""
 
 
+NARROW_FOR_DESIGN = 0.3
+"""Half-width of the interval over the modulus of a design value, either side."""
+
+EXPLAINED_WITH_CARE = 0.03
+"""Largest discrepancy over the peak of an unexplained point whose modulus may be used with care."""
+
+WIDEST_WITH_CARE = 2.0
+"""Upper over lower end of the interval of such a modulus."""
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutOne(StoredRecord):
     """A drop, a sensor or a point that was not fitted; residual over its peak."""
@@ -172,6 +189,69 @@ class DiagnosisResult(StoredRecord):
     """Numbers of drops that were there and took no part."""
     stored: bool | None = None
     """Whether the survey kept it from before; None: no."""
+
+    DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "explained_to")
+    """Keys of the JSON that follow from the others; those that a file has are not read."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record with the keys of its JSON, in their order."""
+        return StoredRecord.to_json(self) | {key: getattr(self, key) for key in self.DERIVED}
+
+    @classmethod
+    def from_json(cls, said: object, where: str = "a stored record") -> Self:
+        """Read the record from JSON, see `StoredRecord.from_json`."""
+        if isinstance(said, dict):
+            said = {key: value for key, value in said.items() if key not in cls.DERIVED}
+        return super(DiagnosisResult, cls).from_json(said, where)
+
+    @property
+    def explained_to(self) -> float | None:
+        """Residual beyond the noise over the peak of the point; None: nothing was fitted."""
+        after = self.after
+        if after is None or after.residual_rms_over_peak is None:
+            return None
+        ratio = after.residual_over_noise
+        if ratio is None or not math.isfinite(ratio):
+            return after.residual_rms_over_peak
+        beyond = math.sqrt(max(0.0, 1.0 - 1.0 / ratio**2)) if ratio > 0 else 0.0
+        return after.residual_rms_over_peak * beyond
+
+    @property
+    def use(self) -> "Use":
+        """What the modulus after the diagnosis may be used for."""
+        return self._use_and_reason[0]
+
+    @property
+    def use_reason(self) -> str:
+        """Why, in one sentence."""
+        return self._use_and_reason[1]
+
+    @property
+    def _use_and_reason(self) -> "tuple[Use, str]":
+        after, explained_to = self.after, self.explained_to
+        ends = None if after is None else after.modulus_interval_pa
+        if after is None or after.modulus_pa is None or ends is None or explained_to is None:
+            return "do-not-use", "the diagnosis leaves the modulus open"
+        value, (low, high) = after.modulus_pa, ends
+        if self.verdict in ("clean", "explained"):
+            if max(high - value, value - low) < NARROW_FOR_DESIGN * value:
+                return "design", f"the record is {self.verdict} and the interval is narrow"
+            return "do-not-use", (
+                f"the interval of the modulus reaches {_percent(max(high - value, value - low) / value)}"
+                f" from it, at most {_percent(NARROW_FOR_DESIGN)} is allowed"
+            )
+        if explained_to > EXPLAINED_WITH_CARE:
+            return "do-not-use", (
+                f"{_percent(explained_to)} of the peak is not explained, at most "
+                f"{_percent(EXPLAINED_WITH_CARE)} is allowed"
+            )
+        if not high < WIDEST_WITH_CARE * low:
+            return "do-not-use", (
+                f"the interval of the modulus spans more than a factor of {WIDEST_WITH_CARE:g}"
+            )
+        return "with-care", (
+            f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
+        )
 
     @property
     def moved_less(self) -> bool:

@@ -1,6 +1,7 @@
 """From a job and the drops of a point to its verdict."""
 
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -12,8 +13,11 @@ from pfwd_survey.inverting.kept import PLATES
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, MeasuredDrop, MeasuredPoint, Station, judge_point
 from pfwd_survey.judging.drops import compared, measured_drop
+from pfwd_survey.judging.verdicts import point_line
 from pfwd_survey.procedures import (
     Kind,
+    Number,
+    ReasonCode,
     Verdict,
     find_procedure,
     plain_procedure,
@@ -100,50 +104,134 @@ def test_a_rejected_drop_seats_nothing_where_a_procedure_counts() -> None:
         assert [fact.kind.value for fact in compared(some)] == kinds
 
 
-def diagnosis(corrected: bool) -> DiagnosisResult:
+def diagnosis(
+    verdict: str = "explained",
+    ends: tuple[float, float] = (37e6, 39e6),
+    residual: float = 0.01,
+    **more: Any,
+) -> DiagnosisResult:
     """Of all drops, 38 MPa."""
     return DiagnosisResult(
         drops=tuple(drop.facts.number for drop in drops()),
         basis=basis_of(SETUP),
-        corrected=corrected,
-        after=FittedState(modulus_pa=38e6, modulus_interval_pa=(37e6, 39e6)),
+        verdict=verdict,
+        after=FittedState(
+            modulus_pa=38e6,
+            modulus_interval_pa=ends,
+            residual_rms_over_peak=residual,
+            residual_over_noise=1e3,
+        ),
+        **more,
     )
-
-
-@pytest.mark.parametrize(("corrected", "value"), [(True, 38e6), (False, 45.1e6)])
-def test_a_diagnosed_modulus_counts_where_the_diagnosis_stands_by_it(
-    corrected: bool, value: float
-) -> None:
-    point = MeasuredPoint("1", drops(), target=40e6, diagnosis=diagnosis(corrected))
-    progress = judge_point(Job(procedure=plain_procedure()), point)
-    assert progress.value is not None
-    assert progress.value.value == pytest.approx(value)
-    assert progress.verdict is (Verdict.FAIL if corrected else Verdict.PASS)
-    assert any("diagnos" in note for note in progress.notes), "which one it is is said"
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said"),
+    ("verdict", "ends", "residual", "use"),
     [
-        ("clean", None),
-        ("explained", "explains the residual, but does not correct the modulus"),
-        ("unexplained", "does not explain the residual"),
+        ("explained", (37e6, 39e6), 0.01, "design"),
+        ("clean", (37e6, 39e6), 0.001, "design"),
+        ("explained", (37e6, 38e6 * 1.299), 0.01, "design"),
+        ("explained", (37e6, 38e6 * 1.301), 0.01, "do-not-use"),
+        ("explained", (38e6 * 0.699, 39e6), 0.01, "do-not-use"),
+        ("unexplained", (37e6, 39e6), 0.029, "with-care"),
+        ("unexplained", (37e6, 39e6), 0.031, "do-not-use"),
+        ("unexplained", (30e6, 59.9e6), 0.029, "with-care"),
+        ("unexplained", (30e6, 60.1e6), 0.029, "do-not-use"),
     ],
 )
-def test_why_the_modulus_is_that_of_the_fits_is_said(verdict: str, said: str | None) -> None:
-    found = dataclasses.replace(diagnosis(corrected=False), verdict=verdict)
+def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
+    verdict: str, ends: tuple[float, float], residual: float, use: str
+) -> None:
+    found = diagnosis(verdict, ends, residual)
+    assert found.use == use
+    assert found.use_reason
+    progress = judge_point(Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), 40e6))
+    fitted = progress.modulus_in_force
+    assert fitted is not None
+    assert fitted.source == "fitted"
     progress = judge_point(
-        Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), diagnosis=found)
+        Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), 40e6, diagnosis=found)
     )
-    notes = [note for note in progress.notes if "diagnosis" in note]
-    assert bool(notes) == (said is not None)
-    assert said is None or (said in notes[0] and "that of the fits" in notes[0])
+    in_force, other = progress.modulus_in_force, progress.other_modulus
+    assert in_force is not None
+    assert other is not None
+    assert progress.value is not None
+    if use == "do-not-use":
+        assert in_force == fitted
+        assert (other.source, other.value) == ("diagnosed", 38e6)
+        assert any(f"not used: {found.use_reason}" in note for note in progress.notes)
+    else:
+        assert (in_force.source, in_force.value, in_force.interval) == ("diagnosed", 38e6, ends)
+        assert other == fitted
+        assert any("the modulus is the diagnosed one, 38 MPa" in note for note in progress.notes)
+    assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
+
+
+def test_what_is_explained_is_the_residual_beyond_the_noise() -> None:
+    after = FittedState(residual_rms_over_peak=0.05, residual_over_noise=1.25)
+    assert DiagnosisResult(after=after).explained_to == pytest.approx(0.03)
+    quiet = FittedState(residual_rms_over_peak=0.05, residual_over_noise=0.9)
+    assert DiagnosisResult(after=quiet).explained_to == 0.0
+    assert DiagnosisResult().explained_to is None
+    assert DiagnosisResult().use == "do-not-use"
+
+
+def test_the_json_of_a_diagnosis_has_its_use_and_reads_it_back() -> None:
+    found = diagnosis()
+    written = found.to_json()
+    assert [written[key] for key in ("use", "explained_to")] == ["design", found.explained_to]
+    assert DiagnosisResult.from_json(written | {"use": "with-care"}) == found
+
+
+UNSUPPORTED = [
+    ({"converged": False}, "the fit did not converge"),
+    ({"at_bound": ["modulus"]}, "modulus is on a bound"),
+    ({"at_bound": ["density"]}, "density is on a bound"),
+    ({"at_bound": ["bedrock_depth"]}, "bedrock depth is on a bound"),
+    ({"contact_residual_rms_over_peak": 0.11}, "leaves 11 % of the peak, at most 10 % is allowed"),
+]
+
+
+@pytest.mark.parametrize(("damage", "reason"), UNSUPPORTED)
+def test_a_modulus_that_the_data_do_not_support_decides_nothing(
+    damage: dict[str, Any], reason: str
+) -> None:
+    some = drops()
+    last = result_of(len(some), 45e6) | damage
+    some[-1] = some[-1].with_result(DropResult.from_json(last))
+    job = Job(procedure=plain_procedure())
+    progress = judge_point(job, MeasuredPoint("1", some, target=20e6))
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+    assert reason in progress.verdict_reason
+    assert progress.value is not None
+    assert reason in str(progress.value.not_supported)
+    assert progress.modulus_in_force is None
+    assert point_line("1", progress)["modulus_source"] is None
+    # A diagnosis that may be used is not touched by a bad fit.
+    diagnosed = judge_point(job, MeasuredPoint("1", some, target=20e6, diagnosis=diagnosis()))
+    assert diagnosed.verdict is Verdict.PASS
+    # A result that replaces it takes the mark away.
+    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6)))
+    assert judge_point(job, MeasuredPoint("1", some, target=20e6)).verdict is Verdict.PASS
+
+
+def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
+    some = drops()
+    modest = {"at_bound": ["viscosity"], "contact_residual_rms_over_peak": 0.09}
+    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6) | modest))
+    progress = judge_point(Job(procedure=plain_procedure()), MeasuredPoint("1", some, target=20e6))
+    assert progress.verdict is Verdict.PASS
+    strict = plain_procedure()
+    strict = dataclasses.replace(strict, checks={"most_residual": Number(0.05, "here", False)})
+    progress = judge_point(Job(procedure=strict), MeasuredPoint("1", some, target=20e6))
+    assert "at most 5 % is allowed" in progress.verdict_reason
 
 
 def test_a_diagnosis_changes_no_deflection() -> None:
     job = Job(procedure=find_procedure("mndot"))
     plain = judge_point(job, MeasuredPoint("1", drops()))
-    with_one = MeasuredPoint("1", drops(), diagnosis=diagnosis(corrected=True))
+    with_one = MeasuredPoint("1", drops(), diagnosis=diagnosis())
     assert judge_point(job, with_one).value == plain.value
 
 
@@ -152,15 +240,15 @@ def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
     plain = judge_point(job, MeasuredPoint("1", drops())).value
     numbers = [drop.facts.number for drop in drops()]
     for other in (
-        dataclasses.replace(diagnosis(corrected=True), drops=(*numbers, 99)),
-        dataclasses.replace(diagnosis(corrected=True), drops=tuple(numbers[:-1])),
-        dataclasses.replace(diagnosis(corrected=True), basis="0" * 16),
-        dataclasses.replace(diagnosis(corrected=True), after=None),
-        dataclasses.replace(diagnosis(corrected=True), drops=()),
+        dataclasses.replace(diagnosis(), drops=(*numbers, 99)),
+        dataclasses.replace(diagnosis(), drops=tuple(numbers[:-1])),
+        dataclasses.replace(diagnosis(), basis="0" * 16),
+        dataclasses.replace(diagnosis(), after=None),
+        dataclasses.replace(diagnosis(), drops=()),
     ):
         assert judge_point(job, MeasuredPoint("1", drops(), diagnosis=other)).value == plain
     some = dataclasses.replace(
-        diagnosis(corrected=True), drops=tuple(numbers[1:]), left_out=(numbers[0],)
+        diagnosis(), drops=tuple(numbers[1:]), left_out=(numbers[0],)
     )
     judged = judge_point(job, MeasuredPoint("1", drops(), diagnosis=some)).value
     assert judged is not None

@@ -12,6 +12,7 @@ from pfwd_survey.procedures import (
     PointDrop,
     PointProgress,
     Procedure,
+    Quantity,
     find_procedure,
     judge,
     kind_of,
@@ -90,7 +91,10 @@ def test_without_numbers_of_drops(kinds: list[Kind], sentence: str) -> None:
 
 def test_the_first_of_several_faults_is_what_is_said() -> None:
     checks = {key: Number(0.1, "here", True) for key in ("most_load_spread", "most_modulus_spread")}
-    procedure = dataclasses.replace(GERMAN, seating=Number(0, "here", True), checks=checks)
+    procedure = dataclasses.replace(
+        GERMAN, seating=Number(0, "here", True), checks=checks, nominal_load=None
+    )
+    procedure = dataclasses.replace(procedure, nominal_pressure=None, quantity=Quantity.MODULUS)
     drops = [
         PointDrop(n, MEASURED, peak_load=7e3 * n, peak_deflection=5e-4, modulus=4e7 * n)
         for n in (1, 2, 3)
@@ -108,7 +112,8 @@ def test_the_first_of_several_faults_is_what_is_said() -> None:
 def test_a_limit_is_shown_in_the_unit_that_it_is_told_with() -> None:
     assert {check.unit: check.scale for check in CHECKS.values()} == SCALES
     assert all(SCALES[check.unit] == check.scale for check in CHECKS.values())
-    ends = {"_n": "kN", "_s": "ms", "_m": "mm", "_pa": "MPa", "_peak": "%", "_spread": "%"}
+    ends = {"_n": "kN", "_s": "ms", "_m": "mm", "_pa": "MPa"}
+    ends |= dict.fromkeys(("_peak", "_spread", "_deviation", "_residual"), "%")
     for key, check in CHECKS.items():
         assert any(key.endswith(end) and check.unit == unit for end, unit in ends.items()), key
 

@@ -201,7 +201,7 @@ def test_one_drop_decides_nothing() -> None:
     found = judged(SIX[:4], single, target=20e6)
     assert found.complete
     assert found.verdict is Verdict.UNDECIDED
-    assert "no scatter" in found.verdict_reason
+    assert "needs 3 measured drops, the point has 1" in found.verdict_reason
 
 
 def test_the_model_s_error_is_not_averaged_away() -> None:
@@ -231,14 +231,6 @@ def test_stress_dependence_finds_the_exponent() -> None:
     assert found.exponent == pytest.approx(0.4)
     assert found.exponent_deviation == pytest.approx(0.0, abs=1e-9)
     assert stress_dependence([1e5, 1.1e5], [1.0, 2.0]) is None, "from one height"
-
-
-def test_another_plate_and_another_load_are_noted() -> None:
-    notes = judge(
-        GERMAN, [drop(n, 0.5, peak_load=9700.0) for n in range(6)], plate_radius=0.1
-    ).notes
-    assert any("written for a plate of radius 0.15 m, this one has 0.1 m" in n for n in notes)
-    assert any("7.07 kN for granted, the mean is 9.70 kN" in n for n in notes)
 
 
 def test_a_plate_without_size_is_refused() -> None:
@@ -324,14 +316,6 @@ def test_what_is_not_verified_is_named_before_any_drop() -> None:
     assert judged([], bold).notes == ()
 
 
-@pytest.mark.parametrize(("part", "noted"), [(0.99, False), (1.01, True)])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_plate_within_a_hundredth_is_the_same(part: float, noted: bool, sign: int) -> None:
-    profile = own(plate_radius=Number(0.15, "here", True))
-    found = judge(profile, [], plate_radius=0.15 * (1 + sign * part * 0.01))
-    assert any("written for a plate" in note for note in found.notes) == noted
-
-
 @pytest.mark.parametrize("radius", [0.0, -0.15, math.inf, math.nan])
 def test_only_a_positive_radius_is_a_plate(radius: float) -> None:
     with pytest.raises(OptionError, match="plate radius"):
@@ -394,10 +378,13 @@ def test_a_spread_is_compared_with_its_own_limit(check: str, field: str, words: 
         PointDrop(n, Kind.MEASURED, **same | {field: same[field] * factor})  # type: ignore[arg-type]
         for n, factor in enumerate((1, 1, 1, 0.9, 1.0, 1.1), 1)
     ]
-    (fault,) = judged(drops, limits(**{check: 0.15})).faults
+    limited = {check: 0.15, "most_load_deviation": 0.5}
+    (fault,) = judged(drops, limits(**limited)).faults
     assert fault == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
-    assert judged(drops, limits(**{check: 0.25})).faults == ()
-    loose = own(checks={check: Number(0.15, "here", False)})
+    assert judged(drops, limits(**limited | {check: 0.25})).faults == ()
+    loose = own(
+        checks={key: Number(limit, "here", key != check) for key, limit in limited.items()}
+    )
     found = judged(drops, loose)
     assert found.faults == ()
     assert f"{fault} (not verified, not enforced)" in found.notes
