@@ -122,21 +122,18 @@ def _advice(result: DiagnosisResult) -> list[str]:
         return []
     low, high = after.modulus_interval_pa
     wide = (high - low) / 1e6
-    _, *ends = _shown(after.modulus_pa, after.modulus_interval_pa)
-    between = f"{' and '.join(ends)} MPa"
-    if result.verdict == "clean":
-        return [f"  Nothing has to be corrected: E lies between {between}."]
-    if result.corrected:
-        text = f"  Use the modulus after, known to lie between {between}"
-    else:
-        why = ", it moved by less than its interval is wide" if result.moved_less else ""
-        text = f"  Do not take the modulus after for corrected{why}: E lies between {between}"
+    value, *ends = _shown(after.modulus_pa, after.modulus_interval_pa)
+    if result.use == "do-not-use":
+        return [f"  Do not use the diagnosed modulus: {result.use_reason}."]
+    word = "Design value" if result.use == "design" else "Use with care:"
+    text = f"  {word} {value} MPa ({' to '.join(ends)})"
     if _is_finite(after.stress_pa):
-        text += f", secant at {after.stress_pa / 1e3:.0f} kPa"
+        text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
         other = after.modulus_100kpa_pa
         if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _SAME:
             text += f" ({rounded(other / 1e6, wide)} MPa at 100 kPa)"
-    return [f"{text}."]
+    reason = f": {result.use_reason}" if result.use == "with-care" else ""
+    return [f"{text}{reason}."]
 
 
 def _held_out(held: HeldOut | None) -> list[str]:

@@ -5,6 +5,7 @@ import math
 from pfwd_survey.judging import JudgedPoint
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.procedures import PointProgress, PointValue, Quantity, Verdict
+from pfwd_survey.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
 NAMES = {
@@ -43,12 +44,16 @@ def value_text(value: PointValue) -> str:
     unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
     number = value.value / scale
     name = NAMES[value.quantity]
-    if value.interval is None:
-        return f"{name} {number:.3g} {unit}"
-    low, high = (end / scale for end in value.interval)
+    mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
+    shown_ends = value.interval or value.drop_range
+    if shown_ends is None:
+        return f"{name} {number:.3g}{mark} {unit}"
+    low, high = (end / scale for end in shown_ends)
     decimals = decimals_for((high - low) / 2, number)
     ends = f"{low:.{decimals}f} to {high:.{decimals}f}"
-    return f"{name} {number:.{decimals}f} {unit} ({ends})"
+    if value.interval is None:
+        ends = f"{value.drops} drops: {ends}, no interval"
+    return f"{name} {number:.{decimals}f}{mark} {unit} ({ends})"
 
 
 def decimals_for(half: float, value: float) -> int:

@@ -218,7 +218,15 @@ class SessionLines:
         log.info("point %s diagnosed: %s", event.point, result.verdict)
         if self._as_json:
             said = result.to_json()
-            kept = ("drops", "verdict", "corrected", "effects", "after", "warnings")
+            kept = (
+                "drops",
+                "verdict",
+                "corrected",
+                *result.DERIVED,
+                "effects",
+                "after",
+                "warnings",
+            )
             diagnosis = {key: said[key] for key in kept}
             print(json_text({"point": event.point, "diagnosis": diagnosis}), flush=True)
             return

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.message_groups import as_ranges, group_messages
 from pfwd_survey.procedures import Kind, PointDrop, judge
+from pfwd_survey.procedures.point import UNSUPPORTED_MARK
 from tui.format import (
     NOTHING,
     UNEXPLAINED,
@@ -26,7 +27,7 @@ from tui.output import clean
 LONGEST_NAME = 20
 """Letters of a point's name in a table; longer ones end with an ellipsis."""
 
-_STAR = "* on a bound of the search; "
+_STAR = f"{UNSUPPORTED_MARK} not supported by the data: decides nothing; "
 _NOTE = "bedrock: 95 % interval; residual: contact phase, over the peak"
 
 
@@ -55,14 +56,14 @@ def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
         blocks = list(same)
         every = [result for _, some in blocks for result in some]
         lines += [f"  {line}" for line in _rests_on(every, _models(every))]
-        starred |= any("modulus" in (result.at_bound or ()) for result in every)
+        starred |= any(result.not_supported is not None for result in every)
         rows: list[tuple[str, ...]] = [_POINT_COLUMNS] if by == "point" else [_DROP_COLUMNS]
         for name, some in blocks:
             rows += [_point_row(name, some)] if by == "point" else _drop_rows(name, some)
         lines += aligned(rows, left=(0, len(rows[0]) - 1))
         for name, some in blocks:
             lines += [f"  {name},{line[1:]}" for line in layer_lines(some)]
-    if used and by == "drop":
+    if used and (by == "drop" or starred):
         lines.append(f"  {_STAR if starred else ''}{_NOTE}")
     rejected = [(r, r.reason or NOTHING) for r in results if r.status == "rejected"]
     order = list(dict.fromkeys(name for name, _ in points))
@@ -97,7 +98,7 @@ def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]
     rows: list[tuple[str, ...]] = []
     for result in results:
         modulus, interval = modulus_and_ends(result)
-        star = "*" if "modulus" in (result.at_bound or ()) else ""
+        star = UNSUPPORTED_MARK if result.not_supported is not None else ""
         kind = "" if result.status == "measured" else f" {clean(result.status)}"
         rows.append(
             (
@@ -126,21 +127,20 @@ def _depth(result: DropResult) -> str:
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
     """Mean of the measured drops with its interval, as reports have it."""
+    from pfwd_survey.inverting.drop_facts import with_modulus
     from pfwd_survey.procedures import NO_PROCEDURE
 
     measured = [r for r in results if r.status == "measured"]
     facts = [
-        PointDrop(
-            number,
-            Kind.MEASURED,
-            modulus=result.modulus_pa,
-            modulus_interval=result.modulus_interval_pa,
-        )
+        with_modulus(PointDrop(number, Kind.MEASURED), result)
         for number, result in enumerate(measured, 1)
     ]
     radius = results[0].plate_radius_m or 0.0
-    value = judge(NO_PROCEDURE, facts, plate_radius=radius).value
-    mean = (NOTHING, NOTHING) if value is None else value_and_ends(value.value, value.interval, 1e6)
+    modulus = judge(NO_PROCEDURE, facts, plate_radius=radius).fitted_modulus
+    mean = NOTHING, NOTHING
+    if modulus is not None:
+        value, ends_text = value_and_ends(modulus.value, modulus.interval, 1e6)
+        mean = f"{value}{UNSUPPORTED_MARK if modulus.not_supported else ''}", ends_text
     residuals = [part for r in measured if (part := r.contact_residual_rms_over_peak) is not None]
     ends = (
         dict.fromkeys(percent(end) for end in (min(residuals), max(residuals))) if residuals else ()

@@ -30,10 +30,18 @@ POINT_COLUMNS = (
     ResultColumn("unit", "text", "of value, interval and target: Pa, or m for a deflection"),
     ResultColumn("target", "number", "in the unit"),
     ResultColumn("verdict", "text", "pass, fail, undecided, or none"),
+    ResultColumn("verdict_reason", "text", "one sentence"),
+    ResultColumn("verdict_reason_code", "text", "kind of the reason; empty: no target"),
+    ResultColumn("value_not_supported", "text", "why nothing can be decided by the value"),
     ResultColumn("drops_measured", "whole", "drops that the value is the mean of"),
-    ResultColumn("modulus_pa", "number", "of the inversion, mean of these drops, Pa"),
+    ResultColumn("modulus_in_force_pa", "number", "that may be used, Pa; empty: none"),
+    ResultColumn("modulus_in_force_interval_low_pa", "number", "95 %, Pa"),
+    ResultColumn("modulus_in_force_interval_high_pa", "number", "95 %, Pa"),
+    ResultColumn("modulus_source", "text", "of the modulus in force: diagnosed or fitted"),
+    ResultColumn("modulus_pa", "number", "of the fits of these drops together, Pa"),
     ResultColumn("modulus_interval_low_pa", "number", "95 %, Pa"),
     ResultColumn("modulus_interval_high_pa", "number", "95 %, Pa"),
+    ResultColumn("modulus_not_supported", "text", "why the data do not support these fits"),
     ResultColumn("diagnosis", "text", "clean, explained or unexplained; empty: not asked for"),
     ResultColumn("discarded", "flag", "whether the point was discarded"),
     ResultColumn("note", "text", "of the point"),
@@ -86,7 +94,7 @@ def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing, job: Job)
 
 
 def _judged(standing: Standing, quantity: Quantity, *, discarded: bool) -> dict[str, Any]:
-    progress, mean = standing.progress, standing.modulus
+    progress = standing.progress
     value = progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
     found: dict[str, Any] = {
@@ -98,16 +106,25 @@ def _judged(standing: Standing, quantity: Quantity, *, discarded: bool) -> dict[
         "unit": unit_of(quantity),
         "target": number(progress.target),
         "verdict": "none" if discarded else str(progress.verdict),
+        "verdict_reason": progress.verdict_reason,
+        "verdict_reason_code": progress.verdict_reason_code and str(progress.verdict_reason_code),
+        "value_not_supported": None if value is None else value.not_supported,
         "drops_measured": len(progress.used),
         "diagnosis": standing.diagnosis,
     }
-    if mean is not None:
-        ends = mean.interval or (None, None)
-        found |= {
-            "modulus_pa": number(mean.value),
-            "modulus_interval_low_pa": number(ends[0]),
-            "modulus_interval_high_pa": number(ends[1]),
-        }
+    columns = (
+        ("modulus", progress.fitted_modulus),
+        ("modulus_in_force", progress.modulus_in_force),
+    )
+    for name, modulus in columns:
+        if modulus is not None:
+            ends = modulus.interval or (None, None)
+            found[f"{name}_pa"] = number(modulus.value)
+            found[f"{name}_interval_low_pa"] = number(ends[0])
+            found[f"{name}_interval_high_pa"] = number(ends[1])
+    in_force, fitted = progress.modulus_in_force, progress.fitted_modulus
+    found["modulus_source"] = None if in_force is None else in_force.source
+    found["modulus_not_supported"] = None if fitted is None else fitted.not_supported
     return found
 
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from pfwd_survey.exporting.rows import PointRows
 from pfwd_survey.judging import Job
-from pfwd_survey.judging.drops import compared
 from pfwd_survey.judging.verdicts import diagnosis_now
-from pfwd_survey.procedures import NO_PROCEDURE, PointProgress, PointValue, judge
+from pfwd_survey.procedures import PointProgress
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,8 +15,6 @@ class Standing:
     procedure: str | None
     """Its name; None: nobody chose one."""
     progress: PointProgress
-    modulus: PointValue | None
-    """Mean modulus of the inversion over the drops that count, whatever the procedure judges."""
     diagnosis: str | None
     """Verdict of the diagnosis that holds; None: there is none."""
     chainage_m: float | None
@@ -27,13 +24,10 @@ class Standing:
 def standing_of(job: Job, found: PointRows) -> Standing:
     """How a point of a survey stands, as screen, log and report have it."""
     point, progress = found.measured, found.progress
-    used = [fact for fact in compared(point.drops) if fact.number in progress.used]
-    radius = point.drops[-1].setup.plate_radius if point.drops else 0.0
     diagnosis, station = diagnosis_now(point), job.station(point.name)
     return Standing(
         None if job.procedure is None else job.procedure.name,
         progress,
-        judge(NO_PROCEDURE, used, plate_radius=radius).value,
         None if diagnosis is None else diagnosis.verdict,
         None if station is None else station.chainage_m,
     )

@@ -245,6 +245,17 @@ class DropResult(StoredRecord):
         return self.refit is not None or "refit" in self.more
 
     @property
+    def not_supported(self) -> str | None:
+        """Reason why the data do not support the modulus, by the usual limit; None: they do."""
+        from pfwd_survey.procedures.profile import OUR_TOLERANCES
+        from pfwd_survey.procedures.valuing import residual_fault
+
+        if self.modulus_pa is None:
+            return None
+        limit = OUR_TOLERANCES["most_residual"]
+        return fit_fault(self) or residual_fault(self.contact_residual_rms_over_peak, limit)
+
+    @property
     def half_sine_load_n(self) -> float | None:
         """Peak of the half-sine, N."""
         pressure = None if self.half_sine is None else self.half_sine.peak_pressure_pa

@@ -1,7 +1,7 @@
 """The points of a survey that is read, judged: from what is stored, nothing is inverted."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,18 +10,24 @@ from pfwd_device.recording import read_survey
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.folders import refuse_no_survey
+from pfwd_survey.files.folders import is_survey, refuse_no_survey
 from pfwd_survey.files.header import Declaration, PointSetup, setup_from
 from pfwd_survey.files.moving import moved_to
 from pfwd_survey.inverting.diagnosis.holding import last_diagnosis
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.drop_facts import stored_facts
 from pfwd_survey.inverting.keeping import result_that_counts
 from pfwd_survey.inverting.kept import is_sound, rests_on
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
 from pfwd_survey.judging.job import Job, job_of
-from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point
-from pfwd_survey.procedures import Kind, PointDrop, Procedure
+from pfwd_survey.judging.verdicts import (
+    JudgedPoint,
+    MeasuredPoint,
+    judge_point,
+    modulus_in_force,
+)
+from pfwd_survey.procedures import Kind, PointDrop, PointModulus, Procedure
 
 DAMAGED = "damaged record"
 
@@ -85,6 +91,30 @@ def judged_points(survey: SurveyContent, job: Job | None = None) -> Iterator[Jud
     for point in survey.points:
         measured = measured_point(point)
         yield JudgedPoint(point.title, judge_point(job, measured), point.discarded)
+
+
+def moduli_in_force(
+    file: str, diagnoses: Sequence[DiagnosisResult]
+) -> Iterator[PointModulus | None]:
+    """Return the modulus in force after each diagnosis of one file.
+
+    Parameters
+    ----------
+    file : str
+        What was diagnosed; the fits that a survey stores count as its fitted moduli.
+    diagnoses : sequence of DiagnosisResult
+    """
+    points: dict[str, MeasuredPoint] = {}
+    job = None
+    if is_survey(file):
+        try:
+            survey = read_survey(file)
+            job = job_of(survey)
+            points = {point.title: measured_point(point) for point in survey.points}
+        except (RecordingError, SurveyError):
+            job = None  # damaged since it was diagnosed: as without a survey
+    for diagnosis in diagnoses:
+        yield modulus_in_force(diagnosis, points.get(str(diagnosis.point)), job)
 
 
 def measured_point(point: SurveyPoint, kept: Iterable[KeptDrop] | None = None) -> MeasuredPoint:

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pfwd_survey.inverting.diagnosis.holding import holds
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
@@ -12,6 +12,7 @@ from pfwd_survey.judging.job import Job
 from pfwd_survey.procedures import (
     DiagnosedModulus,
     Kind,
+    PointModulus,
     PointProgress,
     PointValue,
     Procedure,
@@ -19,7 +20,8 @@ from pfwd_survey.procedures import (
     judge,
 )
 from pfwd_survey.procedures.point import in_force_as_dict
-from pfwd_survey.procedures.valuing import moduli_of, value_of
+from pfwd_survey.procedures.profile import OUR_TOLERANCES
+from pfwd_survey.procedures.valuing import moduli_of, residual_fault, value_of
 
 USUAL_RADIUS = 0.15
 """m; stands in for the plate where no drop says it, and nothing is computed with it."""
@@ -92,6 +94,41 @@ def _diagnosed(point: MeasuredPoint) -> DiagnosedModulus | None:
     )
 
 
+def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
+    """Return the modulus of the base model; None: nothing was fitted."""
+    before = diagnosis.before
+    if before is None or before.modulus_pa is None:
+        return None
+    limit = OUR_TOLERANCES["most_residual"]
+    fault = residual_fault(before.contact_residual_rms_over_peak, limit)
+    return PointModulus(before.modulus_pa, before.modulus_interval_pa, "fitted", fault)
+
+
+def modulus_in_force(
+    diagnosis: DiagnosisResult, point: MeasuredPoint | None = None, job: Job | None = None
+) -> PointModulus | None:
+    """Return the modulus that a diagnosis puts in force at its point; None: there is none.
+
+    Parameters
+    ----------
+    diagnosis : DiagnosisResult
+    point : MeasuredPoint, optional
+        As its survey has it. Without fits there, or without a survey, the fit is that of the base
+        model.
+    job : Job, optional
+        Of the survey.
+    """
+    fitted = None
+    if point is not None:
+        progress = judge_point(job or Job(), dataclasses.replace(point, diagnosis=diagnosis))
+        fitted = progress.fitted_modulus
+    after = diagnosis.after
+    if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
+        return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed")
+    fitted = fitted or fit_before_diagnosis(diagnosis)
+    return None if fitted is None or fitted.not_supported is not None else fitted
+
+
 def judge_point(
     job: Job, point: MeasuredPoint, *, fallback: tuple[float, str] | None = None
 ) -> PointProgress:
@@ -112,7 +149,7 @@ def judge_point(
     """
     procedure = job.procedure_in_force
     facts = compared(point.drops)
-    radius, ratio, faults = _plate(point.drops, facts)
+    radius, ratio, faults = plate_of_point(point.drops)
     target, source = target_of(job, point, fallback)
     setup = point.drops[-1].setup if point.drops else None
     progress = judge(
@@ -164,26 +201,36 @@ def is_target_for(procedure: Procedure, target: float) -> bool:
     return is_for(procedure, target)
 
 
-def _plate(
-    drops: Sequence[MeasuredDrop], facts: Sequence[Any]
-) -> tuple[float, float | None, list[str]]:
-    """Plate radius (m) and Poisson's ratio of the point; what is wrong when drops differ."""
+class PointPlate(NamedTuple):
+    """The plate of a point."""
+
+    radius: float
+    """m; 0: there was no plate."""
+    poisson_ratio: float | None
+    """As declared; None: it is not."""
+    faults: list[str]
+    """One sentence where drops were measured with different plates."""
+
+
+def plate_of_point(drops: Sequence[MeasuredDrop]) -> PointPlate:
+    """Return plate and Poisson's ratio that are declared for the drops of a point."""
     loaded = [
         drop
-        for drop, fact in zip(drops, facts, strict=True)
+        for drop, fact in zip(drops, compared(drops), strict=True)
         if fact.kind not in (Kind.REJECTED, Kind.DISCARDED)
     ]
     if not loaded:
         if not drops:
-            return USUAL_RADIUS, None, []
-        return drops[-1].setup.plate_radius or USUAL_RADIUS, drops[-1].setup.poisson_ratio, []
+            return PointPlate(USUAL_RADIUS, None, [])
+        setup = drops[-1].setup
+        return PointPlate(setup.plate_radius or USUAL_RADIUS, setup.poisson_ratio, [])
     last = loaded[-1].setup
     radii = sorted({drop.setup.plate_radius for drop in loaded})
     faults = []
     if radii[-1] - radii[0] > SAME_PLATE * radii[-1]:
         listed = " and ".join(f"{radius:g} m" for radius in radii)
         faults.append(f"its drops were measured with plates of {listed} radius")
-    return last.plate_radius, last.poisson_ratio, faults
+    return PointPlate(last.plate_radius, last.poisson_ratio, faults)
 
 
 def value_of_drop(job: Job, drop: MeasuredDrop) -> PointValue | None:

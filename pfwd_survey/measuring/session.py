@@ -40,6 +40,7 @@ from pfwd_survey.files.moving import MOVED_TO, move_with
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
+from pfwd_survey.judging.earlier_rules import RULES_EVENT, RULES_VERSION, changed_verdicts
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
@@ -128,6 +129,12 @@ class Session:
         self._plan = replace(plan, setup=agreed.setup)
         self._job, self._job_request = agreed.kept, agreed.request
         self._differences = agreed.differences
+        self._rules_kept = False
+        """Whether the survey has the event with the rules of this version."""
+        self._changed_verdicts: tuple[str, ...] = ()
+        if writer is not None and writer.points:
+            survey = writer.contents()
+            self._changed_verdicts = tuple(changed_verdicts(survey, self.job))
         self._known_points: set[str] = set()
         known = writer.points if writer is not None else ()
         stations = self.job.stations
@@ -321,6 +328,8 @@ class Session:
 
     def _run(self) -> Ending:
         self._tell(JobKnown(self.job, self._differences))
+        for text in self._changed_verdicts:
+            self._tell(Notice(text, serious=True))
         self._tell_known(self._point)
         while not self._finished():
             if self._may_go_on():
@@ -475,6 +484,9 @@ class Session:
         self._recorder.keep_point(self._point, self._declared)
         details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
         self._recorder.keep_event("connected", details | _count(unkept))
+        if not self._rules_kept:
+            self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
+            self._rules_kept = True
         request = self._job_request.over(instrument_request(identity)).news(self._job)
         for kind, said in request.events():
             self._recorder.keep_event(kind, said)

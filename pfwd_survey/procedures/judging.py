@@ -308,9 +308,7 @@ def _too_few(value: PointValue) -> str:
     """Return why a value has no interval."""
     if value.quantity is Quantity.MODULUS:
         return "the modulus has no interval"
-    return (
-        f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, the point has {value.drops}"
-    )
+    return f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, the point has {value.drops}"
 
 
 def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]:

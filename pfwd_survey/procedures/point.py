@@ -128,6 +128,9 @@ def unit_of(quantity: Quantity) -> str:
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
+UNSUPPORTED_MARK = "*"
+"""Stands behind a number that the data do not support, wherever it is shown."""
+
 Use = Literal["design", "with-care", "do-not-use"]
 """What the modulus of a diagnosis may be used for."""
 
@@ -251,6 +254,12 @@ class PointProgress:
         """The modulus that may be used; None: the data support none."""
         modulus = self.modulus
         return None if modulus is None or modulus.not_supported is not None else modulus
+
+    @property
+    def fitted_modulus(self) -> PointModulus | None:
+        """The modulus of the fits of the averaged drops, whether or not it counts."""
+        known = (self.modulus, self.other_modulus)
+        return next((item for item in known if item and item.source == "fitted"), None)
 
     def as_dict(self) -> Mapping[str, Any]:
         """As JSON knows it; SI units."""

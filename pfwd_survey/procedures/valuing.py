@@ -189,10 +189,10 @@ def moduli_of(
 def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:
     r"""Combine the fitted moduli of drops on the logarithm of E.
 
-    One drop keeps its interval. Of several, :math:`\ln E` is the mean, and each side of the interval
-    is :math:`\sqrt{m^2 + s^2}` with the mean half-width m of the drops' own intervals on that side
-    and the half-width s from the scatter (Student). The model's error is common to the drops of a
-    point: their mean does not lessen it.
+    One drop keeps its interval. Of several, :math:`\ln E` is the mean, and each side of the
+    interval is :math:`\sqrt{m^2 + s^2}` with the mean half-width m of the drops' own intervals on
+    that side and the half-width s from the scatter (Student). The model's error is common to the
+    drops of a point: their mean does not lessen it.
     """
     fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
     if not fitted:
@@ -220,13 +220,18 @@ def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
     """Return the reason why the data do not support the modulus of a drop; None: they do."""
     if drop.fit_fault is not None:
         return f"drop {drop.number}: {drop.fit_fault}"
-    limit = procedure.tolerance("most_residual")
-    if drop.residual is not None and drop.residual > limit.value:
-        return (
-            f"drop {drop.number}: the model leaves {100 * drop.residual:.2g} % of the peak, at "
-            f"most {100 * limit.value:.3g} % is allowed"
-        )
-    return None
+    fault = residual_fault(drop.residual, procedure.tolerance("most_residual").value)
+    return None if fault is None else f"drop {drop.number}: {fault}"
+
+
+def residual_fault(residual: float | None, limit: float) -> str | None:
+    """Return what is wrong with a residual over the peak; None: nothing, or it is not known."""
+    if residual is None or residual <= limit:
+        return None
+    return (
+        f"the model leaves {100 * residual:.2g} % of the peak, at most {100 * limit:.3g} % is "
+        "allowed"
+    )
 
 
 def _judged_modulus(

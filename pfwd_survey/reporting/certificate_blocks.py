@@ -10,6 +10,8 @@ from typing import Any
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.procedures import Procedure, Quantity, Verdict
+from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+from pfwd_survey.procedures.preconditions import presumed_load
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import (
     Block,
@@ -69,7 +71,7 @@ def certificate_blocks(
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in _rows(report, kept, texts) if row[1])))
     if len(report.points) <= MOST_ROWS:
-        blocks.append(points_table(report, texts))
+        blocks += [points_table(report, texts), *unsupported_note(report, texts)]
     drawn = [point for point in kept if with_curves(point)]
     if drawn:
         draw = partial(draw_curves, points=drawn, texts=texts, letters=letters)
@@ -118,7 +120,7 @@ def _rows(report: Report, kept: Sequence[ReportPoint], texts: Texts) -> tuple[tu
         (texts["judged_by"], judged_by(report, texts)),
         (texts["formula"], _formula(report.procedure)),
         (texts["drops_asked"], _drops_asked(report, texts)),
-        (texts["load"], _loads(kept)),
+        (texts["load"], _loads(kept, report.procedure, texts)),
         (texts["conditions"], _conditions(kept, texts)),
         (texts["points"], points),
         (texts["verdict"], verdicts),
@@ -150,18 +152,28 @@ def _drops_asked(report: Report, texts: Texts) -> str:
     return " + ".join(f"{count} ({texts[kind]})" for count, kind in wanted if count)
 
 
-def _loads(kept: Sequence[ReportPoint]) -> str:
-    """Peak loads of the averaged drops, and the mean pressures below the plate."""
+def _loads(kept: Sequence[ReportPoint], procedure: Procedure, texts: Texts) -> str:
+    """Return peak loads and mean stresses below the plate: measured, then presumed."""
     loads = [
         (load, load / (math.pi * radius**2))
         for point in kept
         for drop in used_drops(point)
         if (load := drop.facts.peak_load) is not None and (radius := point.setup.plate_radius)
     ]
-    if not loads:
-        return ""
-    forces, pressures = zip(*loads, strict=True)
-    return f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
+    parts = []
+    if loads:
+        forces, pressures = zip(*loads, strict=True)
+        measured = f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
+        parts.append(f"{texts['load_measured']}: {measured}")
+    plate = next((point.setup.plate_radius for point in kept if point.setup.plate_radius), 0.0)
+    presumed = presumed_load(procedure, (), plate) if plate else None
+    if presumed is not None:
+        ours = f", {texts['our_tolerance']}" if presumed.tolerance_is_ours else ""
+        parts.append(
+            f"{texts['load_presumed']}: {shown.digits(presumed.load / 1e3)} kN, σ = "
+            f"{shown.digits(presumed.pressure / 1e3)} kPa (± {100 * presumed.tolerance:g} %{ours})"
+        )
+    return "; ".join(parts)
 
 
 def _range(values: Sequence[float], scale: float) -> str:
@@ -255,12 +267,26 @@ def points_table(report: Report, texts: Texts) -> Table:
             cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
         cells += [shown.value_of(progress.value, texts)] if judged else []
         cells += [
-            modulus_text(point, quantity, texts),
+            modulus_text(point, texts),
             shown.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
     return Table(tuple(columns), tuple(rows), right)
+
+
+def unsupported_note(report: Report, texts: Texts) -> list[Block]:
+    """Return the note on points whose value or modulus is marked; none where no point is."""
+    reasons: dict[str, list[str]] = {}
+    for point in report.points:
+        value, modulus = point.progress.value, point.progress.modulus
+        marked = [item.not_supported for item in (value, modulus) if item is not None]
+        for reason in dict.fromkeys(filter(None, marked)):
+            reasons.setdefault(texts.message(reason), []).append(point.name)
+    if not reasons:
+        return []
+    listed = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+    return [Paragraph(f"{UNSUPPORTED_MARK} {texts['not_supported']}: {listed}", "note")]
 
 
 def _mean(values: Sequence[float]) -> str:

@@ -81,14 +81,15 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
     return blocks
 
 
+_USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
+
+
 def _use(found: DiagnosisResult, texts: Texts) -> str:
     """What may be done with the modulus after, and at which stress it is one."""
     after = found.after
-    if after is None or after.modulus_pa is None or found.verdict == "clean":
+    if after is None or after.modulus_pa is None:
         return ""
-    text = texts["use_after" if found.corrected else "do_not_use_after"]
-    if found.moved_less:
-        text += f" {texts['moved_less']}"
+    text = f"{texts[_USE_KEYS[found.use]]}: {texts.message(found.use_reason)}."
     if after.stress_pa is None or not math.isfinite(after.stress_pa):
         return text
     other = after.modulus_100kpa_pa

@@ -42,6 +42,7 @@ from pfwd_survey.judging.contents import (
     target_of_point,
 )
 from pfwd_survey.judging.drops import compared
+from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.judging.verdicts import diagnosis_now
 from pfwd_survey.peaks.basin import Basin, basin_of
@@ -196,7 +197,10 @@ def gather(
         },
         command=_command(str(folder), options),
         own_procedure=own,
-        otherwise=_said_otherwise(own, job.procedure_in_force, options.target, points),
+        otherwise=(
+            *_said_otherwise(own, job.procedure_in_force, options.target, points),
+            *changed_verdicts(survey, job),
+        ),
     )
 
 

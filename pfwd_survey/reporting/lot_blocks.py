@@ -19,7 +19,9 @@ _HEIGHT, _CORRELATION_HEIGHT = 56.0, 48.0
 
 def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     """Blocks on the points as a lot; none for fewer than three values."""
-    kept = [p for p in report.points if not p.discarded and p.progress.value is not None]
+    valued = [p for p in report.points if not p.discarded and p.progress.value is not None]
+    kept = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
+    excluded = [point.name for point in valued if point not in kept]
     scale, unit = _unit(report)
     lot = _lot(report, kept, scale)
     if lot is None:
@@ -36,7 +38,7 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     )
     together: tuple[Block, ...] = (
         Heading(f"{texts['lot']}: {name}"),
-        Pairs(tuple(row for row in _rows(lot, kept, unit, texts) if row[1])),
+        Pairs(tuple(row for row in _rows(lot, kept, excluded, unit, texts) if row[1])),
         Picture(draw, _HEIGHT, texts["lot_note"], texts["lot"]),
     )
     return [
@@ -56,7 +58,7 @@ def _lot(report: Report, points: Sequence[ReportPoint], scale: float) -> Lot | N
 
 
 def _rows(
-    lot: Lot, points: Sequence[ReportPoint], unit: str, texts: Texts
+    lot: Lot, points: Sequence[ReportPoint], excluded: Sequence[str], unit: str, texts: Texts
 ) -> list[tuple[str, str]]:
     names = [point.name for point in points]
     outliers = ", ".join(f"{names[i]} ({shown.digits(lot.values[i])})" for i in lot.noticeable)
@@ -73,6 +75,10 @@ def _rows(
         (texts["characteristic"], _characteristic(lot, unit, texts)),
         (texts["outliers"], outliers or shown.NOTHING),
         (texts["passed"], _passed(points, texts)),
+        (
+            texts["lot_excluded"],
+            f"{len(excluded)} ({', '.join(excluded)})" if excluded else "",
+        ),
     ]
 
 

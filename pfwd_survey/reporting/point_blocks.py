@@ -125,8 +125,7 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
     rows += [
         (
             texts["modulus"],
-            f"{modulus_text(point, report.procedure.quantity, texts)}; "
-            f"{shown.basis_of(first_result(point))}",
+            f"{modulus_text(point, texts)}; {shown.basis_of(first_result(point))}",
         ),
         (
             texts["effective"],

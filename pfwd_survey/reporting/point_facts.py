@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pfwd_survey.files.header import IMPORTED
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.procedures import NO_PROCEDURE, Quantity, Verdict, judge
+from pfwd_survey.procedures import Verdict
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.content import ReportDrop, ReportPoint
 from pfwd_survey.reporting.texts import Texts
@@ -46,14 +46,15 @@ def effective_result(point: ReportPoint) -> DropResult:
     return DropResult()
 
 
-def modulus_text(point: ReportPoint, quantity: Quantity, texts: Texts) -> str:
-    """Modulus of the inversion: what is judged where the procedure judges it, which may be that of
-    the diagnosis; else the mean of the fits of the averaged drops."""
-    value = point.progress.value
-    if quantity is not Quantity.MODULUS or value is None:
-        facts = [drop.facts for drop in used_drops(point)]
-        value = judge(NO_PROCEDURE, facts, plate_radius=point.setup.plate_radius).value
-    return shown.NOTHING if value is None else shown.value_of(value, texts)
+def modulus_text(point: ReportPoint, texts: Texts) -> str:
+    """The modulus of the point that counts, marked where the data do not support it."""
+    modulus = point.progress.modulus
+    if modulus is None:
+        return shown.NOTHING
+    ends = None if modulus.interval is None else [end / 1e6 for end in modulus.interval]
+    return shown.with_interval(
+        modulus.value / 1e6, ends, "MPa", texts, marked=modulus.not_supported is not None
+    )
 
 
 def all_warnings(point: ReportPoint) -> list[str]:

@@ -6,6 +6,7 @@ from typing import Any, TypeGuard
 from pfwd_survey.digits import rounded, with_ends
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import PointValue, Quantity
+from pfwd_survey.procedures.point import UNSUPPORTED_MARK
 from pfwd_survey.reporting.texts import Texts
 
 NOTHING = "–"
@@ -29,7 +30,13 @@ def _decimals(value: float, count: int) -> int:
 
 
 def with_interval(
-    value: float, interval: Any, unit: str, texts: Texts, missing: str = "unknown_interval"
+    value: float,
+    interval: Any,
+    unit: str,
+    texts: Texts,
+    missing: str = "unknown_interval",
+    *,
+    marked: bool = False,
 ) -> str:
     """A value with its 95 % interval, or with the word that there is none.
 
@@ -42,12 +49,15 @@ def with_interval(
     texts : Texts
     missing : str
         Key of the words for a missing interval.
+    marked : bool
+        Whether the data do not support the value.
     """
+    mark = UNSUPPORTED_MARK if marked else ""
     if not interval or not all(_is_finite(end) for end in interval):
-        return f"{f'{digits(value)} {unit}'.strip()} ({texts[missing]})"
+        return f"{f'{digits(value)}{mark} {unit}'.strip()} ({texts[missing]})"
     shown, low, high = with_ends(value, (interval[0], interval[1]))
     # Broken between value and interval, if at all.
-    value_text = shown + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
+    value_text = shown + mark + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
     gap = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}"
     return f"{value_text} ({low}{gap}{high})"
 
@@ -102,7 +112,8 @@ def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> st
         return texts["no_result"]
     interval = result.modulus_interval_pa
     ends = None if interval is None else [end / 1e6 for end in interval]
-    return with_interval(result.modulus_pa / 1e6, ends, unit, texts)
+    marked = result.not_supported is not None
+    return with_interval(result.modulus_pa / 1e6, ends, unit, texts, marked=marked)
 
 
 def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
@@ -130,8 +141,14 @@ def value_of(value: PointValue | None, texts: Texts) -> str:
     if value is None:
         return NOTHING
     scale, unit = (1e3, "mm") if value.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
+    marked = value.not_supported is not None
+    if value.interval is None and value.drop_range is not None:
+        smallest, largest = value.drop_range
+        _, low, high = with_ends(value.value * scale, (smallest * scale, largest * scale))
+        number = f"{digits(value.value * scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
+        return f"{number} ({texts.say('drop_range', count=value.drops, low=low, high=high)})"
     interval = None if value.interval is None else [end * scale for end in value.interval]
-    return with_interval(value.value * scale, interval, unit, texts, "one_drop")
+    return with_interval(value.value * scale, interval, unit, texts, "one_drop", marked=marked)
 
 
 def value_basis(value: PointValue | None, texts: Texts) -> str:

@@ -22,7 +22,6 @@ from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.exporting.point_rows import unit_of
 from pfwd_survey.exporting.tables import FORMULA
 from pfwd_survey.exporting.workbook import as_date
-from pfwd_survey.procedures import NO_PROCEDURE, judge
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.point_facts import time_of, used_drops, verdict_of
 
@@ -282,11 +281,11 @@ def point_values(point: ReportPoint, report: Report) -> Values:
     """What there is of a point: the names of the exports, and its settlements."""
     progress, value, place = point.progress, point.progress.value, point.position or {}
     used = used_drops(point)
-    mean = judge(
-        NO_PROCEDURE, [drop.facts for drop in used], plate_radius=point.setup.plate_radius
-    ).value
+    mean, in_force = progress.fitted_modulus, progress.modulus_in_force
     ends = (None, None) if value is None or value.interval is None else value.interval
     modulus_ends = (None, None) if mean is None or mean.interval is None else mean.interval
+    no_ends = (None, None)
+    in_force_ends = no_ends if in_force is None else in_force.interval or no_ends
     depths = [drop.facts.peak_deflection for drop in used]
     known = [depth for depth in depths if depth is not None]
     speeds = [v for drop in used if (v := drop.facts.peak_velocity) is not None]
@@ -307,6 +306,14 @@ def point_values(point: ReportPoint, report: Report) -> Values:
         "unit": None if value is None else unit_of(value.quantity),
         "target": progress.target,
         "verdict": verdict_of(point),
+        "verdict_reason": progress.verdict_reason,
+        "verdict_reason_code": progress.verdict_reason_code and str(progress.verdict_reason_code),
+        "value_not_supported": None if value is None else value.not_supported,
+        "modulus_in_force_pa": None if in_force is None else in_force.value,
+        "modulus_in_force_interval_low_pa": in_force_ends[0],
+        "modulus_in_force_interval_high_pa": in_force_ends[1],
+        "modulus_source": None if in_force is None else in_force.source,
+        "modulus_not_supported": None if mean is None else mean.not_supported,
         "drops_measured": len(progress.used),
         "modulus_pa": None if mean is None else mean.value,
         "modulus_interval_low_pa": modulus_ends[0],

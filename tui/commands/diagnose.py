@@ -4,7 +4,7 @@ import argparse
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
@@ -19,6 +19,7 @@ from tui.progress import points_counted
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
+    from pfwd_survey.procedures import PointModulus
 
 
 def run(args: argparse.Namespace) -> int:
@@ -137,17 +138,58 @@ def show_all(found: "Sequence[Diagnosed]", *, as_json: bool) -> None:
     """
     results = [one.result for one in found if one.result is not None]
     together = not as_json and sum(result.drops == () for result in results) > 1
+    moduli = _moduli_in_force(results) if as_json else {}
     for one in found:
         if one.error is not None:
             say(one.error)
         elif one.result is not None and not (together and one.result.drops == ()):
-            show_diagnosis(one.result, as_json=as_json)
+            modulus = moduli.get(_key(one.result))
+            show_diagnosis(one.result, as_json=as_json, modulus=modulus)
     if not as_json:
         for line in [*(nothing_lines(results) if together else ()), *diagnosis_warnings(results)]:
             print(line, flush=True)
 
 
-def show_diagnosis(result: DiagnosisResult, *, as_json: bool) -> None:
-    lines = [json_text(result.to_json())] if as_json else diagnosis_lines(result, warnings=False)
-    for line in lines:
+_Key = tuple[str | None, str | None, tuple[int, ...] | None]
+
+
+def _key(result: DiagnosisResult) -> _Key:
+    """Return file, point and drops of a diagnosis, which only one diagnosis of a run has."""
+    return result.file, result.point, result.drops
+
+
+def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "dict[_Key, PointModulus | None]":
+    """Return the moduli in force; each survey is read once."""
+    from pfwd_survey.judging.contents import moduli_in_force
+
+    moduli: dict[_Key, PointModulus | None] = {}
+    for file in dict.fromkeys(str(result.file) for result in results):
+        of_file = [result for result in results if str(result.file) == file]
+        moduli |= zip(map(_key, of_file), moduli_in_force(file, of_file), strict=True)
+    return moduli
+
+
+def show_diagnosis(
+    result: DiagnosisResult,
+    *,
+    as_json: bool,
+    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
+) -> None:
+    """Print a diagnosis.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    as_json : bool
+    modulus : PointModulus or None, optional
+        The modulus in force at its point; by default that of the diagnosis alone.
+    """
+    if as_json:
+        from pfwd_survey.judging.verdicts import modulus_in_force
+        from pfwd_survey.procedures.point import in_force_as_dict
+
+        modulus = modulus_in_force(result) if modulus == "unknown" else modulus
+        print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)
+        return
+    for line in diagnosis_lines(result, warnings=False):
         print(line, flush=True)

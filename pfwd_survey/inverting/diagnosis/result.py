@@ -234,11 +234,12 @@ class DiagnosisResult(StoredRecord):
             return "do-not-use", "the diagnosis leaves the modulus open"
         value, (low, high) = after.modulus_pa, ends
         if self.verdict in ("clean", "explained"):
-            if max(high - value, value - low) < NARROW_FOR_DESIGN * value:
+            reach = max(high - value, value - low) / value
+            if reach < NARROW_FOR_DESIGN:
                 return "design", f"the record is {self.verdict} and the interval is narrow"
             return "do-not-use", (
-                f"the interval of the modulus reaches {_percent(max(high - value, value - low) / value)}"
-                f" from it, at most {_percent(NARROW_FOR_DESIGN)} is allowed"
+                f"the interval of the modulus reaches {_percent(reach)} from it, at most "
+                f"{_percent(NARROW_FOR_DESIGN)} is allowed"
             )
         if explained_to > EXPLAINED_WITH_CARE:
             return "do-not-use", (
@@ -252,17 +253,6 @@ class DiagnosisResult(StoredRecord):
         return "with-care", (
             f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
         )
-
-    @property
-    def moved_less(self) -> bool:
-        """Whether the modulus of an explained point moved by less than its interval is wide."""
-        before, after = self.before, self.after
-        if self.verdict != "explained" or before is None or after is None:
-            return False
-        ends = after.modulus_interval_pa
-        if before.modulus_pa is None or after.modulus_pa is None or ends is None:
-            return False
-        return not ends[1] - ends[0] < abs(after.modulus_pa - before.modulus_pa)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -247,9 +247,7 @@ def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
         dataclasses.replace(diagnosis(), drops=()),
     ):
         assert judge_point(job, MeasuredPoint("1", drops(), diagnosis=other)).value == plain
-    some = dataclasses.replace(
-        diagnosis(), drops=tuple(numbers[1:]), left_out=(numbers[0],)
-    )
+    some = dataclasses.replace(diagnosis(), drops=tuple(numbers[1:]), left_out=(numbers[0],))
     judged = judge_point(job, MeasuredPoint("1", drops(), diagnosis=some)).value
     assert judged is not None
     assert judged.value == pytest.approx(38e6)

@@ -382,9 +382,7 @@ def test_a_spread_is_compared_with_its_own_limit(check: str, field: str, words: 
     (fault,) = judged(drops, limits(**limited)).faults
     assert fault == f"{words}, largest less smallest over mean is 20.0%, at most 15.0% is allowed"
     assert judged(drops, limits(**limited | {check: 0.25})).faults == ()
-    loose = own(
-        checks={key: Number(limit, "here", key != check) for key, limit in limited.items()}
-    )
+    loose = own(checks={key: Number(limit, "here", key != check) for key, limit in limited.items()})
     found = judged(drops, loose)
     assert found.faults == ()
     assert f"{fault} (not verified, not enforced)" in found.notes

@@ -16,7 +16,7 @@ from textual.widgets._tabs import Underline
 
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.processes import start_text_child
-from tui.output import clean, counted
+from tui.output import clean, counted, say
 from tui.screen.drawing.axes import stacked_plots
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line
@@ -143,6 +143,8 @@ class OpenApp(App[int]):
         """What the filter lets through, in order."""
         self.ready = False
         """Whether everything is read and judged."""
+        self.changed_verdicts: list[str] = []
+        """One sentence for each point whose verdict this version changed."""
         self._places: dict[str, int] = {}
         self._overlays: dict[str, tuple[Sequence[Any], Sequence[str]]] = {}
         """Curves and faults of the plots of drops, to be drawn for another size too."""
@@ -204,6 +206,7 @@ class OpenApp(App[int]):
                 self.opened.read()
                 self._tell(self._show_rows)
                 self.opened.judge(lambda rows: self._tell(self._update, rows))
+                self.changed_verdicts = self.opened.changed_verdicts()
         except (SurveyError, DeviceError, OSError) as err:
             self._tell(self.say, str(err))
             return
@@ -218,6 +221,10 @@ class OpenApp(App[int]):
         self._counts = ""
         self._show_rows()
         self._draw_job()
+        changed = self.changed_verdicts
+        if changed:
+            more = f" ({len(changed)} changed; all are listed when you leave)"
+            self.say(changed[0] + (more if len(changed) > 1 else ""))
 
     # The table of points.
 
@@ -571,6 +578,14 @@ def _target(target: float | None) -> str:
     return target_text(target)
 
 
+def mark(is_marked: bool) -> str:
+    """Return the mark of a number that the data do not support, or nothing."""
+    # Loaded when rows are shown: the frame is painted before.
+    from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+
+    return UNSUPPORTED_MARK if is_marked else ""
+
+
 def _cells(row: PointRow) -> tuple[str, ...]:
     value = shown_value(row)
     unit = "mm" if row.unit == "m" else "MPa"
@@ -581,11 +596,11 @@ def _cells(row: PointRow) -> tuple[str, ...]:
     return (
         clean(row.title),
         str(row.drops),
-        f"{figures(value)} {unit}" if row.value is not None else "-",
+        f"{figures(value)}{mark(row.value_marked)} {unit}" if row.value is not None else "-",
         ends,
         _target(row.target),
         row.state,
-        figures(row.modulus and row.modulus / 1e6),
+        f"{figures(row.modulus and row.modulus / 1e6)}{mark(row.modulus_marked)}",
         "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
         clean(row.diagnosed) or "-",
         clean(row.notes),
@@ -596,4 +611,6 @@ def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
     """Show a survey until the reader leaves; the exit status."""
     app = OpenApp(OpenedSurvey(folder), settings)
     app.run()
+    for text in app.changed_verdicts:
+        say(text)
     return app.return_code or 0

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
     from pfwd_survey.judging import Job, MeasuredPoint
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 """To be raised when rows have other fields, or are judged otherwise."""
 
 LARGEST_CACHE = 50_000_000
@@ -50,7 +50,11 @@ class PointRow:
     """pass, fail, undecided or none."""
     reason: str = ""
     modulus: float | None = None
-    """Mean of the fits over the averaged drops, Pa."""
+    """The modulus of the point that counts, Pa."""
+    modulus_marked: bool = False
+    """Whether the data do not support the modulus."""
+    value_marked: bool = False
+    """Whether nothing can be decided by the value."""
     measured: int = 0
     """Drops that are averaged."""
     diagnosed: str = ""
@@ -141,6 +145,12 @@ class OpenedSurvey:
         tell(part)
         self._keep()
 
+    def changed_verdicts(self) -> list[str]:
+        """Return one sentence for each point whose verdict this version changed."""
+        from pfwd_survey.judging.earlier_rules import changed_verdicts
+
+        return list(changed_verdicts(self.survey, self.job))
+
     def point(self, name: str) -> Any:
         """A point of the survey by the name its drops have; None before it is read."""
         if self.survey is None:
@@ -210,12 +220,8 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
     except (SurveyError, DeviceError) as err:
         return dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
     progress = judged.progress
-    value, used = progress.value, set(progress.used)
-    moduli = [
-        drop.facts.modulus
-        for drop in measured.drops
-        if drop.facts.number in used and drop.facts.modulus is not None
-    ]
+    value = progress.value
+    modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
     return dataclasses.replace(
         row,
@@ -228,32 +234,31 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
         target=progress.target,
         verdict=progress.verdict.value,
         reason=progress.verdict_reason,
-        modulus=sum(moduli) / len(moduli) if moduli else None,
+        modulus=None if modulus is None else modulus.value,
+        modulus_marked=modulus is not None and modulus.not_supported is not None,
+        value_marked=value is not None and value.not_supported is not None,
         measured=len(progress.used),
         diagnosed=_diagnosed(measured),
     )
 
 
+_USE_WORDS = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
+
+
 def _diagnosed(point: "MeasuredPoint") -> str:
-    """Modulus, and whether it may be taken for corrected; with what is left of the peak."""
-    from pfwd_survey.digits import with_width
+    """Return the verdict of the diagnosis, its use, and the residual that it leaves.
+
+    The modulus is not repeated: the column of the modulus has the one in force.
+    """
     from pfwd_survey.judging.verdicts import diagnosis_now
     from tui.screen.units import percent
 
-    found = diagnosis_now(point)
-    if found is None or found.after is None:
+    diagnosis = diagnosis_now(point)
+    if diagnosis is None or diagnosis.after is None:
         return ""
-    after = found.after
-    word = "corrected" if found.corrected else str(found.verdict)
-    if after.modulus_pa is None:
-        return word
-    left = after.residual_rms_over_peak
-    rest = "" if left is None else f", {percent(left)} left"
-    if after.modulus_interval_pa is None:
-        return f"{word}{rest}"
-    low, high = (end / 1e6 for end in after.modulus_interval_pa)
-    middle, near, far = with_width(after.modulus_pa / 1e6, (low, high))
-    return f"{middle} MPa ({near} to {far}), {word}{rest}"
+    residual = diagnosis.after.residual_rms_over_peak
+    left = "" if residual is None else f", {percent(residual)} left"
+    return f"{diagnosis.verdict}: {_USE_WORDS[diagnosis.use]}{left}"
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

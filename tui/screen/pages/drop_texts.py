@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import PointProgress, Quantity, Verdict
+from pfwd_survey.procedures.point import UNSUPPORTED_MARK
 from tui.screen.drawing.blocks import TableColumn, TableRow
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState, PointState
@@ -18,7 +19,8 @@ def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
     result = drop.result if drop is not None else None
     if drop is None or result is None or drop.modulus is None:
         return "-", ""
-    return units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
+    value, error = units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
+    return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), error
 
 
 class Judged(NamedTuple):
@@ -60,11 +62,23 @@ def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, s
     if value is None:
         return NOTHING, "", ""
     quantity = judged_quantity(value.quantity)
+    mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     if value.interval is None:
-        return units.text(quantity, value.value), "", units.unit(quantity)
+        return f"{units.text(quantity, value.value)}{mark}", "", units.unit(quantity)
     half = (value.interval[1] - value.interval[0]) / 2
     shown, error = units.measured(quantity, value.value, half, 3)
-    return shown, error, units.unit(quantity)
+    return f"{shown}{mark}", error, units.unit(quantity)
+
+
+def point_modulus_text(progress: PointProgress, units: Units) -> str:
+    """The modulus of a point that counts, with its interval, mark and unit; a dash for none."""
+    modulus = progress.modulus
+    if modulus is None:
+        return NOTHING
+    half = None if modulus.interval is None else (modulus.interval[1] - modulus.interval[0]) / 2
+    value, error = units.measured("modulus", modulus.value, half, 3)
+    mark = UNSUPPORTED_MARK if modulus.not_supported is not None else ""
+    return f"{value}{mark}{f' ±{error}' if error else ''} {units.unit('modulus')}"
 
 
 def uncertainty_of(result: DropResult) -> float | None:
@@ -227,7 +241,7 @@ VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
 
 def point_summary(state: SessionState, point: PointState, units: Units, width: int) -> Line:
     """What is judged, of how many drops, and whether the target is met; the modulus beside it."""
-    mean, progress = state.mean_of(point), state.progress_of(point)
+    progress = state.progress_of(point)
     pieces = []
     own = progress.value
     if own is None:
@@ -237,9 +251,8 @@ def point_summary(state: SessionState, point: PointState, units: Units, width: i
         sure = f" ±{error}" if error else ""
         text = f"point: {QUANTITY_NAMES[own.quantity]} {shown}{sure} {unit}, mean of {own.drops}"
         pieces.append(piece(0, cell(text, "strong")))
-        if own.quantity is not Quantity.MODULUS and mean.modulus is not None:
-            modulus = units.with_unit("modulus", mean.modulus)
-            pieces.append(piece(2, cell(f"modulus {modulus}")))
+        if own.quantity is not Quantity.MODULUS and progress.modulus is not None:
+            pieces.append(piece(2, cell(f"modulus {point_modulus_text(progress, units)}")))
     if own is not None and progress.verdict in VERDICTS:  # nothing measured is no verdict
         word, role = VERDICTS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))

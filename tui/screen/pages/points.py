@@ -16,6 +16,7 @@ from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
     drop_columns,
     drop_row,
+    point_modulus_text,
     point_summary,
     point_value_text,
 )
@@ -173,7 +174,6 @@ class PointsPage(Page):
 
     def _row(self, point: PointState, units: Units, *, chosen: bool) -> TableRow:
         state = self.pfwd.state
-        mean = state.mean_of(point)
         place = point.position
         progress = state.progress_of(point)
         shown, error, _ = point_value_text(progress, units)
@@ -183,7 +183,7 @@ class PointsPage(Page):
                 str(len(point.drops)),
                 shown,
                 f"±{error}" if error else NOTHING,
-                units.text("modulus", mean.modulus),
+                point_modulus_text(progress, units),
                 units.text(judged_quantity(state.job.quantity), progress.target),
                 status_of(point, progress),
                 f"{place[0]:.6f}, {place[1]:.6f}" if place else NOTHING,

@@ -70,17 +70,6 @@ class DropState:
         return self.safe and not self.results and self.status != "rejected"
 
 
-@dataclass(frozen=True, slots=True)
-class Mean:
-    """Of the measured drops of a point."""
-
-    count: int
-    modulus: float | None
-    """Pa."""
-    spread: float | None
-    """Standard deviation between drops, Pa; None below two drops."""
-
-
 @dataclass(slots=True)
 class PointState:
     """A test point."""

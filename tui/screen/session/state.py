@@ -1,7 +1,6 @@
 """What the events of a session add up to: device, points, drops. No widget, no thread."""
 
 import datetime
-import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -49,7 +48,7 @@ from tui.screen.session.drop_changes import (
     sensor_residuals,
     sensors_left_out,
 )
-from tui.screen.session.drop_state import DropState, Mean, PointState
+from tui.screen.session.drop_state import DropState, PointState
 from tui.screen.session.screen_events import (
     ContentsRead,
     DiagnosisDone,
@@ -211,19 +210,6 @@ class SessionState:
     def progress_of(self, point: PointState) -> PointProgress:
         """What the procedure says of a point; computed anew when something has changed."""
         return self.standing.progress_of(point.name)
-
-    def mean_of(self, point: PointState) -> Mean:
-        """The modulus of a point, over the drops that its procedure uses."""
-        used = set(self.progress_of(point).used)
-        values = [
-            modulus
-            for number, drop in point.drops.items()
-            if number in used and (modulus := drop.modulus) is not None
-        ]
-        if not values:
-            return Mean(0, None, None)
-        spread = statistics.stdev(values) if len(values) > 1 else None
-        return Mean(len(values), statistics.fmean(values), spread)
 
     def why_left_out(self, drop: DropState) -> str:
         """Why a drop takes no part in the mean of its point; empty: it does, or is no candidate."""

@@ -1,0 +1,105 @@
+"""A survey that version 0.1 recorded names the points whose verdict this version changed."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.files.header import PointSetup, declared_values
+from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point
+from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
+from pfwd_survey.judging.earlier_rules import (
+    RULES_EVENT,
+    RULES_VERSION,
+    changed_verdicts,
+    earlier_verdict,
+)
+from pfwd_survey.procedures import Verdict, find_procedure, plain_procedure
+from tests.pfwd_survey.reporting.surveys import half_sine_drop, result_of
+
+SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
+GERMAN = find_procedure("tp-bf-stb-b8.3")
+
+
+def drops(peak: float, count: int = 6, **result: Any) -> list[MeasuredDrop]:
+    """Drops of one height; the deflection is 0.5 mm per 8 kN, E_vd 45 MPa at 8 kN."""
+    made = []
+    for number in range(1, count + 1):
+        drop = measured_drop(half_sine_drop(number, peak * (1 + 1e-4 * number)), SETUP)
+        made.append(drop.with_result(DropResult.from_json(result_of(number) | result)))
+    return made
+
+
+def verdicts(job: Job, some: list[MeasuredDrop], target: float) -> tuple[Verdict, Verdict]:
+    point = MeasuredPoint("1", some, target=target)
+    progress = judge_point(job, point)
+    return earlier_verdict(job, point, progress), progress.verdict
+
+
+@pytest.mark.parametrize(
+    ("peak", "target", "expected"),
+    [
+        (5100.0, 45e6, (Verdict.PASS, Verdict.UNDECIDED)),  # E_vd 70 by the nominal stress
+        (9650.0, 45e6, (Verdict.FAIL, Verdict.UNDECIDED)),
+        (7070.0, 45e6, (Verdict.PASS, Verdict.PASS)),
+        (7070.0, 60e6, (Verdict.FAIL, Verdict.FAIL)),
+    ],
+)
+def test_a_wrong_height_was_decided(
+    peak: float, target: float, expected: tuple[Verdict, Verdict]
+) -> None:
+    assert verdicts(Job(procedure=GERMAN), drops(peak), target) == expected
+
+
+def test_an_uneven_interval_was_spread_evenly() -> None:
+    # 45.6 to 98.7 MPa became 60.9 to 114 and passed a target of 55.
+    uneven = {"modulus_pa": 87.4e6, "modulus_interval_pa": [45.6e6, 98.7e6]}
+    job = Job(procedure=plain_procedure(0, 1))
+    assert verdicts(job, drops(8000.0, 1, **uneven), 55e6) == (Verdict.PASS, Verdict.UNDECIDED)
+
+
+def test_two_peaks_had_an_interval() -> None:
+    two = dataclasses.replace(find_procedure("mchw-885"), measured=None, seating=None)
+    assert verdicts(Job(procedure=two), drops(7070.0, 2), 1e6) == (
+        Verdict.PASS,
+        Verdict.UNDECIDED,
+    )
+
+
+def test_every_fit_was_taken() -> None:
+    job = Job(procedure=plain_procedure())
+    assert verdicts(job, drops(8000.0, at_bound=["modulus"]), 20e6) == (
+        Verdict.PASS,
+        Verdict.UNDECIDED,
+    )
+    assert verdicts(job, drops(8000.0), 20e6) == (Verdict.PASS, Verdict.PASS)
+
+
+def recorded(folder: Path, peak: float, *events: tuple[str, dict[str, Any]]) -> Path:
+    declared = declared_values(SETUP)
+    with SurveyWriter.open(folder, publish=False) as writer:
+        writer.note_event("procedure", GERMAN.as_kept())
+        writer.note_event("job", {"target": 45e6})
+        for kind, details in events:
+            writer.note_event(kind, details)
+        for number in range(1, 7):
+            drop = half_sine_drop(number, peak * (1 + 1e-4 * number))
+            writer.save_drop(DropRecord(point="1", drop=drop, declared=declared))
+    return folder
+
+
+def test_the_survey_names_its_changed_points_until_it_has_the_rules(tmp_path: Path) -> None:
+    old = read_survey(recorded(tmp_path / "old", 5100.0))
+    (text,) = changed_verdicts(old, job_of(old))
+    assert text == (
+        "point 1: the verdict was pass, by the rules of this version it is undecided: wrong drop "
+        "height: 5.1 kN, this procedure needs 7.07 kN (within 10 %, our tolerance)"
+    )
+    right = read_survey(recorded(tmp_path / "right", 7070.0))
+    assert list(changed_verdicts(right, job_of(right))) == []
+    event = (RULES_EVENT, {"version": RULES_VERSION})
+    new = read_survey(recorded(tmp_path / "new", 5100.0, event))
+    assert list(changed_verdicts(new, job_of(new))) == []
