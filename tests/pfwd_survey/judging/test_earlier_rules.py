@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
@@ -17,7 +18,7 @@ from pfwd_survey.judging.earlier_rules import (
     changed_verdicts,
     earlier_verdict,
 )
-from pfwd_survey.procedures import Verdict, find_procedure, plain_procedure
+from pfwd_survey.procedures import Kind, PointDrop, Verdict, find_procedure, plain_procedure
 from tests.pfwd_survey.reporting.surveys import half_sine_drop, result_of
 
 SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
@@ -103,3 +104,34 @@ def test_the_survey_names_its_changed_points_until_it_has_the_rules(tmp_path: Pa
     event = (RULES_EVENT, {"version": RULES_VERSION})
     new = read_survey(recorded(tmp_path / "new", 5100.0, event))
     assert list(changed_verdicts(new, job_of(new))) == []
+
+
+def test_sound_points_keep_their_verdict() -> None:
+    """200 points with scatter, uneven intervals and any target: at least 95 % keep it."""
+    generator = np.random.default_rng(35)
+    jobs = [Job(procedure=p) for p in (GERMAN, find_procedure("mchw-885"), plain_procedure())]
+    kept = decided = 0
+    for index in range(200):
+        job = jobs[index % len(jobs)]
+        factors = generator.normal(1.0, 0.02, (6, 3))
+        modulus = float(generator.uniform(20e6, 65e6))
+        some = []
+        for number, (of_load, of_peak, of_modulus) in enumerate(factors, 1):
+            facts = PointDrop(
+                number,
+                Kind.MEASURED,
+                peak_load=7070.0 * (1 + (of_load - 1) / 2),
+                peak_deflection=22.5e3 / modulus * of_peak,
+                pulse_duration=0.017,
+            )
+            width, skew = generator.uniform(0.005, 0.04), generator.uniform(-0.3, 0.3)
+            own = modulus * of_modulus
+            ends = [own * (1 - width * (1 + skew)), own * (1 + width * (1 - skew))]
+            result = result_of(number, own) | {"modulus_interval_pa": ends}
+            drop = MeasuredDrop(facts, facts.peak_load or 0.0, SETUP)
+            some.append(drop.with_result(DropResult.from_json(result)))
+        earlier, present = verdicts(job, some, modulus * float(generator.uniform(0.7, 1.4)))
+        kept += earlier is present
+        decided += present in (Verdict.PASS, Verdict.FAIL)
+    assert kept >= 190
+    assert decided >= 120, "the points are not all undecided"
