@@ -73,17 +73,22 @@ def test_a_modulus_that_is_not_told_is_said_to_be_open() -> None:
 
 
 @pytest.mark.parametrize(
-    ("modulus", "why"),
-    [(45e6, ", it moved by less than its interval is wide"), (44e6, ""), (None, "")],
+    ("verdict", "low", "high", "residual", "text"),
+    [
+        ("explained", 47e6, 53e6, 0.01, "Design value 50 MPa (47 to 53)."),
+        ("unexplained", 47e6, 53e6, 0.02, "Use with care: 50 MPa (47 to 53): 2 % of the peak"),
+        ("explained", 30e6, 70e6, 0.01, "Do not use the diagnosed modulus: the interval"),
+        ("unexplained", 47e6, 53e6, 0.05, "Do not use the diagnosed modulus: 5 % of the peak"),
+    ],
 )
-def test_why_an_explained_modulus_is_not_corrected(modulus: float | None, why: str) -> None:
-    before = replace(state(50e6, 48e6, 52e6), modulus_pa=modulus)
-    after = state(50e6, 47.2e6, 52.8e6)
-    found = DiagnosisResult(
-        file="survey", verdict="explained", corrected=False, before=before, after=after
-    )
-    text = "\n".join(diagnosis_lines(found))
-    assert f"Do not take the modulus after for corrected{why}: E lies between 47 and 53" in text
+def test_one_sentence_says_what_the_modulus_may_be_used_for(
+    verdict: str, low: float, high: float, residual: float, text: str
+) -> None:
+    after = replace(state(50e6, low, high), residual_rms_over_peak=residual)
+    after = replace(after, residual_over_noise=1e3)
+    found = DiagnosisResult(file="survey", verdict=verdict, before=after, after=after)
+    (line,) = [line for line in diagnosis_lines(found) if text in line]
+    assert line.endswith(".")
 
 
 @pytest.mark.parametrize(

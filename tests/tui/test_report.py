@@ -28,7 +28,9 @@ def test_measured_by_a_procedure_and_reported(tmp_path: Path) -> None:
     done = pfwd("report", survey, "-o", tmp_path / "r.html", "--json", "--target", 30)
     assert done.returncode == 0, done.stderr
     (point,) = records(done.stdout)
-    assert (point["point"], point["used"], point["verdict"]) == ("1", [4, 5, 6], "pass")
+    assert (point["point"], point["used"], point["verdict"]) == ("1", [4, 5, 6], "undecided")
+    assert point["verdict_reason_code"] == "precondition", "this instrument drops with 9.7 kN"
+    assert "this procedure needs 7.07 kN" in point["verdict_reason"]
     assert point["value"]["quantity"] == "E_vd"
     assert point["target"] == 30e6
     assert "tp-bf-stb-b8.3" in (tmp_path / "r.html").read_text(encoding="utf-8")

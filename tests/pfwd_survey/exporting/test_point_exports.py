@@ -23,6 +23,9 @@ COLUMNS = [
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
     *("verdict", "drops_measured", "modulus_pa", "modulus_interval_low_pa"),
     *("modulus_interval_high_pa", "diagnosis", "discarded", "note"),
+    *("verdict_reason", "verdict_reason_code", "value_not_supported", "modulus_in_force_pa"),
+    *("modulus_in_force_interval_low_pa", "modulus_in_force_interval_high_pa"),
+    *("modulus_source", "modulus_not_supported"),
 ]
 
 
@@ -56,6 +59,8 @@ def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: P
     assert (first["quantity"], first["unit"], first["target"]) == ("modulus", "Pa", "40000000.0")
     assert (first["verdict"], first["drops_measured"]) == ("pass", "2")
     assert float(first["modulus_pa"]) == float(first["value"])
+    assert (first["modulus_in_force_pa"], first["modulus_source"]) == (first["value"], "fitted")
+    assert (first["verdict_reason_code"], first["modulus_not_supported"]) == ("decided", "")
     assert (first["latitude"], first["altitude_m"]) == ("48.1", "520.0")
     assert first["time_utc"] == "2024-05-06T08:01:00+00:00"
     assert first["note"] == "'=1+1 wet"

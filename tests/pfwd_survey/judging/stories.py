@@ -209,7 +209,11 @@ class Told:
             verdict="explained",
             corrected=True,
             drops=tuple(used),
-            after=FittedState(modulus_pa=modulus, modulus_interval_pa=(modulus - 1e6, 44.5e6)),
+            after=FittedState(
+                modulus_pa=modulus,
+                modulus_interval_pa=(modulus - 1e6, 44.5e6),
+                residual_rms_over_peak=0.01,
+            ),
             basis=basis_of(measured.drops[-1].setup),
             left_out=(),
         )

@@ -65,7 +65,11 @@ def test_it_has_what_the_procedure_asks_for(
 
 def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:
     report = gather(survey)
-    assert rows_of(report)["Peak load"] == "8.00 – 8.03 kN, σ = 113 – 114 kPa"
+    assert rows_of(report)["Peak load"] == "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa"
+    by_nominal = rows_of(gather(survey, ReportOptions(procedure="tp-bf-stb-b8.3")))["Peak load"]
+    assert by_nominal == (
+        "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa; presumed: 7.07 kN, σ = 100 kPa (± 10 %, our tolerance)"
+    )
     assert "Conditions" not in rows_of(report)
     first, second = report.points
     wet = replace(first, setup=replace(first.setup, moisture=5.5, temperature=12.0))
