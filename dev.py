@@ -1,14 +1,16 @@
 """Sets up the environment and runs the program or its checks; needs nothing but Python 3.11.
 
-    python3 dev.py demo [ARGS]   set up if needed, then `pfwd demo ARGS`
-    python3 dev.py test [ARGS]   set up if needed, then every check and the everyday tests; ARGS
+    python3 dev.py demo [ARGS]   set up what the program needs, then `pfwd demo ARGS`
+    python3 dev.py test [ARGS]   add the tools, then run every check and the everyday tests; ARGS
                                  go to pytest (-m "" for the slow tests as well)
-    python3 dev.py check         set up if needed, then the static checks alone
-    python3 dev.py docs          set up if needed, then the site, strictly, into the folder site
-    python3 dev.py app           set up if needed, then the program in one folder and a folder of
-                                 wheels, for computers without Python or network; both are tried
-    python3 dev.py mutate MODULE [ARGS]  set up if needed, then change MODULE and see whether its
+    python3 dev.py check         add the tools, then run the static checks alone
+    python3 dev.py docs          add the tools, then build the site, strictly, into the folder site
+    python3 dev.py app           add the tools, then build the program in one folder and a folder
+                                 of wheels, for computers without Python or network; try both
+    python3 dev.py mutate MODULE [ARGS]  add the tools, then change MODULE and see whether its
                                  tests notice; ARGS as in .ci/mutate.py
+
+What is there is not installed again, until pyproject.toml or constraints.txt changes.
 
 The environment is the folder .venv beside this file, or the one that PFWD_VENV names. With
 --python VERSION anywhere behind the task, as in `test --python 3.13`, another Python of this
@@ -21,16 +23,26 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 import venv
 from pathlib import Path
 
 if sys.version_info < (3, 11):
-    sys.exit("dev.py: expected Python 3.11 or later, came " + sys.version.split()[0])
+    sys.exit("dev.py: expected Python 3.11 or later, got " + sys.version.split()[0])
 
 TOP = Path(__file__).resolve().parent
 VENV = Path(os.environ.get("PFWD_VENV") or TOP / ".venv").resolve()
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+STEPS = {
+    "": "what the program needs (86 MB to download, 310 MB on the disk, about half a minute)",
+    "dev": "program and tools of the tests (up to 240 MB to download, 1 GB on the disk, 2 minutes)",
+    "docs": "the tools of the site (the first time 25 MB to download, half a minute)",
+    "app": "the tools of the one-folder program (the first time 2 MB to download, half a minute)",
+    "mutate": "the tools that change the code (the first time 8 MB to download, a minute)",
+}
+"""Extra of pyproject.toml ("": none), and what its installation takes on a line of 50 Mbit/s."""
+
 STATIC_CHECKS = {
     "ruff": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
@@ -66,7 +78,7 @@ def find_python(version: str) -> str:
             found = done.stdout.splitlines()
             if done.returncode == 0 and f"{found[1]}.".startswith(f"{version}."):
                 return found[0]
-    sys.exit(f"dev.py: --python: expected a Python {version} on this computer, came none")
+    sys.exit(f"dev.py: --python: expected a Python {version} on this computer, got none")
 
 
 def with_python(version: str, arguments: list[str]) -> int:
@@ -81,29 +93,50 @@ def run(command: list[str]) -> int:
 
 
 def install(extra: str) -> None:
-    """Put the checkout with an extra of it into the environment."""
-    pip = ["python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    if run([*pip, "-c", "constraints.txt", "-e", f".[{extra}]"]) != 0:
-        sys.exit("dev.py: the packages could not be installed; pip says why above")
+    """Install the checkout with an extra of pyproject.toml into the environment."""
+    print(f"dev.py: installing {STEPS[extra]}", flush=True)
+    pip = ["python", "-m", "pip", "install", "--disable-pip-version-check"]
+    if not sys.stdout.isatty():
+        pip.append("--quiet")  # pip's progress is for a terminal; in a log it is a hundred lines
+    if not extra:
+        pip.append("--no-compile")  # Python does it for what the demo imports, a third of it all
+    if run([*pip, "-c", "constraints.txt", "-e", f".[{extra}]" if extra else "."]) != 0:
+        sys.exit(
+            "dev.py: packages not installed: the reason is above. Check the network, then start "
+            "the same command again"
+        )
 
 
-def set_up() -> None:
-    """Make the environment, or bring it up to date when what it is made from has changed."""
+def has_pip() -> bool:
+    """Whether the environment is complete; it is not where its creation was interrupted."""
+    command = [str(PYTHON), "-m", "pip", "--version"]
+    return PYTHON.exists() and subprocess.run(command, capture_output=True).returncode == 0
+
+
+def set_up(extra: str) -> None:
+    """Make the environment, or update it if it lacks the extra or its recipe has changed.
+
+    The stamp is the fingerprint of the recipe, followed by a word if only the program is installed.
+    """
     recipe = [(TOP / name).read_bytes() for name in ("pyproject.toml", "constraints.txt")]
-    fingerprint = hashlib.sha256(b"".join([str(TOP).encode(), *recipe])).hexdigest()
+    with_tools = hashlib.sha256(b"".join([str(TOP).encode(), *recipe])).hexdigest()
+    program_alone = f"{with_tools} program"
     stamp = VENV / "pfwd-set-up"
-    if PYTHON.exists() and stamp.exists() and stamp.read_text() == fingerprint:
+    sufficient = [with_tools] if extra else [with_tools, program_alone]
+    if PYTHON.exists() and stamp.exists() and stamp.read_text() in sufficient:
         return
     if VENV.exists() and any(VENV.iterdir()) and not (VENV / "pyvenv.cfg").exists():
         sys.exit(f"dev.py: {VENV} is not a virtual environment; name another folder in PFWD_VENV")
-    if not PYTHON.exists():
-        print(f"making {VENV}", flush=True)
+    start = time.monotonic()
+    if not has_pip():
+        print(f"dev.py: making the environment {VENV} (5 to 20 s, no download)", flush=True)
         try:
             venv.create(VENV, with_pip=True)
         except subprocess.CalledProcessError:
             sys.exit("dev.py: Python cannot make environments; Debian: apt install python3-venv")
-    install("dev")
-    stamp.write_text(fingerprint)
+    install(extra)
+    stamp.write_text(with_tools if extra else program_alone)
+    print(f"dev.py: set up in {time.monotonic() - start:.0f} s", flush=True)
 
 
 def tests(arguments: list[str]) -> tuple[bool, str]:
@@ -129,13 +162,13 @@ def main(arguments: list[str]) -> int:
         place = arguments.index("--python")
         version = "".join(arguments[place + 1 : place + 2])
         if not re.fullmatch(r"3\.\d+(\.\d+)?", version):
-            sys.exit(f"dev.py: --python: expected a version like 3.13, came {version or 'none'}")
+            sys.exit(f"dev.py: --python: expected a version like 3.13, got {version or 'none'}")
         return with_python(version, [*arguments[:place], *arguments[place + 2 :]])
     task = arguments[0] if arguments else ""
     if task not in ("demo", "test", "check", "docs", "app", "mutate"):
         print(__doc__)
         return 2
-    set_up()
+    set_up("" if task == "demo" else "dev")
     if task == "demo":
         if os.name != "nt":  # the demo takes this process over, so that signals reach it directly
             os.execv(BIN / "pfwd", ["pfwd", "demo", *arguments[1:]])
