@@ -9,7 +9,14 @@ from textual.widgets import Input, Label, Select
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
-from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Notice, PointBegan, Ready
+from pfwd_survey.measuring.events import (
+    DropNotSaved,
+    DropSaved,
+    Edited,
+    Notice,
+    PointBegan,
+    Ready,
+)
 from pfwd_survey.measuring.pace import Pace
 from tests.tui.screen.scripted import (
     App,
@@ -78,6 +85,41 @@ def test_discarding_is_said_to_the_session_and_taken_back() -> None:
         app.redraw()
         await pilot.pause()
         assert "nothing to take back" in app.text
+
+    play(App(), script)
+
+
+def test_undo_restores_the_drop_that_was_moved_and_not_one_discarded_before() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point())
+        await pilot.press("up", "d")
+        assert asked == [("discard", "by the operator", None, 5)]
+        await pilot.press("2", "enter", "w", "8", "enter")
+        assert asked[1:] == [("move", 6, "8")]
+        await pilot.press("u")
+        assert asked[2:] == [("restore", None, None, 6)]
+        await pilot.press("u")
+        assert asked[3:] == [("restore", None, None, 5)]
+
+    play(App(), script)
+
+
+def test_what_cannot_be_moved_leaves_nothing_to_take_back() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "enter", "w", "7", "enter")
+        app.redraw()
+        await pilot.pause()
+        assert "drop 6 is at point 7 already" in app.text
+        await told(app, pilot, Edited("discard", None, None, 6))
+        await pilot.press("w", "8", "enter")
+        app.redraw()
+        await pilot.pause()
+        assert "drop 6 is discarded" in app.text
+        await pilot.press("u")
+        assert asked == []
 
     play(App(), script)
 

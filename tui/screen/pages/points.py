@@ -295,7 +295,6 @@ class PointsPage(Page):
         def take(name: str | None) -> None:
             if name:
                 self.pfwd.edits.move(drop, name.strip())
-                self.pfwd.read_contents()
 
         dialog = TextDialog(f"Drop {drop.number} belongs to the point", check=point_name_error)
         self.app.push_screen(dialog, take)
