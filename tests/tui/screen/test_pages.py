@@ -199,6 +199,43 @@ def test_what_is_said_of_a_point_reaches_the_survey() -> None:
     play(App(), script)
 
 
+@pytest.mark.parametrize(
+    ("units", "typed", "message"),
+    [
+        ("si", "0.45", "expected a modulus of 2 to 10000 MPa, came 0.45 MPa;"),
+        ("us", "45000", "expected a modulus of 0.29008 to 1450.4 ksi, came"),
+    ],
+)
+def test_a_target_that_no_drop_can_reach_is_refused_while_it_is_typed(
+    units: Any, typed: str, message: str
+) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "m", *typed, "enter")
+        await pilot.pause()
+        assert message in app.text
+        assert app.source.session.asked == []  # type: ignore[attr-defined]
+
+    play(App(settings=ScreenSettings(units=units)), script)
+
+
+def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready())
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#target")))
+        app.screen.query_one("#target", Input).value = "45"
+        app.screen.query_one("#procedure", Select).value = "mndot"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await pilot.pause()
+        message = "came 45 mm; did you mean a modulus? procedure mndot judges a deflection in mm"
+        assert message in " ".join(app.text.split())
+        assert app.source.starts == 1  # type: ignore[attr-defined]
+
+    play(App(), script, (80, 24))
+
+
 def test_a_wrong_position_is_told_while_it_is_typed() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())

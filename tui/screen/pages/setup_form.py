@@ -10,6 +10,7 @@ from typing import Any
 from pfwd_survey.errors import OptionError, TraceError
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.judging import JobRequest
+from pfwd_survey.judging.job import target_fault
 from pfwd_survey.judging.stations import read_stations
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import with_procedure
@@ -130,7 +131,17 @@ def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any
             raise ValueError(f"expected {rule.expected.split(', in')[0]} {shown}".strip()) from err
     elif not 0 < value < math.inf:
         raise ValueError("expected a number > 0")
+    if field.kind == "target":
+        fault = typed_target_fault(value, procedure, units)
+        if fault:
+            raise ValueError(fault)
     return value
+
+
+def typed_target_fault(target: float, procedure: Procedure, units: Units) -> str:
+    """Describe why a target in SI cannot be one, in the units of the screen; empty: it can."""
+    unit = units.of(judged_quantity(procedure.quantity))
+    return target_fault(target, procedure, (unit.name, unit.scale))
 
 
 def _number(field: Field, text: str, units: Units, quantity: QuantityName | None) -> float | int:
@@ -211,6 +222,7 @@ __all__ = [
     "said_of_job",
     "shown_value",
     "summary_of",
+    "typed_target_fault",
     "unit_of",
     "value_of",
 ]
