@@ -41,6 +41,7 @@ from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
+from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
@@ -334,8 +335,24 @@ class Session:
             self._pipeline.know(known.point, known.measured)
             self._tell(known)
 
+    def _tell_similar_point(self) -> None:
+        """Report a named point that is new and whose name a known one begins with, or the reverse.
+
+        On the screen the operator is asked; here nobody may be there to answer.
+        """
+        name = self._plan.named_point
+        if name is None or self._recorder is None:
+            return
+        points = [point for point in self._recorder.writer.contents().points if point.drops]
+        known = {each for point in points for each in (point.name, point.title)}
+        similar = similar_name(name, known | {station.name for station in self.job.stations})
+        if similar is not None:
+            text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
+            self._tell(Notice(text + "pfwd edit --move moves drops", serious=True))
+
     def _run(self) -> Ending:
         self._tell(JobKnown(self.job, self._differences))
+        self._tell_similar_point()
         self._tell_known(self._point)
         while not self._finished():
             if self._may_go_on():

@@ -7,7 +7,7 @@ import pytest
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.header import declared_values
-from pfwd_survey.judging import JobRequest, judged_points
+from pfwd_survey.judging import JobRequest, Station, judged_points
 from pfwd_survey.measuring.events import DropSaved, PointKnown
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
@@ -137,3 +137,24 @@ def test_a_move_to_a_renamed_point_finds_it_by_its_title(survey: str) -> None:
         session.ask(lambda it: it.move_drop(4, "km 1"))
         session.run()
     assert [point.name for point in read_survey(survey).points] == ["1", "2"]
+
+
+def test_a_move_to_a_name_that_is_part_of_a_known_one_is_doubted(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for drop, to in (("3", "12+360"), ("2", "12+36"), ("1", "12+36")):
+        assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", to]) == 0
+    doubts = [line for line in capsys.readouterr().err.splitlines() if "exists" in line]
+    assert doubts == ["pfwd: edit: point 12+36 is new, but 12+360 exists. Was 12+360 meant?"]
+
+
+def test_a_new_point_that_is_part_of_a_station_is_doubted_by_the_session(survey: str) -> None:
+    stations = JobRequest(stations=(Station("12+360"), Station("12+380")))
+    doubts = []
+    for point in ("12+36", "12+360", "7"):
+        log = Log()
+        plan = SessionPlan(options=None, point=point, job=stations)
+        with SurveyWriter.open(survey, publish=False) as writer:
+            Session(ScriptedFeed(), log, plan, writer).run()
+        doubts.append("is new, but 12+360 exists. Was 12+360 meant?" in log.texts)
+    assert doubts == [True, False, False]

@@ -50,6 +50,18 @@ def test_the_report_is_judged_by_it(
     assert point["value"]["unit"] == "m"
 
 
+def test_columns_of_a_station_list_that_are_not_used_are_named(
+    survey: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "lot.csv"
+    file.write_text("name,lane\n12+320,left\n", encoding="utf-8")
+    assert main(["job", survey, "--stations", str(file)]) == 0
+    assert "columns not used: 'lane'. Known columns are name," in capsys.readouterr().err
+    file.write_text("name,target_MPa\n12+320,45\n", encoding="utf-8")
+    assert main(["job", survey, "--stations", str(file)]) == 2
+    assert "expected a column target, in MPa, came 'target_MPa'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

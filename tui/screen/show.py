@@ -4,9 +4,10 @@ import contextlib
 import logging
 import shlex
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from pfwd_survey.measuring.events import Notice
 from pfwd_survey.procedures import Verdict
 from tui.log_file import close_log, open_log
 from tui.output import counted, on_terminal, say
@@ -22,6 +23,7 @@ def show(
     source: SessionSource,
     command: str,
     moduli: dict[int, float] | None = None,
+    remarks: Sequence[str] = (),
 ) -> int:
     """Run the screen; the exit status.
 
@@ -33,6 +35,8 @@ def show(
     moduli : dict, optional
         Filled with the moduli that were found, Pa, by number of the drop
         within the survey.
+    remarks : sequence of str
+        What the operator has to know of the options, shown first and kept among the notices.
     """
     if not on_terminal():
         say(
@@ -45,6 +49,8 @@ def show(
 
     with _logged(source):
         app = PfwdApp(source, load_settings())
+        for text in remarks:
+            app.runner.put(Notice(text, serious=True))
         try:
             status = app.run()
         finally:

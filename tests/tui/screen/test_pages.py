@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from textual.widgets import Input, Label, Select
 
+from pfwd_survey.files.moving import MOVED_TO
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import (
@@ -105,6 +106,18 @@ def test_undo_restores_the_drop_that_was_moved_and_not_one_discarded_before() ->
     play(App(), script)
 
 
+def test_a_move_that_is_taken_back_leaves_no_trace_on_the_drop() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "enter")
+        await told(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+        assert "moved to" in app.text
+        await told(app, pilot, Edited("restore", None, None, 6))
+        assert "moved to" not in app.text
+
+    play(App(), script)
+
+
 def test_what_cannot_be_moved_leaves_nothing_to_take_back() -> None:
     async def script(app: App, pilot: Any) -> None:
         asked = app.source.session.asked  # type: ignore[attr-defined]
@@ -137,6 +150,41 @@ def test_the_next_point_is_named_by_counting_on() -> None:
         assert "1 to 64 characters" in app.text
         await pilot.press("escape")
         assert len(app.source.session.asked) == 1  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+def test_a_name_that_is_part_of_a_known_one_is_asked_about() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point("12+360"))
+        await told(app, pilot, PointBegan("12+360"))
+        await pilot.press("n", *"12+36", "enter")
+        await pilot.pause()
+        assert "12+36 is new, but 12+360 exists. Begin it?" in app.text
+        await pilot.press("n")
+        assert app.screen.query_one("#text", Input).value == "12+36"
+        assert asked == []
+        await pilot.press("enter", "y")
+        await pilot.pause()
+        assert asked == [("point", "12+36")]
+        await pilot.press("n", *"12+380", "enter")
+        assert asked[1:] == [("point", "12+380")], "nothing that is like it"
+        await pilot.press("2", "enter", "w", *"12+3600", "enter")
+        await pilot.pause()
+        assert "12+3600 is new, but 12+360 exists" in app.text
+        await pilot.press("y")
+        await pilot.pause()
+        assert asked[2:] == [("move", 6, "12+3600")]
+
+    play(App(), script)
+
+
+def test_a_proposed_name_is_not_asked_about() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point("1"), *whole_point("9"), PointBegan("9"))
+        await pilot.press("n", "enter")
+        assert app.source.session.asked == [("point", "10")]  # type: ignore[attr-defined]
 
     play(App(), script)
 
@@ -484,6 +532,17 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
         await pilot.pause()
         assert field.has_class("wrong")
         assert "stations: expected a file" in app.text
+        other = tmp_path / "other.csv"
+        other.write_text("name;lane\n12+320;left\n", encoding="utf-8")
+        field.value = str(other)
+        await pilot.pause()
+        assert not field.has_class("wrong")
+        assert "columns not used: 'lane'" in " ".join(app.text.split())
+        other.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
+        field.value = f" {other}"
+        await pilot.pause()
+        assert field.has_class("wrong")
+        assert "expected a column target, in mm, came 'Ziel'" in " ".join(app.text.split())
         field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
         await pilot.pause()
         assert not field.has_class("wrong")

@@ -8,6 +8,7 @@ import pytest
 from textual import events
 
 from pfwd_survey.judging import Job, Station
+from pfwd_survey.judging.stations import next_name
 from pfwd_survey.measuring.events import DropNotSaved, JobKnown
 from pfwd_survey.procedures import Verdict, find_procedure
 from tests.tui.screen.scripted import (
@@ -24,7 +25,6 @@ from tests.tui.screen.scripted import (
     whole_point,
 )
 from tui.screen.app import SOUNDS
-from tui.screen.session.names import next_name
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import lot_progress, next_station
 from tui.screen.session.status import status_of

@@ -23,7 +23,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import PointState
-from tui.screen.session.names import point_name_error
+from tui.screen.session.names import point_name_error, point_name_question
 from tui.screen.units import NOTHING, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
@@ -304,7 +304,12 @@ class PointsPage(Page):
             if name:
                 self.pfwd.edits.move(drop, name.strip())
 
-        dialog = TextDialog(f"Drop {drop.number} belongs to the point", check=point_name_error)
+        names = self.pfwd.state.names_in_use()
+        dialog = TextDialog(
+            f"Drop {drop.number} belongs to the point",
+            check=point_name_error,
+            question=lambda name: point_name_question(name, names),
+        )
         self.app.push_screen(dialog, take)
 
     def action_note(self) -> None:

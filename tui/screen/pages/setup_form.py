@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,17 +91,40 @@ def chosen_procedure(name: str, values: Mapping[str, Any], known: Procedure | No
     return known if known is not None and known.name == name else find_procedure(name)
 
 
-def error_of(field: Field, text: str, units: Units, procedure: Procedure) -> str:
-    """What is wrong with what was typed; empty: nothing."""
+def error_of(
+    field: Field,
+    text: str,
+    units: Units,
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> str:
+    """What is wrong with what was typed; empty: nothing. `on_remark` as for `value_of`."""
     try:
-        value_of(field, text, units, procedure)
+        value_of(field, text, units, procedure, on_remark)
     except ValueError as err:
         return str(err)
     return ""
 
 
-def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any:
+def value_of(
+    field: Field,
+    text: str,
+    units: Units,
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> Any:
     """The value in SI; None: the field is empty.
+
+    Parameters
+    ----------
+    field : Field
+    text : str
+        As it was typed.
+    units : Units
+    procedure : Procedure
+        By which targets are judged.
+    on_remark : callable, optional
+        Receives what does not hold the value up and has to be known: columns that are not used.
 
     Raises
     ------
@@ -116,7 +139,7 @@ def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any
         path = os.path.expanduser(text.strip("'\""))
         if not os.path.isfile(path):  # a pipe would be waited for
             raise ValueError("expected a file, .csv or .gpx")
-        return read_stations(path, procedure)
+        return read_stations(path, procedure, on_remark)
     if field.kind == "text":
         if not text.isprintable() or len(text) > 200:
             raise ValueError("expected up to 200 letters on one line")
