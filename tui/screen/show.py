@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 from pfwd_survey.measuring.events import Notice
 from pfwd_survey.procedures import Verdict
 from tui.log_file import close_log, open_log
-from tui.output import counted, on_terminal, say
+from tui.output import counted, next_commands, on_terminal, say
 from tui.screen.session.sources import SessionSource
 
 if TYPE_CHECKING:
@@ -83,12 +82,11 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     )
     said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
     stood = f" ({said})" if said else ""
-    quoted = shlex.quote(str(folder))
     measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{stood}"
     safe = f"; {state.held} NOT SAFE" if state.held else ", all on the disk"
     return [
         f"{folder}: {measured}{safe}",
-        f"next: pfwd open {quoted}, or pfwd report {quoted} -o report.html",
+        f"next: {', or '.join(next_commands(folder))}",
     ]
 
 
