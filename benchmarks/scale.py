@@ -258,10 +258,11 @@ class Template:
 
 
 def recorded_drops(folder: Path) -> list[Template]:
-    """Three drops of a simulated instrument, as ``pfwd demo`` records and inverts them."""
+    """Three drops of the scenario `default`, as ``pfwd demo`` records and inverts them."""
     from pfwd_device.recording import read_survey
 
-    command = [*PFWD, "demo", "--drops", "3", "--lines", "-o", str(folder)]
+    options = ["--scenario", "default", "--drops", "3", "--lines", "-o", str(folder)]
+    command = [*PFWD, "demo", *options]
     subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT)
     return [
         Template(dataclasses.replace(record, rebounds=()), record.rebounds, drop.read_results())

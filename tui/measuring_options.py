@@ -3,6 +3,7 @@
 import argparse
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,6 +53,7 @@ def job_request(
     survey: str | os.PathLike[str],
     procedure: Procedure | None,
     usual: Procedure | None = None,
+    on_remark: Callable[[str], None] = say,
 ) -> JobRequest:
     """What the command line says of the survey's job.
 
@@ -64,6 +66,8 @@ def job_request(
         Chosen now; None: the survey's own counts.
     usual : Procedure, optional
         Of a survey that begins now.
+    on_remark : callable, optional
+        Receives one line about columns of the station list that are not used.
 
     Raises
     ------
@@ -74,7 +78,7 @@ def job_request(
         return asked
     # Targets are typed in the unit of what is judged.
     judged = procedure or kept_job(survey).procedure or usual or NO_PROCEDURE
-    stations = None if args.stations is None else read_stations(args.stations, judged)
+    stations = None if args.stations is None else read_stations(args.stations, judged, on_remark)
     target = None if args.target is None else target_si(args.target, judged)
     return replace(asked, target=target, stations=stations)
 

@@ -2,6 +2,8 @@
 
 import codecs
 import os
+import shlex
+import subprocess
 import sys
 import unicodedata
 from typing import TextIO
@@ -91,6 +93,13 @@ def counted(number: int, what: str) -> str:
 def say(message: object) -> None:
     """Print a message to standard error, where it does not mix with results."""
     print(clean(f"pfwd: {message}"), file=sys.stderr, flush=True)
+
+
+def next_commands(survey: str | os.PathLike[str]) -> tuple[str, str]:
+    """Return the commands that open a recorded survey and report it, to be copied as they are."""
+    path = os.fspath(survey)
+    quoted = subprocess.list2cmdline([path]) if os.name == "nt" else shlex.quote(path)
+    return f"pfwd open {quoted}", f"pfwd report {quoted} -o report.html"
 
 
 def on_terminal() -> bool:

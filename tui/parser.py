@@ -148,16 +148,23 @@ def _add_demo(commands: "Commands") -> None:
         "demo",
         help="the main job with nothing attached",
         description="A simulated instrument on a virtual serial port (TCP where there is none), "
-        "measured, recorded and inverted like a real one. What was simulated is shown at the end.",
+        "measured, recorded and inverted like a real one, and judged by the procedure "
+        "tp-bf-stb-b8.3 against a target of 45 MPa. What was simulated is shown at the end.",
         allow_abbrev=False,
     )
     demo.add_argument(
-        "--drops", type=count, metavar="N", help="drops (default: 6; on the screen no end)"
+        "--drops",
+        type=count,
+        metavar="N",
+        help="drops (default: 6; of another scenario on the screen: no end)",
     )
     demo.add_argument("-o", "--output", metavar="SURVEY", help="folder to record into")
     _add_seed(demo)
     demo.add_argument(
-        "--scenario", metavar="NAME", default="default", help="as for simulate (default: default)"
+        "--scenario",
+        metavar="NAME",
+        help="as for simulate; all but the default have no procedure and no target (default: "
+        "compacted; with --firmware: default)",
     )
     demo.add_argument(
         "--rate",

@@ -13,6 +13,7 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
+from pfwd_survey.files.moving import restore_with
 from pfwd_survey.files.spare import spare_folder
 
 __all__ = [
@@ -88,6 +89,9 @@ def edit_survey(
         known=survey,
     ) as writer:
         for edit in edits:
+            if edit.what == "restore" and drop is not None:
+                restore_with(writer, choose_drop(choose_point(writer.contents(), point), drop))
+                continue
             name = None if number is not None else chosen.name
             writer.edit(edit.what, edit.value, point=name, number=number)
         return writer.contents()

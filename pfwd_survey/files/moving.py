@@ -55,12 +55,18 @@ def move_drop(
         raise OptionError(refusal("--move", "a drop, named by --drop", "none"))
     chosen = choose_drop(choose_point(survey, point), drop)
     with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
-        move_with(writer, chosen, _named(survey, to))
+        move_with(writer, chosen, point_called(survey, to))
         return writer.contents()
 
 
-def _named(survey: Survey, to: str) -> str:
-    """The name that the drops of a point have, by its name or title; a new one as it is."""
+def point_called(survey: Survey, to: str) -> str:
+    """Name that the drops of a point have, by its name or title; a new name is returned as it is.
+
+    Raises
+    ------
+    OptionError
+        If no point can have this name.
+    """
     for point in survey.points:
         if to in (point.name, point.title):
             return point.name
@@ -106,6 +112,53 @@ def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
         writer.save_result(saved, {**result, "drop": number})
     writer.edit("discard", {MOVED_TO: {"point": to, "drop": number}}, number=drop.number)
     return number
+
+
+def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
+    """Restore a discarded drop; if it was moved, its copy at the other point counts no longer.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    drop : SurveyDrop
+
+    Returns
+    -------
+    SurveyDrop or None
+        The copy, as it was before; None: the drop was not moved.
+
+    Raises
+    ------
+    RecordingError
+        If the disk does not take it.
+    """
+    copy = _copy_in_use(writer.contents(), drop)
+    if copy is not None:
+        back = {MOVED_TO: {"point": drop.point, "drop": drop.drop}}
+        writer.edit("discard", back, number=copy.number)
+    writer.edit("restore", None, number=drop.number)
+    return copy
+
+
+def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
+    """Return the copy of a moved drop that counts, which may have been moved on itself."""
+    by_name = {(each.point, each.drop): each for each in survey.drops}
+    copy, visited = drop, {drop.number}
+    while copy.discarded:
+        place = _place_after_move(copy)
+        following = None if place is None else by_name.get(place)
+        if following is None or following.number in visited:
+            return None
+        visited.add(following.number)
+        copy = following
+    return None if copy.number == drop.number else copy
+
+
+def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
+    """Return point and number within it, by the last discard of a drop; None: it was not moved."""
+    values = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    place = values[-1].get(MOVED_TO) if values and isinstance(values[-1], Mapping) else None
+    return (place.get("point"), place.get("drop")) if isinstance(place, Mapping) else None
 
 
 def moved_to(value: object) -> str | None:

@@ -108,6 +108,24 @@ class Job:
         """By its name."""
         return self._stations_by_name.get(name)
 
+    def target_faults(self) -> list[str]:
+        """Describe targets that the procedure in force cannot judge, one sentence each."""
+        procedure = self.procedure_in_force
+        lines = []
+        if self.target is not None and target_fault(self.target, procedure):
+            lines.append(f"the target {target_text(self.target)} of the survey")
+        stations = [
+            station
+            for station in self.stations
+            if station.target is not None and target_fault(station.target, procedure)
+        ]
+        if stations:
+            name, target = stations[0].name, target_text(stations[0].target or 0.0)
+            lines.append(f"{len(stations)} stations with targets such as {target} of {name}")
+        unit = target_unit(procedure)[0]
+        rule = f"not for procedure {procedure.name}, which judges {procedure.quantity} in {unit}"
+        return [f"{line}: {rule}. Enter it again with --target or --stations" for line in lines]
+
     def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
         """The job as it is once this is said."""
         said = request.said()
@@ -186,6 +204,8 @@ class JobRequest:
                 continue
             was, now = _shown(key, old), _shown(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
+        if self.procedure is not None and "procedure" in self.news(job).said():
+            lines += job.with_request(self).target_faults()
         return lines
 
     def events(self) -> list[tuple[str, dict[str, Any]]]:
@@ -250,19 +270,61 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
     Raises
     ------
     OptionError
-        If it is no number > 0, or is none that the quantity can have.
+        If it is no number > 0, or one that no drop can reach.
     """
-    from pfwd_survey.procedures.judging import LARGEST_DEFLECTION
-
     unit, scale, _ = target_unit(procedure)
     if not 0 < shown < math.inf:
         raise OptionError(refusal(where, f"a number > 0, in {unit}", f"{shown:g}"))
     deflection = procedure.quantity is Quantity.DEFLECTION
     value = shown / 1e3 if deflection else shown * scale  # 0.9 mm are 0.0009 m to the last digit
-    if deflection and value >= LARGEST_DEFLECTION:
-        hint = f"the procedure {procedure.name} judges a deflection"
-        raise OptionError(refusal(where, "a deflection below 1000 mm", f"{shown:g}", hint))
+    fault = target_fault(value, procedure)
+    if fault:
+        raise OptionError(f"{where}: {fault}")
     return value
+
+
+LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET = 1e-5, 1e-2
+"""m. A drop of 7.07 kN on a plate of 0.15 m radius deflects ground of 2 MPa by 11 mm and ground of
+2 GPa by 0.01 mm: every point would pass, or none."""
+
+LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET = 2e6, 1e10
+"""Pa. Peat has 2 MPa, and every deflection that methods measure (up to 2 mm) lies below as a number
+in MPa; a bituminous base has 10 GPa, and every modulus in kPa from 10 MPa on lies above."""
+
+
+def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | None = None) -> str:
+    """Describe why a target is outside what a drop can reach; empty: it is not.
+
+    Parameters
+    ----------
+    target : float, Pa, or m for a deflection
+    procedure : Procedure
+        By which it is judged.
+    unit : name and SI units in one of it, optional
+        In which it was typed; None: MPa, or mm for a deflection.
+
+    Examples
+    --------
+    >>> target_fault(0.045, find_procedure("mndot")).partition(";")[0]
+    'expected a deflection of 0.01 to 10 mm, came 45 mm'
+    """
+    name, scale = unit or target_unit(procedure)[:2]
+    if procedure.quantity is Quantity.DEFLECTION:
+        kind, other = "deflection", "a modulus"
+        least, most = LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET
+        is_other = target > most
+    else:
+        kind, other = "modulus", "a deflection"
+        least, most = LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET
+        is_other = target < least
+    if least <= target <= most:
+        return ""
+    expected = f"a {kind} of {least / scale:.5g} to {most / scale:.5g} {name}"
+    question = f"did you mean {other if is_other else 'another unit'}?"
+    rule = f"procedure {procedure.name} judges a {kind} in {name}"
+    if procedure.name == NO_PROCEDURE.name:
+        rule = f"without a procedure a {kind} is judged, in {name}"
+    return f"expected {expected}, came {target / scale:.6g} {name}; {question} {rule}"
 
 
 def time_zone_of(said: str, where: str = "--time-zone") -> str:

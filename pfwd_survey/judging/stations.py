@@ -1,16 +1,17 @@
 """The stations of a job, from a text with columns or from GPX waypoints."""
 
 import csv
+import difflib
 import math
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pfwd_survey.errors import OptionError, quote, refusal
-from pfwd_survey.judging.job import MOST_STATIONS, Station, target_si
+from pfwd_survey.judging.job import MOST_STATIONS, Station, target_si, target_unit
 from pfwd_survey.procedures import Procedure
 
 LARGEST_FILE = 50_000_000
@@ -28,11 +29,26 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 }
 """Headings by which a column is known, whatever their case."""
 
+_PARTS_OF_HEADINGS: Mapping[str, tuple[str, ...]] = {
+    "chainage_m": ("chainage", "stationier", "kilomet"),
+    "latitude": ("latitud",),
+    "longitude": ("longitud",),
+    "target": ("target", "ziel", "soll", "evd", "elwd"),
+}
+"""Parts of a heading, without its spaces and underlines, that show what the column probably is."""
+
+_CLOSE_MATCH = 0.8
+"""Similarity from which a heading is a known one misspelt: one letter in four may differ."""
+
 _CHAINAGE = re.compile(r"(\d+)\+(\d{3}(?:[.,]\d+)?)(?!\d)")
 """Kilometres and metres in a name: 12+320."""
 
 
-def read_stations(path: str | os.PathLike[str], procedure: Procedure) -> tuple[Station, ...]:
+def read_stations(
+    path: str | os.PathLike[str],
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> tuple[Station, ...]:
     """The stations of a file, in its order.
 
     Parameters
@@ -41,11 +57,14 @@ def read_stations(path: str | os.PathLike[str], procedure: Procedure) -> tuple[S
         Of a CSV the first line names the columns (`COLUMNS`), separated by comma, semicolon or
         tabulator; targets are in the unit that the procedure's quantity is shown in.
     procedure : Procedure
+    on_remark : callable, optional
+        Receives one line that names the columns of a CSV that are not used.
 
     Raises
     ------
     OptionError
-        If it cannot be read, holds no station, or one twice; the message names the line.
+        If it cannot be read, holds no station, or one twice; the message names the line. Also if
+        a column that is not known looks like one that is: its values would be missed.
     """
     file = os.fspath(path)
     try:
@@ -57,7 +76,7 @@ def read_stations(path: str | os.PathLike[str], procedure: Procedure) -> tuple[S
     if len(text) > LARGEST_FILE:
         raise OptionError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
     is_gpx = file.lower().endswith(".gpx")
-    found = _gpx(text, file) if is_gpx else _csv(text, file, procedure)
+    found = _gpx(text, file) if is_gpx else _csv(text, file, procedure, on_remark)
     if not found:
         raise OptionError(refusal(file, "stations", "none"))
     if len(found) > MOST_STATIONS:
@@ -101,20 +120,124 @@ def next_along(name: str, step_m: float) -> str | None:
     return f"{name[: found.start()]}{kilometres:.0f}+{shown}{name[found.end() :]}"
 
 
-def _csv(text: str, file: str, procedure: Procedure) -> list[Station]:
+def next_name(name: str, known: Collection[str] = (), step_m: float | None = None) -> str:
+    """The name with its last number one higher, as often as it is known already.
+
+    A name with a chainage goes on by the step between stations, where one is said.
+
+    Examples
+    --------
+    >>> next_name("7"), next_name("lane 2, point 09"), next_name("start"), next_name("7", {"8"})
+    ('8', 'lane 2, point 10', 'start 2', '9')
+    >>> next_name("12+320", {"12+340"}, 20.0)
+    '12+360'
+    """
+    further = None if step_m is None else next_along(name, step_m)
+    if further is not None:
+        return next_name(further, known, step_m) if further in known else further
+    found = re.search(r"(\d+)(\D*)$", name)
+    if found is None:
+        proposal = f"{name} 2".strip()
+    else:
+        digits = found[1]
+        number = str(int(digits) + 1).zfill(len(digits))
+        proposal = name[: found.start()] + number + found[2]
+    return next_name(proposal, known) if proposal in known else proposal
+
+
+def similar_name(name: str, known: Collection[str]) -> str | None:
+    """Return a known name that a new one may have been meant for; None: there is none.
+
+    One of the two begins with the other, as when a digit was missed. A name that counts on from a
+    known one (10 after 9, though there is a 1) is no slip, nor is one of another kind than the
+    plain number that it begins with (12+360, though there is a 1).
+
+    Parameters
+    ----------
+    name : str
+        As it was typed.
+    known : collection of str
+        Names of points and stations.
+
+    Examples
+    --------
+    >>> similar_name("12+36", {"12+340", "12+360"}), similar_name("12+3600", {"12+360"})
+    ('12+360', '12+360')
+    >>> similar_name("10", {"1", "9"}), similar_name("12+380", {"12+360"})
+    (None, None)
+    """
+    name = name.strip()
+    if not name or name in known:
+        return None
+    longer = [each for each in known if each.startswith(name)]
+    shorter = [
+        each
+        for each in known
+        if each and name.startswith(each) and (name.isdecimal() or not each.isdecimal())
+    ]
+    if shorter and not longer and any(next_name(each) == name for each in known):
+        return None
+    return min(
+        (*longer, *shorter), key=lambda each: (abs(len(each) - len(name)), each), default=None
+    )
+
+
+def _csv(
+    text: str, file: str, procedure: Procedure, on_remark: Callable[[str], None]
+) -> list[Station]:
     lines = text.splitlines()
     first = lines[0] if lines else ""
     delimiter = max(",;\t", key=first.count)
     rows = csv.reader(lines, delimiter=delimiter)
-    places = _places(next(rows, []), file)
+    heading = [cell.strip() for cell in next(rows, [])]
+    places = _places(heading, file)
+    _refuse_misnamed(heading, places, file, procedure)
+    unused = {at: _shown(name) for at, name in enumerate(heading) if name}
     found = []
     for number, row in enumerate(rows, start=2):
         if not any(cell.strip() for cell in row):
             continue
         where = f"{file}, line {number}"
+        for at in range(len(row)):
+            if at not in unused and row[at].strip():
+                unused[at] = f"number {at + 1} (no heading)"
         said = {key: row[at].strip() for key, at in places.items() if at < len(row)}
         found.append(_station(said, where, procedure, decimal_comma=delimiter != ","))
+    names = [unused[at] for at in sorted(unused.keys() - set(places.values()))]
+    if names:
+        known = ", ".join(COLUMNS)
+        on_remark(f"{file}: columns not used: {', '.join(names)}. Known columns are {known}")
     return found
+
+
+def _refuse_misnamed(
+    heading: Sequence[str], places: Mapping[str, int], file: str, procedure: Procedure
+) -> None:
+    """Refuse a heading that looks like a known one that the file does not have otherwise."""
+    for at, name in enumerate(heading):
+        key = None if at in places.values() else _likely_column(name)
+        if key is None or key in places:
+            continue
+        units = {"target": target_unit(procedure)[0], "chainage_m": "m"}
+        expected = f"a column {key}, in {units[key]}" if key in units else f"a column {key}"
+        hint = f"rename it to {key} if it is that, else to something else or remove it"
+        raise OptionError(refusal(f"{file}, line 1", expected, _shown(name), hint))
+
+
+def _shown(heading: str) -> str:
+    return f"'{heading}'" if heading.isprintable() and len(heading) <= 40 else quote(heading)
+
+
+def _likely_column(heading: str) -> str | None:
+    """Return the known column that a heading probably means; None: no known one."""
+    letters = re.sub(r"[\W_]", "", heading.lower())
+    for key, parts in _PARTS_OF_HEADINGS.items():
+        if any(part in letters for part in parts):
+            return key
+    for key, known in COLUMNS.items():
+        if difflib.get_close_matches(heading.lower(), known, n=1, cutoff=_CLOSE_MATCH):
+            return key
+    return None
 
 
 def _places(heading: Sequence[str], file: str) -> dict[str, int]:

@@ -32,15 +32,17 @@ from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
+from pfwd_device.recording.survey_content import SurveyDrop
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit
-from pfwd_survey.files.moving import MOVED_TO, move_with
+from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
 from pfwd_survey.judging.earlier_rules import RULES_EVENT, RULES_VERSION, changed_verdicts
+from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
@@ -222,6 +224,9 @@ class Session:
         """
         if self._recorder is None:
             raise RecordingError("edit: expected a survey that is written, came a replay")
+        if edit.what == "restore" and number is not None:
+            self._restore_drop(self._recorder.writer, number)
+            return
         self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
         if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
             self._pipeline.diagnoses.discard(number)
@@ -238,15 +243,26 @@ class Session:
         if self._recorder is None:
             raise RecordingError("move: expected a survey that is written, came a replay")
         writer = self._recorder.writer
-        drop = next((drop for drop in writer.contents().drops if drop.number == number), None)
-        if drop is None:
-            raise RecordingError(f"move: expected a drop of the survey, came number {number}")
+        drop = _drop_of(writer, number, "move")
+        to = point_called(writer.contents(), to)
         within = move_with(writer, drop, to)
         value = {MOVED_TO: {"point": to, "drop": within}}
         self._tell(Edited("discard", value, None, number))
-        known = known_point(writer, to)
+        self._tell_anew(writer, to)
+
+    def _restore_drop(self, writer: SurveyWriter, number: int) -> None:
+        drop = _drop_of(writer, number, "restore")
+        copy = restore_with(writer, drop)
+        if copy is not None:
+            value = {MOVED_TO: {"point": drop.point, "drop": drop.drop}}
+            self._tell(Edited("discard", value, None, copy.number))
+        self._tell(Edited("restore", None, None, number))
+
+    def _tell_anew(self, writer: SurveyWriter, name: str) -> None:
+        """Report what the survey holds of a point that has got a drop from another one."""
+        known = known_point(writer, name)
         if known is not None:
-            self._known_points.add(to)
+            self._known_points.add(name)
             self._tell(known)
 
     def keep_result(self, number: int, result: DropResult) -> None:
@@ -326,10 +342,26 @@ class Session:
             self._pipeline.know(known.point, known.measured)
             self._tell(known)
 
+    def _tell_similar_point(self) -> None:
+        """Report a named point that is new and whose name a known one begins with, or the reverse.
+
+        On the screen the operator is asked; here nobody may be there to answer.
+        """
+        name = self._plan.named_point
+        if name is None or self._recorder is None:
+            return
+        points = [point for point in self._recorder.writer.contents().points if point.drops]
+        known = {each for point in points for each in (point.name, point.title)}
+        similar = similar_name(name, known | {station.name for station in self.job.stations})
+        if similar is not None:
+            text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
+            self._tell(Notice(text + "pfwd edit --move moves drops", serious=True))
+
     def _run(self) -> Ending:
         self._tell(JobKnown(self.job, self._differences))
         for text in self._changed_verdicts:
             self._tell(Notice(text, serious=True))
+        self._tell_similar_point()
         self._tell_known(self._point)
         while not self._finished():
             if self._may_go_on():
@@ -740,6 +772,14 @@ class Session:
             return datetime.datetime.now(datetime.UTC)
         later = last.first + len(last.counts) - (raw.first + raw.trigger)
         return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
+
+
+def _drop_of(writer: SurveyWriter, number: int, where: str) -> SurveyDrop:
+    """Return a drop by its number within the survey. Raises RecordingError."""
+    for drop in writer.contents().drops:
+        if drop.number == number:
+            return drop
+    raise RecordingError(f"{where}: expected a drop of the survey, came number {number}")
 
 
 def _count(unkept: int) -> dict[str, int]:

@@ -15,6 +15,7 @@ from simulators.instrument.response import DropResponse
 from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
 from simulators.instrument.schedule import Schedule
 from simulators.instrument.timeline import PAGE, Bench, Timeline
+from simulators.instrument.truth import drop_truth
 from simulators.instrument.units import DURATION, TIME_STEP, UnitDrop, UnitDrops, with_drawn_soil
 from simulators.mesh import Plate
 from simulators.traces import Geophone, geophone_output
@@ -277,3 +278,16 @@ def test_soil_that_cannot_be_computed_is_told_to_whoever_asks(
     chosen = scenario(soil={"modulus": 1e7})
     with pytest.raises(MemoryError, match="grid"):
         UnitDrops(chosen, (1.0,)).get(1.0)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_demonstration_drops_with_the_load_that_e_vd_takes_for_granted(seed: int) -> None:
+    chosen = load_scenario("compacted")
+    bench = Bench(chosen, UnitDrops(chosen, (*chosen.drops.seating, 1.0)), seed)
+    truths = [drop_truth(bench, number) for number in (4, 5, 6)]
+    loads = [truth["peak_load_n"] for truth in truths]
+    assert np.mean(loads) == pytest.approx(7070.0, rel=0.02)
+    settlement = np.mean([truth["peak_displacement_m"] for truth in truths])
+    assert 55e6 < 1.5 * 0.15 * 1e5 / settlement < 65e6, "E_vd, Pa"
+    assert {truth["modulus_pa"] for truth in truths} == {52e6}
+    assert chosen.device.plate_radius == 0.15

@@ -44,5 +44,7 @@ def test_a_target_is_in_the_unit_of_the_survey_s_procedure(
     assert main(["job", survey, "--procedure", "mndot"]) == 0
     assert main(["edit", survey, "--target", "0.6", "--json"]) == 0
     assert '"target_pa": 0.0006' in capsys.readouterr().out
+    assert main(["edit", survey, "--target", "45"]) == 2
+    assert "procedure mndot judges a deflection in mm" in capsys.readouterr().err
     assert main(["edit", survey, "--target", "0"]) == 2
     assert "expected a number > 0, in mm" in capsys.readouterr().err

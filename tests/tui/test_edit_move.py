@@ -5,12 +5,14 @@ from pathlib import Path
 import pytest
 
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.header import declared_values
-from pfwd_survey.judging import JobRequest, judged_points
+from pfwd_survey.judging import JobRequest, Station, judged_points
 from pfwd_survey.measuring.events import DropSaved, PointKnown
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
-from pfwd_survey.procedures import plain_procedure
+from pfwd_survey.measuring.standing import Standing
+from pfwd_survey.procedures import Kind, plain_procedure
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
 from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed
 from tui.cli import main
@@ -83,3 +85,76 @@ def test_while_it_is_measured(survey: str) -> None:
     assert "expected a drop of the survey, came number 99" in log.texts
     assert log.of(DropSaved) == []
     assert [point.name for point in judged_points(read_survey(survey))] == ["1", "2"]
+
+
+def counting(survey: str) -> dict[str, list[int]]:
+    """Numbers within their points of the drops that count."""
+    points = judged_points(read_survey(survey))
+    return {
+        point.name: [
+            number
+            for number, kind in point.progress.kinds
+            if kind not in (Kind.REJECTED, Kind.DISCARDED)
+        ]
+        for point in points
+    }
+
+
+def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str) -> None:
+    log = Log()
+    with SurveyWriter.open(survey, publish=False) as writer:
+        session = Session(ScriptedFeed(), log, SessionPlan(options=None, point="1"), writer)
+        session.ask(lambda it: it.edit(Edit("discard", "by the operator"), number=2))
+        session.ask(lambda it: it.move_drop(3, "2"))
+        session.ask(lambda it: it.edit(Edit("restore"), number=3))
+        session.ask(lambda it: it.edit(Edit("restore"), number=99))
+        session.run()
+    assert counting(survey) == {"1": [1, 3, 4], "2": []}
+    standing = Standing()
+    for event in log:
+        standing.take(event)
+    kinds = dict(standing.progress_of("1").kinds)
+    assert (kinds[2], kinds[3]) == (Kind.DISCARDED, Kind.MEASURED)
+    assert dict(standing.progress_of("2").kinds)[1] is Kind.REJECTED
+    assert "restore: expected a drop of the survey, came number 99" in log.texts
+
+
+def test_restoring_a_moved_drop_takes_it_from_where_it_is_now(survey: str) -> None:
+    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"])
+    main(["edit", survey, "--point", "2", "--drop", "1", "--move", "3"])
+    assert counting(survey) == {"1": [1, 2, 4], "2": [], "3": [1]}
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--restore"]) == 0
+    assert counting(survey) == {"1": [1, 2, 3, 4], "2": [], "3": []}
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"]) == 0
+    assert counting(survey) == {"1": [1, 2, 4], "2": [2], "3": []}
+
+
+def test_a_move_to_a_renamed_point_finds_it_by_its_title(survey: str) -> None:
+    main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"])
+    main(["edit", survey, "--point", "2", "--name", "km 1"])
+    with SurveyWriter.open(survey, publish=False) as writer:
+        session = Session(ScriptedFeed(), Log(), SessionPlan(options=None, point="1"), writer)
+        session.ask(lambda it: it.move_drop(4, "km 1"))
+        session.run()
+    assert [point.name for point in read_survey(survey).points] == ["1", "2"]
+
+
+def test_a_move_to_a_name_that_is_part_of_a_known_one_is_doubted(
+    survey: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for drop, to in (("3", "12+360"), ("2", "12+36"), ("1", "12+36")):
+        assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", to]) == 0
+    doubts = [line for line in capsys.readouterr().err.splitlines() if "exists" in line]
+    assert doubts == ["pfwd: edit: point 12+36 is new, but 12+360 exists. Was 12+360 meant?"]
+
+
+def test_a_new_point_that_is_part_of_a_station_is_doubted_by_the_session(survey: str) -> None:
+    stations = JobRequest(stations=(Station("12+360"), Station("12+380")))
+    doubts = []
+    for point in ("12+36", "12+360", "7"):
+        log = Log()
+        plan = SessionPlan(options=None, point=point, job=stations)
+        with SurveyWriter.open(survey, publish=False) as writer:
+            Session(ScriptedFeed(), log, plan, writer).run()
+        doubts.append("is new, but 12+360 exists. Was 12+360 meant?" in log.texts)
+    assert doubts == [True, False, False]

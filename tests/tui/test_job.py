@@ -50,10 +50,24 @@ def test_the_report_is_judged_by_it(
     assert point["value"]["unit"] == "m"
 
 
+def test_columns_of_a_station_list_that_are_not_used_are_named(
+    survey: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "lot.csv"
+    file.write_text("name,lane\n12+320,left\n", encoding="utf-8")
+    assert main(["job", survey, "--stations", str(file)]) == 0
+    assert "columns not used: 'lane'. Known columns are name," in capsys.readouterr().err
+    file.write_text("name,target_MPa\n12+320,45\n", encoding="utf-8")
+    assert main(["job", survey, "--stations", str(file)]) == 2
+    assert "expected a column target, in MPa, came 'target_MPa'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--target", "-1"], "--target: expected a number > 0, in MPa, came -1"),
+        (["--procedure", "mndot", "--target", "45"], "came 45 mm; did you mean a modulus?"),
+        (["--target", "45000"], "came 45000 MPa; did you mean another unit?"),
         (["--procedure", "mndott"], "procedure: expected one of astm-e2583"),
         (["--stations", "none.csv"], "none.csv: expected a readable file"),
     ],
@@ -149,7 +163,7 @@ def test_a_target_of_a_report_that_does_not_count_is_said(
         (["--target", "0"], "--target: expected a number > 0, in MPa, came 0"),
         (["--target-deflection", "1"], "a procedure that judges deflections, came none, which"),
         (["--target", "1", "--target-deflection", "1"], "expected one of them, came both"),
-        (["--procedure", "mndot", "--target", "1000"], "a deflection below 1000 mm, came 1000"),
+        (["--procedure", "mndot", "--target", "1000"], "of 0.01 to 10 mm, came 1000 mm"),
     ],
 )
 def test_a_target_that_no_report_can_have_is_wrong_usage(

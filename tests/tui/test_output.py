@@ -10,7 +10,18 @@ import pytest
 
 from pfwd_survey.exporting.json_text import json_text
 from tests.tui.console import PFWD, TOP
-from tui.output import clean, spelled
+from tui.output import clean, next_commands, spelled
+
+
+def test_the_next_commands_can_be_copied(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert next_commands("s1") == ("pfwd open s1", "pfwd report s1 -o report.html")
+    opening = {}
+    for name in ("posix", "nt"):
+        with monkeypatch.context() as patched:
+            patched.setattr("tui.output.os.name", name)
+            opening[name] = next_commands(r"C:\T\Ring road")[0]
+    assert opening["posix"] == r"pfwd open 'C:\T\Ring road'"
+    assert opening["nt"] == r'pfwd open "C:\T\Ring road"'
 
 
 def test_json_knows_numpy_and_no_infinity() -> None:

@@ -1,5 +1,6 @@
 """What ``pfwd log`` prints and keeps, replayed, inverted, edited, imported, checked; the demo."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from tests.tui.console import (
     pfwd,
     records,
 )
+from tui.output import next_commands
 
 INVERT_KEYS = {
     *("file", "status", "method", "model", "modulus_pa", "modulus_sd_pa", "viscosity_pa_s"),
@@ -147,6 +149,40 @@ def test_edit_and_import(captured: tuple[Path, Any], tmp_path: Path) -> None:
     moved = pfwd("import", copy, "-o", tmp_path / "other", "--json")
     (line,) = records(moved.stdout)
     assert (line["point"], line["drop"], line["saved"], line["before"]) == ("P 1", 1, True, False)
+
+
+def test_the_demo_is_a_point_that_passes_and_names_what_comes_next(tmp_path: Path) -> None:
+    survey = tmp_path / "first survey"
+    done = pfwd("demo", "--rate", WITH_SHUNT, "-o", survey)
+    assert done.returncode == 0, done.stderr
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("point 1: E_vd ")
+    assert "target 45 MPa  PASS: the whole 95 % interval reaches the target" in last
+    assert f"next: {next_commands(survey)[0]}" in done.stderr
+    assert f"next: {next_commands(survey)[1]}" in done.stderr
+    job = json.loads(pfwd("job", survey, "--json").stdout)
+    assert (job["procedure"], job["target"]) == ("tp-bf-stb-b8.3", 45e6)
+    point = records(pfwd("replay", survey, "--json", "--no-invert").stdout)[-1]
+    assert (point["value"]["quantity"], point["value"]["drops"]) == ("E_vd", 3)
+    assert 55e6 < point["value"]["value"] < 65e6, "within what the method measures"
+    assert point["value"]["interval"][0] > 45e6
+    truth = done.stderr.split("what was simulated, hidden until now:")[1].strip().splitlines()
+    measured = [float(line.split("E ")[1].split(" MPa")[0]) for line in truth[3:]]
+    assert measured == [52.0] * 3, "the ground is above the target as well"
+
+
+def test_a_demo_of_another_scenario_or_of_few_drops_decides_nothing(tmp_path: Path) -> None:
+    options = ("--rate", WITH_SHUNT, "-o")
+    soft = pfwd("demo", "--scenario", "default", "--drops", 1, *options, tmp_path / "soft")
+    assert soft.returncode == 0, soft.stderr
+    job = json.loads(pfwd("job", tmp_path / "soft", "--json").stdout)
+    assert (job["procedure"], job["target"]) == (None, None)
+    few = pfwd("demo", "--drops", 2, *options, tmp_path / "few")
+    assert few.returncode == 0, few.stderr
+    assert "PASS" not in few.stdout
+    done = pfwd("report", tmp_path / "few", "-o", tmp_path / "r.html", "--json")
+    (point,) = records(done.stdout)
+    assert (point["verdict"], point["complete"], point["target"]) == ("undecided", False, 45e6)
 
 
 def test_the_demo_tells_the_truth_at_the_end(tmp_path: Path) -> None:

@@ -10,19 +10,26 @@ from typing import Any
 
 import numpy as np
 
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
 from pfwd_survey.measuring.session import SessionPlan
+from pfwd_survey.procedures import Procedure, find_procedure
 from simulators.firmware import BoardOptions, HostBoard, Played, play_records, serve_firmware
 from simulators.instrument import SimulatedInstrument, serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
 from tui.log_file import close_log, open_log
-from tui.output import on_terminal, say
+from tui.output import next_commands, on_terminal, say
 from tui.session_lines import SessionLines
 
 DROPS, RATE = 6, 3.0
 """Of the demonstration in lines: a whole point in ten seconds."""
+
+SCENARIO, PROCEDURE, TARGET = "compacted", "tp-bf-stb-b8.3", 45e6
+"""What is shown where no scenario is named, and the target, Pa: a newcomer sees a point that passes
+by a procedure, and its ground is above the target too (52 MPa)."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
         return _on_screen(args)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     say(f"recording into {folder}")
+    scenario = _scenario(args)
     drops = args.drops or DROPS
     rate = RATE if args.rate is None else args.rate
     instrument: SimulatedInstrument | HostBoard
@@ -47,12 +55,13 @@ def run(args: argparse.Namespace) -> int:
             instrument = HostBoard(played, BoardOptions(speed=rate))
         else:
             start = serve_firmware if args.firmware else serve
-            instrument = start(args.scenario, drops=drops, seed=args.seed, rate=rate)
+            instrument = start(scenario, drops=drops, seed=args.seed, rate=rate)
     except SimulationError as err:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
-    plan = SessionPlan(drops=drops, options=AnalysisOptions(seed=args.seed))
+    plan = _plan(args, folder, None)
+    plan = replace(plan, drops=drops)
     with instrument:
         what = "simulated instrument"
         if args.firmware:
@@ -64,6 +73,9 @@ def run(args: argparse.Namespace) -> int:
             lines.rest()
         finally:
             close_log(handler)
+        opening, reporting = next_commands(folder)
+        say(f"next: {opening}  (the drops on the screen)")
+        say(f"next: {reporting}  (the report)")
         instrument.stop()
         try:
             truth = instrument.truth()
@@ -75,6 +87,23 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         _plot(folder, args.plot)
     return STATUS_OF_ENDING[ending]
+
+
+def _scenario(args: argparse.Namespace) -> str:
+    """Return the scenario: the named one, else that of the demonstration or of the core's."""
+    return args.scenario or ("default" if args.firmware else SCENARIO)
+
+
+def _plan(args: argparse.Namespace, folder: Path, usual: Procedure | None) -> SessionPlan:
+    """Return the plan of the session: judged by a procedure, or by `usual` for a named scenario.
+
+    A survey that is there already keeps its own job.
+    """
+    plan = SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=usual)
+    if args.play or _scenario(args) != SCENARIO or is_survey(folder):
+        return plan
+    job = JobRequest(target=TARGET)
+    return replace(plan, usual_procedure=find_procedure(PROCEDURE), job=job)
 
 
 def _played(file: str, drops: int | None) -> Played:
@@ -99,21 +128,22 @@ def _on_screen(args: argparse.Namespace) -> int:
     from tui.screen.show import show
 
     found: dict[int, float] = {}
+    scenario = _scenario(args)
+    folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     source = DemoSource(
-        args.scenario,
-        Path(args.output) if args.output else None,
-        SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=plain_procedure()),
-        drops=args.drops,
+        scenario,
+        folder,
+        _plan(args, folder, plain_procedure()),
+        drops=args.drops or (DROPS if scenario == SCENARIO else None),
         seed=args.seed,
         rate=1.0 if args.rate is None else args.rate,
         firmware=args.firmware,
     )
     status = show(source, "demo", moduli=found)
-    say(f"recorded into {source.survey}")
     for line in truth_lines([drop for drop in source.truth if drop["drop"] in found], found):
         print(line, file=sys.stderr, flush=True)
     if args.plot:
-        _plot(source.survey or Path(), args.plot)
+        _plot(folder, args.plot)
     return status
 
 

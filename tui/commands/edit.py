@@ -1,7 +1,7 @@
 """``pfwd edit``: say something of a point or drop; shows what has been said."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
@@ -16,7 +16,7 @@ from pfwd_survey.files.editing import (
     survey_overview,
 )
 from pfwd_survey.files.moving import move_drop
-from tui.output import clean, counted
+from tui.output import clean, counted, say
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,6 +31,7 @@ def _run(args: argparse.Namespace) -> int:
         if edits:
             raise OptionError(refusal("--move", "nothing else said with it", "other edits"))
         points = overview_of(move_drop(args.survey, args.point, args.drop, args.move))
+        _warn_similar_point(args.survey, points, args.move)
     elif edits or args.point is not None or args.drop is not None:
         points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))
     else:
@@ -42,6 +43,21 @@ def _run(args: argparse.Namespace) -> int:
             for line in _lines(point):
                 print(clean(line), flush=True)
     return 0
+
+
+def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: str) -> None:
+    """Say when a drop was moved to a new point whose name another begins with, or the reverse."""
+    from pfwd_survey.judging.stations import similar_name
+    from tui.measuring_options import kept_job
+
+    measured = {point["point"]: len(point["drops"]) for point in points}
+    titles = {point["name"] for point in points}
+    stations = {station.name for station in kept_job(survey).stations}
+    if measured.get(to) != 1 or to in stations:  # a renamed or known point, or a planned one
+        return
+    similar = similar_name(to, (measured.keys() | titles | stations) - {to})
+    if similar is not None:
+        say(f"edit: point {to} is new, but {similar} exists. Was {similar} meant?")
 
 
 def _edits(args: argparse.Namespace) -> list[Edit]:

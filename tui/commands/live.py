@@ -16,6 +16,7 @@ from tui.measuring_options import (
     measuring_setup,
     try_output,
 )
+from tui.output import say
 from tui.screen.session.sources import LiveSource
 from tui.screen.settings import load_settings
 from tui.screen.show import show
@@ -30,7 +31,13 @@ def run(args: argparse.Namespace) -> int:
     usual = plain_procedure() if said is None else plain_procedure(int(said))
     if args.json:  # for machines, in place of the screen
         return log.run(args, usual)
-    request = job_request(args, args.output, setup.procedure, usual)
+    remarks: list[str] = []
+
+    def remark(text: str) -> None:
+        say(text)
+        remarks.append(text)  # what stands on the terminal now is soon behind the screen
+
+    request = job_request(args, args.output, setup.procedure, usual, remark)
     request = JobRequest(units=load_settings().units).over(request)
     if not agreed_on_terminal(args.output, setup.procedure, request):
         return 0
@@ -45,4 +52,4 @@ def run(args: argparse.Namespace) -> int:
     )
     source = LiveSource(args.url, Path(args.output), plan, args.spare)
     with receiver or contextlib.nullcontext():
-        return show(source, "live")
+        return show(source, "live", remarks=remarks)

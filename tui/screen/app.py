@@ -17,6 +17,7 @@ from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
 from pfwd_survey.errors import DeviceError, SurveyError
+from pfwd_survey.files.moving import moved_to
 from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.contents import survey_contents
 from pfwd_survey.measuring.events import (
@@ -300,7 +301,9 @@ class PfwdApp(App[int]):
                 self.say(text)
             case PointDiagnosed(name, result):
                 self.diagnoses.on_point(name, result, self.units)
-            case Edited():
+            case Edited(value=value):
+                if moved_to(value) is not None:  # a drop is there or gone at another point
+                    self.read_contents()
                 self.diagnoses.verdicts.pop(self.state.point, None)
             case DropRead(one):
                 self.fits.on_read(one)
@@ -363,7 +366,7 @@ class PfwdApp(App[int]):
                 self.call_after_refresh(start)
 
     def action_undo(self) -> None:
-        """Take the last discard or restore back."""
+        """Take the last discard, restore or move back."""
         self.edits.undo()
 
     def on_paste(self, event: events.Paste) -> None:

@@ -2,14 +2,14 @@
 
 import contextlib
 import logging
-import shlex
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from pfwd_survey.measuring.events import Notice
 from pfwd_survey.procedures import Verdict
 from tui.log_file import close_log, open_log
-from tui.output import counted, on_terminal, say
+from tui.output import counted, next_commands, on_terminal, say
 from tui.screen.session.sources import SessionSource
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ def show(
     source: SessionSource,
     command: str,
     moduli: dict[int, float] | None = None,
+    remarks: Sequence[str] = (),
 ) -> int:
     """Run the screen; the exit status.
 
@@ -33,6 +34,8 @@ def show(
     moduli : dict, optional
         Filled with the moduli that were found, Pa, by number of the drop
         within the survey.
+    remarks : sequence of str
+        What the operator has to know of the options, shown first and kept among the notices.
     """
     if not on_terminal():
         say(
@@ -45,6 +48,8 @@ def show(
 
     with _logged(source):
         app = PfwdApp(source, load_settings())
+        for text in remarks:
+            app.runner.put(Notice(text, serious=True))
         try:
             status = app.run()
         finally:
@@ -77,12 +82,11 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     )
     said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
     stood = f" ({said})" if said else ""
-    quoted = shlex.quote(str(folder))
     measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{stood}"
     safe = f"; {state.held} NOT SAFE" if state.held else ", all on the disk"
     return [
         f"{folder}: {measured}{safe}",
-        f"next: pfwd open {quoted}, or pfwd report {quoted} -o report.html",
+        f"next: {', or '.join(next_commands(folder))}",
     ]
 
 

@@ -106,9 +106,32 @@ def test_differences_are_sentences_in_the_procedures_unit() -> None:
     assert asked.differences(Job()) == [], "nothing was said before"
 
 
+def test_targets_of_another_quantity_are_named_when_the_procedure_changes() -> None:
+    stations = (Station("A", target=6e-4), Station("B", target=7e-4), Station("C"))
+    job = Job(procedure=MNDOT, target=6e-4, stations=stations)
+    job_lines = JobRequest(procedure=PAPER).differences(job)
+    rule = "not for procedure paper, which judges modulus in MPa. Enter it again with"
+    assert job_lines[1].startswith(f"the target 0.6 mm of the survey: {rule} --target")
+    assert job_lines[2].startswith(f"2 stations with targets such as 0.6 mm of A: {rule}")
+    typed_anew = JobRequest(procedure=PAPER, target=4e7, stations=(Station("A", target=5e7),))
+    assert not any("not for" in line for line in typed_anew.differences(job))
+    unplanned = Job(target=4e7)
+    assert (
+        "40 MPa of the survey: not for procedure mndot"
+        in JobRequest(procedure=MNDOT).differences(unplanned)[0]
+    )
+
+
 @pytest.mark.parametrize(
     ("procedure", "shown", "si"),
-    [(PAPER, 45.0, 45e6), (MNDOT, 0.6, 6e-4), (plain_procedure(), 40, 40e6)],
+    [
+        (PAPER, 45.0, 45e6),
+        (MNDOT, 0.6, 6e-4),
+        (plain_procedure(), 40, 40e6),
+        (MNDOT, 10.0, 1e-2),
+        (PAPER, 2.0, 2e6),
+        (PAPER, 10e3, 10e9),
+    ],
 )
 def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) -> None:  # type: ignore[no-untyped-def]
     assert target_si(shown, procedure) == pytest.approx(si)
@@ -119,7 +142,12 @@ def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) ->
     [
         (0.0, PAPER, r"--target: expected a number > 0, in MPa, came 0"),
         (float("nan"), MNDOT, r"expected a number > 0, in mm"),
-        (45e6, MNDOT, r"below 1000 mm, came 4.5e\+07; the procedure mndot judges a deflection"),
+        (45.0, MNDOT, r"to 10 mm, came 45 mm; did you mean a modulus\? procedure mndot judges"),
+        (6e-4, MNDOT, r"0.01 to 10 mm, came 0.0006 mm; did you mean another unit\?"),
+        (0.45, PAPER, r"to 10000 MPa, came 0.45 MPa; did you mean a deflection\? procedure paper"),
+        (45e3, PAPER, r"2 to 10000 MPa, came 45000 MPa; did you mean another unit\?"),
+        (45e6, PAPER, r"came 4.5e\+07 MPa; did you mean another unit\?"),
+        (0.6, NO_PROCEDURE, r"did you mean a deflection\? without a procedure a modulus is judged"),
     ],
 )
 def test_what_can_be_no_target_is_refused(shown: float, procedure, message: str) -> None:  # type: ignore[no-untyped-def]

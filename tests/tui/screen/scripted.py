@@ -191,6 +191,9 @@ class Session:
     def edit(self, edit: Any, *, point: str | None = None, number: int | None = None) -> None:
         self.asked.append((edit.what, edit.value, point, number))
 
+    def move_drop(self, number: int, to: str) -> None:
+        self.asked.append(("move", number, to))
+
     def change_job(self, request: Any) -> None:
         self.asked.append(("job", request.said()))
 

@@ -7,9 +7,17 @@ from typing import Any
 import pytest
 from textual.widgets import Input, Label, Select
 
+from pfwd_survey.files.moving import MOVED_TO
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
-from pfwd_survey.measuring.events import DropNotSaved, DropSaved, Notice, PointBegan, Ready
+from pfwd_survey.measuring.events import (
+    DropNotSaved,
+    DropSaved,
+    Edited,
+    Notice,
+    PointBegan,
+    Ready,
+)
 from pfwd_survey.measuring.pace import Pace
 from tests.tui.screen.scripted import (
     App,
@@ -82,6 +90,53 @@ def test_discarding_is_said_to_the_session_and_taken_back() -> None:
     play(App(), script)
 
 
+def test_undo_restores_the_drop_that_was_moved_and_not_one_discarded_before() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point())
+        await pilot.press("up", "d")
+        assert asked == [("discard", "by the operator", None, 5)]
+        await pilot.press("2", "enter", "w", "8", "enter")
+        assert asked[1:] == [("move", 6, "8")]
+        await pilot.press("u")
+        assert asked[2:] == [("restore", None, None, 6)]
+        await pilot.press("u")
+        assert asked[3:] == [("restore", None, None, 5)]
+
+    play(App(), script)
+
+
+def test_a_move_that_is_taken_back_leaves_no_trace_on_the_drop() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "enter")
+        await told(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+        assert "moved to" in app.text
+        await told(app, pilot, Edited("restore", None, None, 6))
+        assert "moved to" not in app.text
+
+    play(App(), script)
+
+
+def test_what_cannot_be_moved_leaves_nothing_to_take_back() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "enter", "w", "7", "enter")
+        app.redraw()
+        await pilot.pause()
+        assert "drop 6 is at point 7 already" in app.text
+        await told(app, pilot, Edited("discard", None, None, 6))
+        await pilot.press("w", "8", "enter")
+        app.redraw()
+        await pilot.pause()
+        assert "drop 6 is discarded" in app.text
+        await pilot.press("u")
+        assert asked == []
+
+    play(App(), script)
+
+
 def test_the_next_point_is_named_by_counting_on() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, *whole_point())
@@ -95,6 +150,41 @@ def test_the_next_point_is_named_by_counting_on() -> None:
         assert "1 to 64 characters" in app.text
         await pilot.press("escape")
         assert len(app.source.session.asked) == 1  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+def test_a_name_that_is_part_of_a_known_one_is_asked_about() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, *whole_point("12+360"))
+        await told(app, pilot, PointBegan("12+360"))
+        await pilot.press("n", *"12+36", "enter")
+        await pilot.pause()
+        assert "12+36 is new, but 12+360 exists. Begin it?" in app.text
+        await pilot.press("n")
+        assert app.screen.query_one("#text", Input).value == "12+36"
+        assert asked == []
+        await pilot.press("enter", "y")
+        await pilot.pause()
+        assert asked == [("point", "12+36")]
+        await pilot.press("n", *"12+380", "enter")
+        assert asked[1:] == [("point", "12+380")], "nothing that is like it"
+        await pilot.press("2", "enter", "w", *"12+3600", "enter")
+        await pilot.pause()
+        assert "12+3600 is new, but 12+360 exists" in app.text
+        await pilot.press("y")
+        await pilot.pause()
+        assert asked[2:] == [("move", 6, "12+3600")]
+
+    play(App(), script)
+
+
+def test_a_proposed_name_is_not_asked_about() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point("1"), *whole_point("9"), PointBegan("9"))
+        await pilot.press("n", "enter")
+        assert app.source.session.asked == [("point", "10")]  # type: ignore[attr-defined]
 
     play(App(), script)
 
@@ -155,6 +245,43 @@ def test_what_is_said_of_a_point_reaches_the_survey() -> None:
         ]
 
     play(App(), script)
+
+
+@pytest.mark.parametrize(
+    ("units", "typed", "message"),
+    [
+        ("si", "0.45", "expected a modulus of 2 to 10000 MPa, came 0.45 MPa;"),
+        ("us", "45000", "expected a modulus of 0.29008 to 1450.4 ksi, came"),
+    ],
+)
+def test_a_target_that_no_drop_can_reach_is_refused_while_it_is_typed(
+    units: Any, typed: str, message: str
+) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2", "m", *typed, "enter")
+        await pilot.pause()
+        assert message in app.text
+        assert app.source.session.asked == []  # type: ignore[attr-defined]
+
+    play(App(settings=ScreenSettings(units=units)), script)
+
+
+def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, ready())
+        await pilot.press("5")
+        await until(pilot, lambda: bool(app.screen.query("#target")))
+        app.screen.query_one("#target", Input).value = "45"
+        app.screen.query_one("#procedure", Select).value = "mndot"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await pilot.pause()
+        message = "came 45 mm; did you mean a modulus? procedure mndot judges a deflection in mm"
+        assert message in " ".join(app.text.split())
+        assert app.source.starts == 1  # type: ignore[attr-defined]
+
+    play(App(), script, (80, 24))
 
 
 def test_a_wrong_position_is_told_while_it_is_typed() -> None:
@@ -405,6 +532,17 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
         await pilot.pause()
         assert field.has_class("wrong")
         assert "stations: expected a file" in app.text
+        other = tmp_path / "other.csv"
+        other.write_text("name;lane\n12+320;left\n", encoding="utf-8")
+        field.value = str(other)
+        await pilot.pause()
+        assert not field.has_class("wrong")
+        assert "columns not used: 'lane'" in " ".join(app.text.split())
+        other.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
+        field.value = f" {other}"
+        await pilot.pause()
+        assert field.has_class("wrong")
+        assert "expected a column target, in mm, came 'Ziel'" in " ".join(app.text.split())
         field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
         await pilot.pause()
         assert not field.has_class("wrong")

@@ -8,7 +8,9 @@ import pytest
 from textual import events
 
 from pfwd_survey.judging import Job, Station
+from pfwd_survey.judging.stations import next_name
 from pfwd_survey.measuring.events import DropNotSaved, JobKnown
+from pfwd_survey.measuring.plan import Ending
 from pfwd_survey.procedures import Verdict, find_procedure
 from tests.tui.screen.scripted import (
     App,
@@ -24,7 +26,7 @@ from tests.tui.screen.scripted import (
     whole_point,
 )
 from tui.screen.app import SOUNDS
-from tui.screen.session.names import next_name
+from tui.screen.session.screen_events import SessionEnded
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import lot_progress, next_station
 from tui.screen.session.status import status_of
@@ -190,6 +192,21 @@ def test_the_step_between_stations() -> None:
     assert next_name("12+320", (), 20.0) == "12+340"
     assert next_name("12+320", ()) == "12+321"
     assert next_name("7", (), 20.0) == "8"
+
+
+@pytest.mark.parametrize("drops", [6, 5])
+def test_the_verdict_stays_when_the_instrument_has_ended(drops: int) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        job = JobKnown(Job(procedure=app.state.procedure, target=40e6))
+        *events, last = whole_point()
+        await told(app, pilot, job, *(events if drops == 6 else events[:-1]))
+        if drops == 6:
+            await told(app, pilot, last)
+        await told(app, pilot, SessionEnded(Ending.DONE))
+        assert "END" in app.text
+        assert ("target at least 40.0 MPa" in app.text) == (drops == 6)
+
+    play(quiet(), script, (80, 24))
 
 
 def test_leaving_says_what_was_measured_and_what_is_next(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tui.screen.session.names import next_name, point_name_error
+from pfwd_survey.judging.stations import next_name
+from tui.screen.session.names import point_name_error
 from tui.screen.settings import ScreenSettings, load_settings, save_settings
 from tui.screen.units import SI, US, figures, percent
 

@@ -23,6 +23,8 @@ class TextDialog(ModalScreen[str | None]):
         To begin with.
     check : callable
         What is wrong with a text; empty: nothing.
+    question : callable
+        What has to be answered with yes before a text is taken; empty: nothing.
     hint : str
     """
 
@@ -34,10 +36,12 @@ class TextDialog(ModalScreen[str | None]):
         value: str = "",
         *,
         check: Callable[[str], str] = lambda _: "",
+        question: Callable[[str], str] = lambda _: "",
         hint: str = "enter takes it, escape goes back",
     ) -> None:
         super().__init__()
         self._title, self._value, self._check, self._hint = title, value, check, hint
+        self._question = question
 
     def compose(self) -> ComposeResult:
         """A title, a line, what is wrong with it."""
@@ -53,9 +57,20 @@ class TextDialog(ModalScreen[str | None]):
         self.query_one("#text", Input).set_class(bool(fault), "wrong")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Take it when it is right."""
-        if not self._check(event.value):
-            self.dismiss(event.value)
+        """Take it when it is right, and meant."""
+        text = event.value
+        if self._check(text):
+            return
+        question = self._question(text)
+        if not question:
+            self.dismiss(text)
+            return
+
+        def answered(sure: bool | None) -> None:
+            if sure:
+                self.dismiss(text)
+
+        self.app.push_screen(Question(question, "yes", "no, type it again"), answered)
 
     def action_cancel(self) -> None:
         """Nothing is taken."""

@@ -64,9 +64,6 @@ class Host(Protocol):
     def restart(self, plan: SessionPlan, url: str) -> None:
         """Measure with another plan or instrument."""
 
-    def read_contents(self) -> None:
-        """Read the survey in a thread."""
-
     def say(self, text: str) -> None:
         """Show a sentence until the next key."""
 

@@ -6,12 +6,13 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from pfwd_survey.judging.stations import next_name
 from tui.screen.drawing.lines import Line
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.names import next_name, point_name_error
+from tui.screen.session.names import point_name_error, point_name_question
 from tui.screen.session.stations import next_station
 from tui.screen.widgets.lines_view import LinesView
 
@@ -177,10 +178,15 @@ class MeasurePage(Page):
         known = {point.shown_name for point in state.points.values()}
         station = next_station(state.job, known, self.pfwd.here())
         proposed = next_name(state.current.shown_name, known, state.job.step_m)
+        if station is not None:
+            proposed = station.station.name
         dialog = TextDialog(
             "Next point",
-            proposed if station is None else station.station.name,
+            proposed,
             check=point_name_error,
+            question=lambda name: (
+                "" if name == proposed else point_name_question(name, state.names_in_use())
+            ),
             hint="enter begins it, escape goes back",
         )
         self.app.push_screen(dialog, self._begin_point)

@@ -116,8 +116,14 @@ LEAST_DONE = 6
 
 
 def is_done(view: MeasureView) -> bool:
-    """Whether the point is done, and nobody looks at one of its drops."""
-    return view.word.word == "POINT DONE" and view.chosen is None
+    """Whether the point is done, and nobody looks at one of its drops.
+
+    Also when the instrument has ended after it, as a demonstration does.
+    """
+    state, word = view.state, view.word.word
+    ended = word == "END" and not state.recorded and bool(state.current.drops)
+    complete = word == "POINT DONE" or (ended and state.progress.next_kind is None)
+    return complete and view.chosen is None
 
 
 def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:

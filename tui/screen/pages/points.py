@@ -22,8 +22,9 @@ from tui.screen.pages.drop_texts import (
 )
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
+from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import PointState
-from tui.screen.session.names import point_name_error
+from tui.screen.session.names import point_name_error, point_name_question
 from tui.screen.units import NOTHING, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
@@ -256,13 +257,20 @@ class PointsPage(Page):
 
     def action_target(self) -> None:
         """What the point has to reach."""
-        units, quantity = self.pfwd.units, judged_quantity(self.pfwd.state.job.quantity)
+        units, procedure = self.pfwd.units, self.pfwd.state.procedure
+        quantity = judged_quantity(procedure.quantity)
         unit = units.unit(quantity)
+
+        def check(text: str) -> str:
+            if not _positive(text):
+                return f"a number > 0, in {unit}"
+            return typed_target_fault(units.si(quantity, float(text)), procedure, units)
+
         now = units.text(quantity, self.chosen.target, 4)
         self._ask(
             f"Target of point {self.chosen.shown_name}, {unit}",
             "" if now == NOTHING else now,
-            lambda text: "" if _positive(text) else f"a number > 0, in {unit}",
+            check,
             lambda text: Edit("target", units.si(quantity, float(text))),
         )
 
@@ -295,9 +303,13 @@ class PointsPage(Page):
         def take(name: str | None) -> None:
             if name:
                 self.pfwd.edits.move(drop, name.strip())
-                self.pfwd.read_contents()
 
-        dialog = TextDialog(f"Drop {drop.number} belongs to the point", check=point_name_error)
+        names = self.pfwd.state.names_in_use()
+        dialog = TextDialog(
+            f"Drop {drop.number} belongs to the point",
+            check=point_name_error,
+            question=lambda name: point_name_question(name, names),
+        )
         self.app.push_screen(dialog, take)
 
     def action_note(self) -> None:

@@ -12,6 +12,7 @@ from textual.widgets import Button, Input, Label, Select
 
 from pfwd_survey.errors import DeviceError, OptionError
 from pfwd_survey.judging import JobRequest
+from pfwd_survey.measuring.events import Notice
 from pfwd_survey.procedures import PLAIN, Procedure, shipped_names
 from tui.output import clean, counted
 from tui.screen.drawing.lines import Line, cell, line
@@ -219,9 +220,11 @@ class SetupPage(Page):
         field = BY_NAME.get(event.input.id or "")
         if field is None:
             return
-        fault = error_of(field, event.value, self.pfwd.units, self._judging())
+        remarks: list[str] = []
+        judging = self._judging()
+        fault = error_of(field, event.value, self.pfwd.units, judging, remarks.append)
         event.input.set_class(bool(fault), "wrong")
-        self._say(f"{field.title}: {fault}" if fault else field.hint)
+        self._say(f"{field.title}: {fault}" if fault else " ".join(remarks) or field.hint)
 
     def on_input_submitted(self) -> None:
         """Enter goes to the next field."""
@@ -295,11 +298,12 @@ class SetupPage(Page):
         """Take the setup when everything is right."""
         app = self.pfwd
         values: dict[str, Any] = {}
+        remarks: list[str] = []
         judging = self._judging()
         for field in FIELDS:
             text = self.query_one(f"#{field.name}", Input).value
             try:
-                values[field.name] = value_of(field, text, app.units, judging)
+                values[field.name] = value_of(field, text, app.units, judging, remarks.append)
             except ValueError as err:
                 self.query_one(f"#{field.name}", Input).focus()
                 self._say(f"{field.title}: {err}")
@@ -318,6 +322,8 @@ class SetupPage(Page):
             app.restart(plan, url)
         else:
             app.edits.say_of_job(said_of_job(values).news(job))
+        for text in remarks:
+            app.runner.put(Notice(text, serious=True))
         app.action_page("measure")
 
     def action_back(self) -> None:

@@ -3,13 +3,14 @@
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pfwd_survey.errors import OptionError, TraceError
 from pfwd_survey.files.header import KEYS, check_value
 from pfwd_survey.judging import JobRequest
+from pfwd_survey.judging.job import target_fault
 from pfwd_survey.judging.stations import read_stations
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import with_procedure
@@ -90,17 +91,40 @@ def chosen_procedure(name: str, values: Mapping[str, Any], known: Procedure | No
     return known if known is not None and known.name == name else find_procedure(name)
 
 
-def error_of(field: Field, text: str, units: Units, procedure: Procedure) -> str:
-    """What is wrong with what was typed; empty: nothing."""
+def error_of(
+    field: Field,
+    text: str,
+    units: Units,
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> str:
+    """What is wrong with what was typed; empty: nothing. `on_remark` as for `value_of`."""
     try:
-        value_of(field, text, units, procedure)
+        value_of(field, text, units, procedure, on_remark)
     except ValueError as err:
         return str(err)
     return ""
 
 
-def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any:
+def value_of(
+    field: Field,
+    text: str,
+    units: Units,
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> Any:
     """The value in SI; None: the field is empty.
+
+    Parameters
+    ----------
+    field : Field
+    text : str
+        As it was typed.
+    units : Units
+    procedure : Procedure
+        By which targets are judged.
+    on_remark : callable, optional
+        Receives what does not hold the value up and has to be known: columns that are not used.
 
     Raises
     ------
@@ -115,7 +139,7 @@ def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any
         path = os.path.expanduser(text.strip("'\""))
         if not os.path.isfile(path):  # a pipe would be waited for
             raise ValueError("expected a file, .csv or .gpx")
-        return read_stations(path, procedure)
+        return read_stations(path, procedure, on_remark)
     if field.kind == "text":
         if not text.isprintable() or len(text) > 200:
             raise ValueError("expected up to 200 letters on one line")
@@ -130,7 +154,17 @@ def value_of(field: Field, text: str, units: Units, procedure: Procedure) -> Any
             raise ValueError(f"expected {rule.expected.split(', in')[0]} {shown}".strip()) from err
     elif not 0 < value < math.inf:
         raise ValueError("expected a number > 0")
+    if field.kind == "target":
+        fault = typed_target_fault(value, procedure, units)
+        if fault:
+            raise ValueError(fault)
     return value
+
+
+def typed_target_fault(target: float, procedure: Procedure, units: Units) -> str:
+    """Describe why a target in SI cannot be one, in the units of the screen; empty: it can."""
+    unit = units.of(judged_quantity(procedure.quantity))
+    return target_fault(target, procedure, (unit.name, unit.scale))
 
 
 def _number(field: Field, text: str, units: Units, quantity: QuantityName | None) -> float | int:
@@ -211,6 +245,7 @@ __all__ = [
     "said_of_job",
     "shown_value",
     "summary_of",
+    "typed_target_fault",
     "unit_of",
     "value_of",
 ]

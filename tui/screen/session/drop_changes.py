@@ -119,6 +119,8 @@ def edit_drop(drop: DropState, event: Edited) -> None:
     """Something was said of it."""
     if event.what in ("discard", "restore"):
         drop.discarded = event.what == "discard"
+        if not drop.discarded:  # it may have had the reason that it was moved
+            drop.reason = "" if drop.handed is None else drop.handed.screening.reason or ""
     elif event.what == "note":
         drop.notes = (*drop.notes, str(event.value))
 

@@ -1,36 +1,10 @@
-"""Names of test points: what comes after 7, or after km 3+250."""
+"""Names of test points that are typed on the screen."""
 
-import re
 from collections.abc import Collection
 
 from pfwd_survey.errors import OptionError
-from pfwd_survey.judging.stations import next_along
+from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.plan import SessionPlan
-
-
-def next_name(name: str, known: Collection[str] = (), step_m: float | None = None) -> str:
-    """The name with its last number one higher, as often as it is known already.
-
-    A name with a chainage goes on by the step between stations, where one is said.
-
-    Examples
-    --------
-    >>> next_name("7"), next_name("lane 2, point 09"), next_name("start"), next_name("7", {"8"})
-    ('8', 'lane 2, point 10', 'start 2', '9')
-    >>> next_name("12+320", {"12+340"}, 20.0)
-    '12+360'
-    """
-    further = None if step_m is None else next_along(name, step_m)
-    if further is not None:
-        return next_name(further, known, step_m) if further in known else further
-    found = re.search(r"(\d+)(\D*)$", name)
-    if found is None:
-        proposal = f"{name} 2".strip()
-    else:
-        digits = found[1]
-        number = str(int(digits) + 1).zfill(len(digits))
-        proposal = name[: found.start()] + number + found[2]
-    return next_name(proposal, known) if proposal in known else proposal
 
 
 def point_name_error(name: str) -> str:
@@ -40,3 +14,17 @@ def point_name_error(name: str) -> str:
     except OptionError:
         return "1 to 64 characters"
     return ""
+
+
+def point_name_question(name: str, known: Collection[str]) -> str:
+    """Return what has to be asked before a point of this name begins; empty: nothing.
+
+    Parameters
+    ----------
+    name : str
+        As it was typed.
+    known : collection of str
+        Names of points and stations.
+    """
+    similar = similar_name(name, known)
+    return "" if similar is None else f"{name.strip()} is new, but {similar} exists. Begin it?"

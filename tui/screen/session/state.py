@@ -329,6 +329,15 @@ class SessionState:
                 if error:
                     self._on_notice(Notice(error, serious=True))
 
+    def names_in_use(self) -> set[str]:
+        """Names of the points that have drops, and of the stations of the job."""
+        points = [point for point in self.points.values() if point.drops]
+        return {
+            *(point.name for point in points),
+            *(point.shown_name for point in points),
+            *(station.name for station in self.job.stations),
+        }
+
     def drop_of_record(self, record: int) -> DropState | None:
         """By its number within the survey."""
         for point in self.points.values():

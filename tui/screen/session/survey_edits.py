@@ -63,7 +63,7 @@ class SurveyEdits:
             self._say(f"drop {drop.number} {done}")
 
     def undo(self) -> None:
-        """Take the last discard or restore back."""
+        """Take the last discard, restore or move back."""
         if not self._undo:
             self._say("there is nothing to take back")
             return
@@ -90,9 +90,16 @@ class SurveyEdits:
         if drop is None or drop.record is None:
             self._say("there is no drop that could be moved")
             return
+        if drop.discarded:
+            self._say(f"drop {drop.number} is discarded; d restores it, then it can be moved")
+            return
+        if drop.point == to:
+            self._say(f"drop {drop.number} is at point {to} already")
+            return
         record = drop.record
         if self._source.writes and self._runner.ask(lambda it: it.move_drop(record, to)):
-            self._say(f"drop {drop.number} is moved to {to}")
+            self._undo.append(Undo(f"move of drop {drop.number} to {to}", Edit("restore"), drop))
+            self._say(f"drop {drop.number} is moved to {to}; u takes it back")
             return
         self._say("a recording is edited with pfwd edit --move")
 
