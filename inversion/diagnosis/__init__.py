@@ -6,6 +6,7 @@ from inversion.diagnosis.findings import (
     NEARLY_EXPLAINED,
     DeviceFindings,
     DropCurves,
+    FittedPoint,
     FoundEffect,
     FoundParameter,
     HeldOutPart,
@@ -14,13 +15,21 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     UnknownKey,
 )
+from inversion.diagnosis.held_out import (
+    Allow,
+    count_held_out,
+    held_out_error,
+    without_held_out,
+)
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
+    "Allow",
     "DeviceFindings",
     "DropCurves",
+    "FittedPoint",
     "FoundEffect",
     "FoundParameter",
     "HeldOutPart",
@@ -30,7 +39,10 @@ __all__ = [
     "PointRecords",
     "UnknownKey",
     "cost_of_sharing",
+    "count_held_out",
     "diagnose_point",
     "fit_device",
+    "held_out_error",
     "left_out_error",
+    "without_held_out",
 ]

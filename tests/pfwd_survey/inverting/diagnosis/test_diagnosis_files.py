@@ -58,13 +58,18 @@ def test_the_keys_are_those_of_the_contract(found: list[Diagnosed]) -> None:
     after_alone = {"stress_pa", "modulus_100kpa_pa"}
     assert set(record["before"]) == set(record["after"]) - after_alone
     assert after_alone <= set(record["after"])
-    assert set(record["held_out"]) == {"mode", "before", "after", "by"}
+    errors = "fitted before after contact_before contact_after scaled_record contact_scaled_record"
+    assert set(record["held_out"]) == {"mode", *errors.split(), "by"}
+    (part,) = record["held_out"]["by"]
+    assert set(part) == {"name", *errors.split()}
     assert set(state.split()) <= set(record["after"])
     low, high = record["after"]["modulus_interval_pa"]
     assert low <= record["after"]["modulus_pa"] <= high
     effect = "name value sd unit parameters evidence probability alternatives"
     assert set(effect.split()) <= set(record["effects"][0])
-    # The two files are one device's: each was predicted with what the other says of it.
+    # The two files are one device's: its effects are transferred, the ground is fitted.
+    assert "modulus_ratio (ground)" in record["held_out"]["fitted"]
+    assert record["held_out"]["scaled_record"] is None
     assert record["held_out"]["after"] < 0.1 * record["held_out"]["before"]
     text = "\n".join(diagnosis_lines(found[0].result))
     assert "EXPLAINED" in text
