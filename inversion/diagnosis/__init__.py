@@ -2,6 +2,7 @@
 
 from inversion.diagnosis.device import cost_of_sharing, fit_device
 from inversion.diagnosis.diagnose import diagnose_point
+from inversion.diagnosis.drop_prediction import predict_next
 from inversion.diagnosis.findings import (
     NEARLY_EXPLAINED,
     DeviceFindings,
@@ -44,5 +45,6 @@ __all__ = [
     "fit_device",
     "held_out_error",
     "left_out_error",
+    "predict_next",
     "without_held_out",
 ]

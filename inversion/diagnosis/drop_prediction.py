@@ -22,6 +22,25 @@ from inversion.effects.base import Effect, Ground
 from inversion.effects.catalogue import BY_NAME
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.record import Record, prepare
+from inversion.threads import single_threaded_blas
+
+
+def predict_next(
+    fitted: FittedPoint, time: FloatArray, load: FloatArray, library: SurrogateLibrary
+) -> FloatArray:
+    """Return the displacements of a drop that follows the fitted ones, (n_sensors, n), m.
+
+    Parameters
+    ----------
+    fitted : FittedPoint
+    time, load : (n,) ndarray of float, s and N; time 0 is the trigger
+    library : SurrogateLibrary
+    """
+    last = fitted.records.records[-1]
+    silent = tuple(replace(sensor, values=np.zeros_like(load)) for sensor in last.sensors)
+    record = replace(last, time=time, load=load, sensors=silent)
+    with single_threaded_blas():
+        return DropPredictor(fitted, record, len(fitted.records.records) - 1, library).trace()
 
 
 class DropPredictor:

@@ -176,7 +176,8 @@ def _errors(
     left = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
     chosen = left if rows is None else left[list(rows)]
     ends = drop.tail_end, drop.contact_end
-    parts = [(drop.time >= drop.trigger) & (drop.time <= end * (1 + 1e-9)) for end in ends]
+    begun = drop.time >= drop.trigger * (1 - 1e-9)
+    parts = [begun & (drop.time <= end * (1 + 1e-9)) for end in ends]
     whole, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
     return whole, contact
 
