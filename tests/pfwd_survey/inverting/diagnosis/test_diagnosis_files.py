@@ -1,14 +1,17 @@
 """Diagnoses of files: device files, surveys of one device, what machines and people are shown."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import pfwd
 from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.diagnosis import device_effects
@@ -192,3 +195,14 @@ def test_a_radius_in_millimetres_is_refused_with_its_file(files: list[str]) -> N
     assert found.error == (
         f"{files[0]}: plate radius: expected at most 10 m, got 150 (in millimetres?)"
     )
+
+
+def test_a_list_of_points_of_one_device_is_one_survey(
+    found: list[Diagnosed], files: list[str]
+) -> None:
+    diagnoses = pfwd.diagnose([pfwd.read(file)[0] for file in files])
+    for diagnosis, one in zip(diagnoses, found, strict=True):
+        assert one.result is not None
+        expected = one.result.to_json()
+        assert diagnosis["held_out"]["mode"] == "point"
+        assert diagnosis["effects"] == json.loads(json_text(expected))["effects"]
