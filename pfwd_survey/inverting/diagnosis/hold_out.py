@@ -71,8 +71,7 @@ def with_predictions(
                 tasks.append((id(point), _records(point), diagnosis.fitted))
             else:
                 warnings[id(point)].append(
-                    f"held out {mode}: not predicted, the other records cannot be diagnosed: "
-                    f"{diagnosis}"
+                    f"nothing is predicted without part {place + 1} ({mode}): {diagnosis}"
                 )
         if tasks:
             keys, *columns = zip(*tasks, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,11 +11,13 @@ import pytest
 
 from inversion import Record, Sensor
 from inversion.arrays import FloatArray
-from inversion.diagnosis import LeaveOut, PointRecords
+from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
 from inversion.diagnosis.drop_prediction import DropPredictor
 from inversion.forward.model import Instrument
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
+from pfwd_survey.inverting.diagnosis.points import Found, Workers
 from pfwd_survey.inverting.diagnosis.result import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -115,3 +118,21 @@ def test_without_the_option_it_is_said_that_the_drop_had_a_part_in_the_fit(
     assert found.mode == "drop"
     assert not found.is_prediction
     assert "choice of effects" in (found.fitted or ())
+
+
+def test_a_point_that_cannot_be_diagnosed_without_a_part_says_so(point: DiagnosisPoint) -> None:
+    (one,) = diagnose_entries([point], leave_out="next")
+    assert one.diagnosis is not None
+
+    def refuse(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
+        return {id(reduced): "no load" for reduced in points}
+
+    found = {id(point): one.diagnosis}
+    (diagnosis,) = with_predictions([point], found, refuse, "drop", None, Workers(1)).values()
+    assert isinstance(diagnosis, PointDiagnosis)
+    assert diagnosis.held_out_by == ()
+    assert diagnosis.held_out_after is None
+    assert diagnosis.warnings[-2:] == (
+        "nothing is predicted without part 1 (drop): no load",
+        "nothing is predicted without part 2 (drop): no load",
+    )
