@@ -46,11 +46,11 @@ def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> Point
     """
     if mode == "sensor":
         position = _position(records, place)
-        kept = [
+        reduced = [
             replace(r, sensors=tuple(s for s in r.sensors if s.offset != position))
             for r in records.records
         ]
-        return replace(records, records=tuple(kept))
+        return replace(records, records=tuple(reduced))
     held_out = _held_out_drop(records, mode, place)
     return replace(
         records,
@@ -122,7 +122,7 @@ def _drop_error(
 def _sensor_error(
     records: PointRecords, fitted: FittedPoint, position: float, library: SurrogateLibrary
 ) -> HeldOutPart:
-    found: list[tuple[_Errors, _Errors]] = []
+    errors: list[tuple[_Errors, _Errors]] = []
     for place, record in enumerate(records.records):
         predictor = DropPredictor(fitted, record, place, library)
         row = [sensor.offset for sensor in record.sensors].index(position)
@@ -131,9 +131,9 @@ def _sensor_error(
             _errors(record, drop, predictor.trace(with_effects=with_effects), [row])
             for with_effects in (False, True)
         )
-        found.append((before, after))
+        errors.append((before, after))
     (before, contact_before), (after, contact_after) = np.sqrt(
-        np.mean(np.square(found), axis=0)
+        np.mean(np.square(errors), axis=0)
     ).tolist()
     name = f"sensor at {position:g} m"
     return HeldOutPart(name, before, after, contact_after, contact_before)
@@ -157,8 +157,8 @@ def _best_change(misfit: Callable[[float], float]) -> float:
     grid = np.linspace(-_LARGEST_CHANGE, _LARGEST_CHANGE, 9)
     nearest = int(np.argmin([misfit(float(change)) for change in grid]))
     ends = grid[max(nearest - 1, 0)], grid[min(nearest + 1, grid.size - 1)]
-    found = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-4})
-    return float(found.x)
+    optimum = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return float(optimum.x)
 
 
 def _errors(
@@ -173,11 +173,11 @@ def _errors(
     rows : sensors that count; None: all
     """
     first = record.time.size - drop.time.size
-    left = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
-    chosen = left if rows is None else left[list(rows)]
+    residual = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
+    chosen = residual if rows is None else residual[list(rows)]
     ends = drop.tail_end, drop.contact_end
-    begun = drop.time >= drop.trigger * (1 - 1e-9)
-    parts = [begun & (drop.time <= end * (1 + 1e-9)) for end in ends]
+    since_trigger = drop.time >= drop.trigger * (1 - 1e-9)
+    parts = [since_trigger & (drop.time <= end * (1 + 1e-9)) for end in ends]
     whole, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
     return whole, contact
 

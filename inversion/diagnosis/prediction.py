@@ -118,12 +118,12 @@ def _transfer_to_drop(candidate: Candidate, left_out: int) -> tuple[float, float
 
 def _names(unknowns: Sequence[Unknown], numbers: Sequence[int]) -> tuple[str, ...]:
     """Return what tells fitted numbers apart: parameter, effect and drop."""
-    found = []
+    names = []
     for unknown in unknowns:
         of = "ground" if unknown.effect is None else unknown.effect.name
         drop = "" if unknown.drop is None else f", drop {numbers[unknown.drop]}"
-        found.append(f"{unknown.parameter.name} ({of}{drop})")
-    return tuple(found)
+        names.append(f"{unknown.parameter.name} ({of}{drop})")
+    return tuple(names)
 
 
 def _without(problem: Problem, drops: Collection[int], held: Collection[int] = ()) -> Problem:

@@ -26,8 +26,8 @@ def run(args: argparse.Namespace) -> int:
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.allow is not None and args.leave_out not in ("next", "drop"):
-        came = "none" if args.leave_out is None else args.leave_out
-        raise OptionError(refusal(f"--allow {args.allow}", "--leave-out next or drop", came))
+        mode = args.leave_out or "none"
+        raise OptionError(refusal(f"--allow {args.allow}", "--leave-out next or drop", mode))
     for option, path in (("--plot", args.plot), ("--write-device", args.write_device)):
         if path:
             require_writable(path, option)

@@ -31,7 +31,7 @@ class _Diagnose(Protocol):
 
 def with_predictions(
     points: Sequence[DiagnosisPoint],
-    found: Found,
+    diagnoses_of_all: Found,
     diagnose: _Diagnose,
     mode: LeaveOut,
     allow: Allow | None,
@@ -45,7 +45,7 @@ def with_predictions(
     Parameters
     ----------
     points : sequence of DiagnosisPoint, with records
-    found : diagnoses of the points with all their records
+    diagnoses_of_all : diagnoses of the points with all their records
     diagnose : makes the diagnoses of other points
     mode : "next", "drop" or "sensor"
     allow : what may be fitted to a held-out drop
@@ -84,7 +84,7 @@ def with_predictions(
         key: _with_parts(diagnosis, mode, parts[key], warnings[key])
         if isinstance(diagnosis, PointDiagnosis)
         else diagnosis
-        for key, diagnosis in found.items()
+        for key, diagnosis in diagnoses_of_all.items()
     }
 
 
