@@ -1,8 +1,9 @@
-"""The loop closed on measured drops by ``pfwd diagnose`` itself, judged by what was left out.
+"""Fit and prediction of measured drops by ``pfwd diagnose`` itself, side by side.
 
 Needs files of real devices; they are not part of the project.  Files of one device are one survey,
-as for the command: a point that is left out is fitted with device effects that the other points
-ask for together, its ground alone is its own.  Root mean squares over the peak, in %.
+as for the command.  By default the last drop of each point is predicted from its load, by a
+diagnosis of the survey without the last drops; beside it stands the preceding record, scaled by
+the peak loads.  Root mean squares over the peak, in %.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from inversion.diagnosis import PointDiagnosis
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd_survey.inverting.diagnosis.result import HeldOut
 from pfwd_survey.inverting.options import AnalysisOptions
 
 
@@ -28,7 +30,13 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
     parser.add_argument("--header", type=Path, help="what the files do not declare")
     parser.add_argument("--device", help="only this one")
-    parser.add_argument("--leave-out", choices=("drop", "sensor", "point"), help="as the command")
+    parser.add_argument(
+        "--leave-out",
+        choices=("next", "drop", "sensor", "point"),
+        default="next",
+        help="as the command (next)",
+    )
+    parser.add_argument("--allow", choices=("stiffness",), help="as the command")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw a picture there")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
@@ -45,8 +53,12 @@ def run(arguments: list[str]) -> int:
     middles = {}
     for name, points in surveys.items():
         begun = time.perf_counter()
-        done = diagnose_entries(points, None, options.jobs, options.leave_out)
-        found = [item.diagnosis for item in done if item.diagnosis is not None]
+        done = diagnose_entries(points, None, options.jobs, options.leave_out, allow=options.allow)
+        found = [
+            (item.diagnosis, item.result.held_out)
+            for item in done
+            if item.diagnosis is not None and item.result is not None
+        ]
         middles[name] = tell(report, name, found, time.perf_counter() - begun)
     if options.figures is not None:
         draw(middles, options.figures / "measured-loop.svg")
@@ -72,18 +84,22 @@ def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, li
 
 
 def tell(
-    report: Reporter, name: str, found: Sequence[PointDiagnosis], seconds: float
+    report: Reporter,
+    name: str,
+    found: Sequence[tuple[PointDiagnosis, HeldOut | None]],
+    seconds: float,
 ) -> dict[str, float | None]:
-    """Every point of a survey, then the medians."""
+    """Report every point of a survey, then the medians."""
     report.title(f"{name}: {len(found)} points; rms over the peak in %, E in MPa")
-    rows = [_row(point) for point in found]
-    for point, row in zip(found, rows, strict=True):
+    points = [point for point, _ in found]
+    rows = [_row(point, held_out) for point, held_out in found]
+    for point, row in zip(points, rows, strict=True):
         report.record(device=name, point=point.name, **row)
-    keys = [key for key, value in rows[0].items() if key.startswith(("before", "after", "left"))]
+    keys = [key for key in rows[0] if key.endswith(("_whole", "_contact"))]
     middle = {key: _median([row[key] for row in rows]) for key in keys}
     report.record(device=name, what="median", seconds=seconds, **middle)
-    for effect in sorted({effect.name for point in found for effect in point.effects}):
-        named = [e for point in found for e in point.effects if e.name == effect]
+    for effect in sorted({effect.name for point in points for effect in point.effects}):
+        named = [e for point in points for e in point.effects if e.name == effect]
         if named[0].scope != "device":
             report.record(device=name, effect=effect, points=len(named))
             continue
@@ -95,10 +111,9 @@ def tell(
     return middle
 
 
-def _row(point: PointDiagnosis) -> dict[str, Any]:
+def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
     low, high = point.after.modulus_interval
-    parts = point.held_out_by
-    contacts = [part.contact_after for part in parts]
+    held = held_out or HeldOut()
     return {
         "verdict": point.verdict,
         "corrected": int(point.corrected),
@@ -106,16 +121,23 @@ def _row(point: PointDiagnosis) -> dict[str, Any]:
         "before_contact": 100 * point.before.contact_residual_rms_over_peak,
         "after_whole": 100 * point.after.residual_rms_over_peak,
         "after_contact": 100 * point.after.contact_residual_rms_over_peak,
-        "left_out": point.held_out_mode,
-        "left_out_whole": None if not parts else 100 * float(point.held_out_after or 0.0),
-        "left_out_contact": None
-        if not parts
-        else 100 * float(np.sqrt(np.mean(np.square(contacts)))),
+        "held_out": held.mode,
+        "fitted": len(held.fitted or ()),
+        "base_held_out_whole": _percent(held.before),
+        "base_held_out_contact": _percent(held.contact_before),
+        "held_out_whole": _percent(held.after),
+        "held_out_contact": _percent(held.contact_after),
+        "scaled_record_whole": _percent(held.scaled_record),
+        "scaled_record_contact": _percent(held.contact_scaled_record),
         "modulus_before": 1e-6 * point.before.modulus,
         "modulus_after": 1e-6 * point.after.modulus,
         "low": 1e-6 * low,
         "high": 1e-6 * high,
     }
+
+
+def _percent(error: float | None) -> float | None:
+    return None if error is None else 100 * error
 
 
 def _median(values: Sequence[Any]) -> float | None:
@@ -124,20 +146,21 @@ def _median(values: Sequence[Any]) -> float | None:
 
 
 def draw(middles: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
-    """What is left of each device's points, before, after and left out."""
+    """Draw what is left of each device's points by the fit, and of what was held out."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
     axes = figure.add_subplot()
     steps = (
-        ("before_whole", "before"),
-        ("after_whole", "after"),
-        ("left_out_whole", "after, left out"),
+        ("before_whole", "base model, fitted"),
+        ("after_whole", "with effects, fitted"),
+        ("held_out_whole", "with effects, held out"),
+        ("scaled_record_whole", "preceding record, scaled"),
     )
     places = np.arange(len(middles))
     for index, (key, label) in enumerate(steps):
         heights = [values[key] or 0.0 for values in middles.values()]
-        bars = axes.bar(places + 0.27 * (index - 1), heights, 0.25, label=label)
+        bars = axes.bar(places + 0.2 * (index - 1.5), heights, 0.19, label=label)
         axes.bar_label(bars, fmt="%.2g", fontsize=7)
     axes.set_xticks(places, list(middles))
     axes.set_yscale("log")

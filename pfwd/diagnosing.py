@@ -6,10 +6,11 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pfwd.inverting import Header, drop_of_arrays, is_array
-from pfwd.measured import Drop, Point, points_of
+from pfwd.measured import Drop, Point, points_of, time_and_load
 from pfwd.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
 from pfwd.shown import Shown, axes_or_new, count, data_frame, html_table, megapascal, text_of
 from pfwd_survey.errors import OptionError, SurveyError, refusal
@@ -126,6 +127,42 @@ class Diagnosis(Shown):
     def to_dataframe(self) -> DataFrame:
         """The model before and after, a row each; needs pandas."""
         return data_frame(_rows(self))
+
+    def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[np.float64]:
+        """Return the displacement as the instrument records it, for a drop that follows.
+
+        The drop meets the ground of the point with its effects and those of the device; effects of
+        single drops have the values of the last drop diagnosed. Mains hum is not predicted.
+
+        Parameters
+        ----------
+        time : (n,) s, uniform steps; 0 is the trigger, with some rest before it
+        load : (n,) N, downward positive
+
+        Returns
+        -------
+        (n_sensors, n) m, downward positive, from 0 before the pulse on
+            Of the sensors that were diagnosed, in the order of the drop.
+
+        Raises
+        ------
+        SurveyError, InversionError
+            If no drop was diagnosed, or the arrays are no load of a drop.
+
+        Examples
+        --------
+        >>> drop = pfwd.example("half-space").drops[0]
+        >>> pfwd.diagnose(drop).predict(drop.time, drop.load).shape == (1, drop.time.size)
+        True
+        """
+        if self._found is None or self._found.fitted is None:
+            raise SurveyError(refusal(self.file, "a diagnosed drop to predict from", "none"))
+        from inversion import SurrogateLibrary
+        from inversion.diagnosis import predict_next
+
+        axis, force = time_and_load(time, load)
+        found = predict_next(self._found.fitted, axis, force, SurrogateLibrary())
+        return np.asarray(found, np.float64)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the residual before and after (% of the peak over ms), and return the axes."""

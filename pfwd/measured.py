@@ -378,19 +378,11 @@ def drop(
     """
     if quantity not in ("displacement", "velocity"):
         raise OptionError(refusal("quantity", "displacement or velocity", quote(quantity)))
-    axis, force = _vector("time", time), _vector("load", load)
+    axis, force = time_and_load(time, load)
     table = np.atleast_2d(_numbers("values", values))
-    if axis.size < FEWEST_SAMPLES:
-        raise TraceError(refusal("time", f"at least {FEWEST_SAMPLES} samples", str(axis.size)))
-    if force.size != axis.size:
-        raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
     if table.ndim != 2 or table.shape[1] != axis.size:
         expected = f"({axis.size},) or (n_sensors, {axis.size})"
         raise TraceError(refusal("values", expected, f"shape {table.shape}"))
-    steps = np.diff(axis)
-    middle = float(np.median(steps))
-    if not (middle > 0 and np.all(np.abs(steps - middle) <= STEP_TOLERANCE * middle)):
-        raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
     places = _offsets(offsets, len(table))
     given = {
         "plate_radius": plate_radius,
@@ -410,6 +402,28 @@ def drop(
     )
     sensors = (Channel(r, quantity, row) for r, row in zip(places, table, strict=True))
     return Drop(_with_warnings(setup, DeviceDrop(1, axis, force, tuple(sensors))), 0)
+
+
+def time_and_load(
+    time: ArrayLike, load: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both as arrays (n,), s and N.
+
+    Raises
+    ------
+    TraceError
+        If they are no record of a load with uniform steps.
+    """
+    axis, force = _vector("time", time), _vector("load", load)
+    if axis.size < FEWEST_SAMPLES:
+        raise TraceError(refusal("time", f"at least {FEWEST_SAMPLES} samples", str(axis.size)))
+    if force.size != axis.size:
+        raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
+    steps = np.diff(axis)
+    middle = float(np.median(steps))
+    if not (middle > 0 and np.all(np.abs(steps - middle) <= STEP_TOLERANCE * middle)):
+        raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
+    return axis, force
 
 
 def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:

@@ -136,20 +136,38 @@ def _advice(result: DiagnosisResult) -> list[str]:
     return [f"{text}{reason}."]
 
 
+_PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}
+
+
 def _held_out(held: HeldOut | None) -> list[str]:
-    """How well what was left out is predicted from the rest."""
+    """Return how well held-out parts are predicted, and every number fitted to them."""
     if held is None:
         return []
-    what = {"drop": "other drops", "sensor": "other sensors", "point": "the device of other points"}
+    what = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
+    if not held.is_prediction:
+        what = "device of the other points" if held.mode == "point" else "ground of the other drops"
+        what += ", the rest fitted"
     lines = [
-        f"  predicted from {what.get(held.mode or '', 'other drops or points')}: off by "
-        f"{_percent(held.before)} of the peak before, {_percent(held.after)} after"
+        f"  {what}: off by {_percent(held.after)} of the peak (contact "
+        f"{_percent(held.contact_after)}), base model {_percent(held.before)} "
+        f"({_percent(held.contact_before)}), {_scaled(held)}"
     ]
     parts = held.by or ()
     if len(parts) > 1:
         each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
-        lines.append(f"    after: {each}")
+        lines.append(f"    {each}")
+    names = ", ".join(clean(name).replace("_", " ") for name in held.fitted or ())
+    lines.append(f"    fitted to the held-out data: {names or 'nothing'}")
     return lines
+
+
+def _scaled(held: HeldOut) -> str:
+    if held.scaled_record is None:
+        return "no preceding record to scale"
+    return (
+        f"preceding record scaled by the peak loads {_percent(held.scaled_record)} "
+        f"({_percent(held.contact_scaled_record)})"
+    )
 
 
 def _modulus(state: FittedState) -> str:

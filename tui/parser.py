@@ -492,8 +492,14 @@ def _add_diagnose(commands: "Commands") -> None:
     diagnose.add_argument("--write-device", metavar="D.toml", help="keep the device effects found")
     diagnose.add_argument(
         "--leave-out",
-        choices=("drop", "sensor", "point"),
-        help="predict each from the others (points that share a device, else drops)",
+        choices=("next", "drop", "sensor", "point"),
+        help="predict the last drop of each point, each drop or each sensor without using it; "
+        "point: transfer the device of the other points",
+    )
+    diagnose.add_argument(
+        "--allow",
+        choices=("stiffness",),
+        help="fit this one number to the held-out drop, with --leave-out next or drop",
     )
     _add_jobs(diagnose)
     _add_known(diagnose)

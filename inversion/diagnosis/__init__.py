@@ -2,10 +2,12 @@
 
 from inversion.diagnosis.device import cost_of_sharing, fit_device
 from inversion.diagnosis.diagnose import diagnose_point
+from inversion.diagnosis.drop_prediction import predict_next
 from inversion.diagnosis.findings import (
     NEARLY_EXPLAINED,
     DeviceFindings,
     DropCurves,
+    FittedPoint,
     FoundEffect,
     FoundParameter,
     HeldOutPart,
@@ -14,13 +16,21 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     UnknownKey,
 )
+from inversion.diagnosis.held_out import (
+    Allow,
+    count_held_out,
+    held_out_error,
+    without_held_out,
+)
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
+    "Allow",
     "DeviceFindings",
     "DropCurves",
+    "FittedPoint",
     "FoundEffect",
     "FoundParameter",
     "HeldOutPart",
@@ -30,7 +40,11 @@ __all__ = [
     "PointRecords",
     "UnknownKey",
     "cost_of_sharing",
+    "count_held_out",
     "diagnose_point",
     "fit_device",
+    "held_out_error",
     "left_out_error",
+    "predict_next",
+    "without_held_out",
 ]

@@ -23,10 +23,9 @@ from inversion.diagnosis.findings import (
     LEFT_OPEN,
     DeviceValues,
     DropCurves,
+    FittedPoint,
     FoundEffect,
     FoundParameter,
-    HeldOutPart,
-    LeaveOut,
     ModelState,
     PointDiagnosis,
     UnknownKey,
@@ -36,7 +35,6 @@ from inversion.diagnosis.model import ALIKE, DropModel, PointRecords
 from inversion.diagnosis.prediction import (
     ground_below,
     held_out_drops,
-    held_out_sensors,
     mean_error,
     predict,
     residual_over_peak,
@@ -78,7 +76,7 @@ def diagnose_point(
     device: DeviceValues | None = None,
     likely: Collection[str] = (),
     begun: Sequence[Mapping[UnknownKey, float]] = (),
-    leave_out: LeaveOut | None = "drop",
+    leave_out: bool = True,
     spread: DeviceValues | None = None,
     *,
     plain: bool = False,
@@ -95,8 +93,7 @@ def diagnose_point(
     begun : values from which they may begin, as `PointDiagnosis.values` has them
     spread : deviations of the device's values, within which the point may move them; what has
         none is held
-    leave_out : what is predicted from the rest; a "point" takes others, and is left to the survey;
-        None: nothing
+    leave_out : bool, whether each drop is tried on the ground of the others
     plain : bool, whether every sample counts alike from the beginning, as where it was found that
         much more than noise is left (`PointDiagnosis.plain`)
     brief : bool, whether what a survey needs of a point that is looked at again is enough: without
@@ -129,7 +126,7 @@ def diagnose_point(
             if sound:
                 break
         if brief:
-            return _told(point, search, base, best, {}, objections, None, brief=True)
+            return _told(point, search, base, best, {}, objections, False, brief=True)
         told = _report(point, by_noise, search, base, best, objections, leave_out)
     if told.verdict != "unexplained" and not told.after.left_open:
         return told
@@ -237,7 +234,7 @@ def _report(
     base: Candidate,
     best: Candidate,
     objections: list[str],
-    leave_out: LeaveOut | None,
+    leave_out: bool,
 ) -> PointDiagnosis:
     others = _alternatives(point, search, best)
     simpler = _simpler(search.base(), best, others) or _on_ground(best, others)
@@ -263,7 +260,7 @@ def _told(
     best: Candidate,
     others: Mapping[str, Mapping[str, Candidate]],
     objections: Sequence[str],
-    leave_out: LeaveOut | None,
+    leave_out: bool,
     *,
     brief: bool = False,
 ) -> PointDiagnosis:
@@ -305,10 +302,7 @@ def _told(
     verdict: Verdict = "unexplained"
     if not objections:
         verdict = "explained" if helped else "clean"
-    held_out: list[HeldOutPart] = []
-    if leave_out is not None:
-        hold_out = held_out_sensors if leave_out == "sensor" else held_out_drops
-        held_out = hold_out(point, base, best)
+    held_out = held_out_drops(point, base, best) if leave_out else []
     held_before, held_after = mean_error(held_out)
     return PointDiagnosis(
         name=point.records.name,
@@ -322,11 +316,18 @@ def _told(
         held_out_after=held_after,
         warnings=(*_warnings(best, effects, verdict, after), *objections),
         curves=_curves(point, base, best),
-        held_out_mode="sensor" if leave_out == "sensor" else "drop",
         held_out_by=tuple(held_out),
         values=search.values(best),
         plain=search.scope.plain,
         independent=search.independent,
+        fitted=FittedPoint(
+            records=point.records,
+            effects=tuple(effect.name for effect in best.fit.problem.effects),
+            given=search.fixed,
+            values=search.values(best),
+            base_values=search.values(base),
+            plain=search.scope.plain,
+        ),
     )
 
 

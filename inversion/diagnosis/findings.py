@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.model import PointRecords
 
 Verdict = Literal["clean", "explained", "unexplained"]
-LeaveOut = Literal["drop", "sensor", "point"]
+LeaveOut = Literal["next", "drop", "sensor", "point"]
 UnknownKey = tuple[int, str, str, int | None]
 """Number of the point, effect ("": the ground), parameter, place of the drop (None: all)."""
 # Of the peak: a point of which no more is left may be corrected, though it is not explained.
@@ -25,6 +26,8 @@ CALIBRATION = 0.028
 # An interval so many times as high as low says nothing of a modulus.
 LEFT_OPEN = 10.0
 DeviceValues = dict[str, dict[str, float]]
+CHOICE_OF_EFFECTS = "choice of effects"
+"""Stands among what was fitted to held-out data where they had a part in that choice."""
 
 
 @dataclass(frozen=True)
@@ -136,19 +139,48 @@ class DropCurves:
 
 @dataclass(frozen=True)
 class HeldOutPart:
-    """How well a drop, a sensor or the records of a point are predicted that were not fitted.
+    """How well a drop, a sensor or a point is predicted from the rest.
 
     Parameters
     ----------
     name : str, of the drop, sensor or point
-    before, after : float, residual over peak
+    before, after : float, residual over the held-out peak, of the base model and with the effects
     contact_after : float, the same in the contact phase
+    contact_before : float, that of the base model
+    scaled_record, contact_scaled_record : float or None, residual of the preceding record, scaled
+        by the peak loads; None: there is none
+    fitted : tuple of str, every number that was fitted to the held-out data
     """
 
     name: str
     before: float
     after: float
     contact_after: float
+    contact_before: float = math.nan
+    scaled_record: float | None = None
+    contact_scaled_record: float | None = None
+    fitted: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPoint:
+    """The fit of a point, from which records of other drops and sensors are predicted.
+
+    Parameters
+    ----------
+    records : PointRecords, that were fitted
+    effects : tuple of str, names in the order in which the effects act
+    given : values of device effects that were not fitted, by effect and parameter
+    values, base_values : values of the unknowns with the effects, and of the base model
+    plain : bool, whether every sample counted alike
+    """
+
+    records: PointRecords = field(repr=False)
+    effects: tuple[str, ...]
+    given: DeviceValues
+    values: Mapping[UnknownKey, float] = field(repr=False)
+    base_values: Mapping[UnknownKey, float] = field(repr=False)
+    plain: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +204,7 @@ class PointDiagnosis:
     plain : bool, whether every sample counted alike, as much more than noise is left
     independent : float, samples that count in the evidence of its effects
     elapsed : float, s, of looking at it; NaN: not known
+    fitted : FittedPoint or None, from which other drops are predicted
     """
 
     name: str
@@ -191,6 +224,7 @@ class PointDiagnosis:
     plain: bool = False
     independent: float = math.nan
     elapsed: float = math.nan
+    fitted: FittedPoint | None = field(repr=False, default=None)
 
     @property
     def takes_most(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, TypeVar
@@ -191,6 +191,11 @@ class DropModel:
         return bool(np.any(self.noise > _LOUD * self._floor))
 
     @property
+    def recorded_time(self) -> FloatArray:
+        """Time of the samples that `predict` returns, s, as recorded."""
+        return self.drop.start + self._recorded.time
+
+    @property
     def least_band(self) -> float:
         """Hz up to which the load has more than hardly any spectrum, or as far as it is solved."""
         reaches = band_of_load(self.drop.time, self._load, _SPECTRUM_LEFT)
@@ -201,6 +206,13 @@ class DropModel:
         other = copy.copy(self)
         other._prepare_transform(band)
         other._motions, other._last_displacement, other._latest = {}, None, None
+        return other
+
+    def with_flat_tops(self, flat: tuple[float | None, ...]) -> DropModel:
+        """Return the same drop with these levels of flat tops, of each sensor."""
+        other = copy.copy(self)
+        other.context = replace(self.context, flat=flat)
+        other._recorded = replace(self._recorded, flat=flat)
         return other
 
     def _prepare_transform(self, band: float) -> None:
@@ -552,28 +564,21 @@ class DropModel:
         seconds = count * self.context.step
         return float(min(max(INDEPENDENT_HZ * seconds, 8.0), count) * self.observed.shape[0])
 
-    def weighted_residual(
-        self, predicted: FloatArray, scope: FitScope = WHOLE, silent: Collection[int] = ()
-    ) -> FloatArray:
+    def weighted_residual(self, predicted: FloatArray, scope: FitScope = WHOLE) -> FloatArray:
         r"""What a prediction leaves, (n,): noise would leave a sum of squares of `independent`.
 
         Noise is coloured: a velocity's becomes a random walk when it is integrated, whose slow
         part must not be taken for an effect. With C the covariance of noise, quantisation and
         the model's own error, the residual is :math:`\sqrt{N/n} L^{-1} r`, :math:`L L^T = C`,
-        N of n samples being independent as far as the model's own error goes. Sensors that are
-        ``silent`` count for nothing.
+        N of n samples being independent as far as the model's own error goes.
         """
-        found: FloatArray = self.weighted_residuals(predicted[None], scope, silent)[0]
+        found: FloatArray = self.weighted_residuals(predicted[None], scope)[0]
         return found
 
-    def weighted_residuals(
-        self, predicted: FloatArray, scope: FitScope = WHOLE, silent: Collection[int] = ()
-    ) -> FloatArray:
+    def weighted_residuals(self, predicted: FloatArray, scope: FitScope = WHOLE) -> FloatArray:
         """`weighted_residual` of many predictions (m, n_sensors, before + n), (m, n)."""
         part = self._part(scope)
         left = predicted[:, :, part] - self._everywhere[:, part]
-        if silent:
-            left[:, list(silent)] = 0.0
         if scope.plain:
             share = np.sqrt(self.independent(scope) / left[0].size)
             plain: FloatArray = share * (left / self.noise[:, None])

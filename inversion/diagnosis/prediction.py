@@ -1,4 +1,4 @@
-"""What a model says of records that it was not fitted to."""
+"""Records of the fitted drops, and what a fit of the others leaves of a drop or a point."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import DeviceValues, HeldOutPart, PointDiagnosis
+from inversion.diagnosis.findings import (
+    CHOICE_OF_EFFECTS,
+    DeviceValues,
+    HeldOutPart,
+    PointDiagnosis,
+)
 from inversion.diagnosis.fit import fit
 from inversion.diagnosis.model import ALIKE, WHOLE, PointRecords
-from inversion.diagnosis.problem import Point, Problem
+from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.diagnosis.search import Candidate, Search
 from inversion.effects.base import Ground
 from inversion.forward.library import SurrogateLibrary
@@ -44,28 +49,24 @@ def residual_over_peak(point: Point, candidate: Candidate, *, contact_only: bool
 
 
 def held_out_drops(point: Point, base: Candidate, best: Candidate) -> list[HeldOutPart]:
-    """Each drop, predicted from the others; none with a single drop."""
+    """Each drop on the ground of the others; none with a single drop."""
     count = len(point.drops)
     if count < 2:
         return []
     found = []
     for left_out, number in enumerate(point.records.numbers):
-        before, _ = _predict_left_out(base, left_out)
-        after, contact = _predict_left_out(best, left_out)
-        found.append(HeldOutPart(f"drop {number}", before, after, contact))
-    return found
-
-
-def held_out_sensors(point: Point, base: Candidate, best: Candidate) -> list[HeldOutPart]:
-    """Each sensor over its own peak, predicted from the others; none with a single sensor."""
-    positions = point.drops[0].drop.positions
-    if positions.size < 2:
-        return []
-    found = []
-    for sensor, position in enumerate(positions):
-        before, _ = _predict_silent(base, sensor)
-        after, contact = _predict_silent(best, sensor)
-        found.append(HeldOutPart(f"sensor at {position:g} m", before, after, contact))
+        before, contact_before, _ = _transfer_to_drop(base, left_out)
+        after, contact, free = _transfer_to_drop(best, left_out)
+        found.append(
+            HeldOutPart(
+                f"drop {number}",
+                before,
+                after,
+                contact,
+                contact_before,
+                fitted=(CHOICE_OF_EFFECTS, *_names(free, point.records.numbers)),
+            )
+        )
     return found
 
 
@@ -78,29 +79,12 @@ def mean_error(parts: Sequence[HeldOutPart]) -> tuple[float | None, float | None
     return float(before), float(after)
 
 
-def _predict_silent(candidate: Candidate, sensor: int) -> tuple[float, float]:
-    """Errors of a sensor, whole record and contact, on the ground that the others gave."""
-    problem = candidate.fit.problem
-    others = _without(problem, (), (sensor,))
-    found = fit(others, candidate.fit.device, candidate.fit.own, _STEPS_OF_HELD_OUT)
-    predicted = problem.predict(0, found.device, found.own[0])
-    errors = [
-        [
-            model.residual_over_peak(record, contact_only=contact, sensors=(sensor,))
-            for model, record in zip(problem.points[0].drops, predicted, strict=True)
-        ]
-        for contact in (False, True)
-    ]
-    whole, contact = np.sqrt(np.mean(np.square(errors), axis=1))
-    return float(whole), float(contact)
+def _transfer_to_drop(candidate: Candidate, left_out: int) -> tuple[float, float, list[Unknown]]:
+    """Return the errors of a drop, whole record and contact, on the ground of the others.
 
-
-def _predict_left_out(candidate: Candidate, left_out: int) -> tuple[float, float]:
-    """Errors of a drop, whole record and contact, on the ground that the others gave.
-
-    What belongs to a single drop (how it sat, what it left behind) cannot be known from others:
-    that alone is taken from the drop itself.  How the drop sat with which the others are compared
-    is in the values of those: there these are held.
+    The effects are those of all drops, and the values that belong to the drop alone are fitted to
+    it: these unknowns stand last. No prediction: that is `inversion.diagnosis.held_out`. The last
+    drop has no seating of its own: the others are compared with it, and theirs are held.
     """
     problem = candidate.fit.problem
     model = problem.points[0].drops[left_out]
@@ -128,15 +112,21 @@ def _predict_left_out(candidate: Candidate, left_out: int) -> tuple[float, float
     return (
         model.residual_over_peak(predicted, contact_only=False),
         model.residual_over_peak(predicted, contact_only=True),
+        [unknown for place, unknown in unknowns if place in free],
     )
 
 
-def _without(
-    problem: Problem,
-    drops: Collection[int],
-    sensors: Collection[int] = (),
-    held: Collection[int] = (),
-) -> Problem:
+def _names(unknowns: Sequence[Unknown], numbers: Sequence[int]) -> tuple[str, ...]:
+    """Return what tells fitted numbers apart: parameter, effect and drop."""
+    names = []
+    for unknown in unknowns:
+        of = "ground" if unknown.effect is None else unknown.effect.name
+        drop = "" if unknown.drop is None else f", drop {numbers[unknown.drop]}"
+        names.append(f"{unknown.parameter.name} ({of}{drop})")
+    return tuple(names)
+
+
+def _without(problem: Problem, drops: Collection[int], held: Collection[int] = ()) -> Problem:
     return Problem(
         problem.points,
         problem.effects,
@@ -144,7 +134,6 @@ def _without(
         scope=problem.scope,
         left_out={(0, drop) for drop in drops},
         prior_weight=problem.prior_weight,
-        silent=sensors,
         held=held,
         spread=problem.spread,
     )
@@ -156,7 +145,9 @@ def left_out_error(
     device: DeviceValues,
     library: SurrogateLibrary | None = None,
 ) -> HeldOutPart:
-    """A point whose ground is fitted, with device effects from elsewhere.
+    """Return the error of a point to which the device of other points is transferred.
+
+    Its ground and its own effects are fitted to it: no prediction.
 
     Parameters
     ----------
@@ -176,4 +167,6 @@ def left_out_error(
             found.before.residual_rms_over_peak,
             residual_over_peak(point, after),
             residual_over_peak(point, after, contact_only=True),
+            found.before.contact_residual_rms_over_peak,
+            fitted=(CHOICE_OF_EFFECTS, *_names(after.fit.problem.own[0], records.numbers)),
         )

@@ -24,9 +24,10 @@ from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.layered.misfit import LayeredDrop
 from inversion.fitting.parameters import RELAXATION_PRIOR, Parameter, soil_parameters
 from inversion.forward.library import SurrogateLibrary
+from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.peak_method import peak_modulus
-from inversion.measured.record import prepare
+from inversion.measured.record import Record, prepare
 
 _STEP = 1e-4
 # Soils and granular fills: the logarithm of the density, kg/m3, and the relaxation time, s.
@@ -82,24 +83,14 @@ class Point:
     """
 
     def __init__(self, records: PointRecords, library: SurrogateLibrary) -> None:
-        from inversion.invert import Settings, surrogate_request
-
         self.records = records
         first = records.records[0]
         self.declared_depth = first.bedrock_depth
-        # A declared half-space may be wrong: rock is offered there too.
-        open_below = first.bedrock_depth is None or np.isinf(first.bedrock_depth)
-        depth: Any = "unknown" if open_below else first.bedrock_depth
-        problem, ratio = surrogate_request(first, Settings(bedrock_depth=depth))
-        surrogate = library.get(problem, ratio)
+        surrogate = surrogate_of(first, library)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _first_look(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
-        response = GroundResponse(
-            surrogate,
-            replace(first.instrument, geophone_natural_frequency=None, geophone_damping=None),
-            layers.drops[0].drop.offsets,
-        )
+        response = response_of(first, surrogate)
         self.drops = tuple(
             DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
             for index, (record, rest) in enumerate(
@@ -207,6 +198,24 @@ class Point:
             model.response.look_ahead([ground for _, ground in alike], model.s, nearby)
 
 
+def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
+    """Return the surrogate for the plate, the sensors and the declared depth of a record."""
+    from inversion.invert import Settings, surrogate_request
+
+    # A declared half-space may be wrong: rock is offered there too.
+    open_below = record.bedrock_depth is None or np.isinf(record.bedrock_depth)
+    depth: Any = "unknown" if open_below else record.bedrock_depth
+    problem, ratio = surrogate_request(record, Settings(bedrock_depth=depth))
+    return library.get(problem, ratio)
+
+
+def response_of(record: Record, surrogate: Surrogate) -> GroundResponse:
+    """Return the response of the ground at the sensors of a record, without their geophones."""
+    instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
+    offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
+    return GroundResponse(surrogate, instrument, offsets)
+
+
 def _first_look(records: PointRecords) -> FirstLook:
     """The drops of a point as layered ground."""
     first = records.records[0]
@@ -241,7 +250,6 @@ class Problem:
     left_out : set of (point, drop), which count for nothing
     prior_weight : float, weighted residual that one standard deviation from a prior counts as; 0:
         priors do not count
-    silent : places of sensors that count for nothing
     held : places of a point's unknowns, the device's first, that stay as they are
     spread : mapping of deviations of what is given, by effect and parameter: it may move so far;
         what has none is held
@@ -259,7 +267,6 @@ class Problem:
         local: Sequence[Sequence[Effect]] | None = None,
         left_out: Collection[tuple[int, int]] = (),
         prior_weight: float = 0.0,
-        silent: Collection[int] = (),
         held: Collection[int] = (),
         spread: Mapping[str, Mapping[str, float]] | None = None,
         scales: Sequence[float] | None = None,
@@ -271,7 +278,6 @@ class Problem:
         self.fixed = fixed or {}
         self.scope = scope
         self.left_out = frozenset(left_out)
-        self.silent = frozenset(silent)
         self.held = frozenset(held)
         self.spread = spread or {}
         self.device = [
@@ -296,7 +302,6 @@ class Problem:
             self.fixed,
             scope=self.scope,
             left_out=[(0, other) for other in others if other != drop],
-            silent=self.silent,
             held=self.held,
             spread=self.spread,
         )
@@ -382,7 +387,7 @@ class Problem:
         for number, ground, active in drops:
             model = point.drops[number]
             predicted = model.predict(ground, active)
-            found.append(model.weighted_residual(predicted, self.scope, self.silent))
+            found.append(model.weighted_residual(predicted, self.scope))
         return found
 
     def _drops(
@@ -427,7 +432,7 @@ class Problem:
             return np.empty(0)
         predicted = self.predict_drop(index, device, own, number)
         model = self.points[index].drops[number]
-        return model.weighted_residual(predicted, self.scope, self.silent)
+        return model.weighted_residual(predicted, self.scope)
 
     @property
     def independent(self) -> float:
@@ -509,7 +514,7 @@ class Problem:
                     moved.append((ground, _with_value(active, unknown, value)))
             predicted = model.predict_nearby(ground, active, moved)
             self.solves += len(columns)
-            there_moved = model.weighted_residuals(predicted, self.scope, self.silent)
+            there_moved = model.weighted_residuals(predicted, self.scope)
             there_moved /= self._scale(index)
             part = slice(rows[number], rows[number + 1])
             result[part, columns] = ((there_moved - there[part]) / steps[columns, None]).T

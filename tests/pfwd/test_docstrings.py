@@ -7,7 +7,14 @@ import pytest
 
 import pfwd
 
-MODULES = ("pfwd", "pfwd.measured", "pfwd.surveys", "pfwd.examples", "pfwd.inverting")
+MODULES = (
+    "pfwd",
+    "pfwd.measured",
+    "pfwd.surveys",
+    "pfwd.examples",
+    "pfwd.inverting",
+    "pfwd.diagnosing",
+)
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -280,3 +280,20 @@ def test_every_option_of_the_analysis_is_offered() -> None:
     assert set(DIAGNOSE_OPTIONS) < names
     for name in INVERT_OPTIONS:
         assert f"{name} :" in str(pfwd.invert.__doc__) or f"{name}," in str(pfwd.invert.__doc__)
+
+
+def test_a_diagnosis_predicts_a_drop_that_follows() -> None:
+    point = pfwd.example("unexplained")[0]
+    found = pfwd.diagnose(point)
+    drop = point.drops[-1]
+    predicted = found.predict(drop.time, drop.load)
+    assert predicted.shape == (len(drop.offsets), drop.time.size)
+    assert drop.peak_displacement is not None
+    # The lag of its sensor is in it.
+    assert predicted[0].max() == pytest.approx(drop.peak_displacement, rel=0.02)
+    larger = found.predict(drop.time, 1.5 * drop.load)
+    assert larger[0].max() == pytest.approx(1.5 * predicted[0].max(), rel=1e-3)
+    with pytest.raises(pfwd.SurveyError, match="load: expected"):
+        found.predict(drop.time, drop.load[:-1])
+    with pytest.raises(pfwd.InversionError, match="load: expected a positive pulse"):
+        found.predict(drop.time, np.zeros(drop.time.size))

@@ -1,10 +1,14 @@
 """What cannot be left out of a prediction is said."""
 
+from typing import Any
+
 import pytest
 
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, HeldOut
+from tui.cli import main
 from tui.commands.diagnose import _tell_what_stayed
+from tui.diagnosis_lines import diagnosis_lines
 
 
 def point(name: str, mode: str | None) -> Diagnosed:
@@ -19,6 +23,7 @@ def point(name: str, mode: str | None) -> Diagnosed:
     [
         ("sensor", "--leave-out sensor: expected two sensors or more, came fewer at A, C"),
         ("drop", "--leave-out drop: expected two drops or more, came fewer at B, C"),
+        ("next", "--leave-out next: expected two drops or more, came fewer at A to C"),
         (
             "point",
             "expected two points or more of one device that share something, came fewer at A",
@@ -37,3 +42,37 @@ def test_where_all_could_be_left_out_nothing_is_said(capsys: pytest.CaptureFixtu
     nothing = Diagnosed("s", DiagnosisResult(file="s", point="N", drops=()))
     _tell_what_stayed([point("A", "drop"), nothing], "drop")
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("options", "came"), [([], "none"), (["--leave-out", "point"], "point")])
+def test_a_number_is_fitted_to_a_held_out_drop_alone(
+    options: list[str], came: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["diagnose", "a.csv", "--allow", "stiffness", *options]) == 2
+    said = capsys.readouterr().err
+    assert f"--allow stiffness: expected --leave-out next or drop, came {came}" in said
+
+
+def lines(**keys: Any) -> list[str]:
+    held = HeldOut(before=0.5, after=0.09, contact_before=0.4, contact_after=0.08, **keys)
+    return diagnosis_lines(DiagnosisResult(file="s", drops=(1, 2), held_out=held))[2:]
+
+
+def test_a_prediction_stands_beside_the_scaled_record() -> None:
+    scaled = {"scaled_record": 0.06, "contact_scaled_record": 0.07}
+    assert lines(mode="next", fitted=(), **scaled) == [
+        "  next drop predicted: off by 9 % of the peak (contact 8 %), base model 50 % (40 %), "
+        "preceding record scaled by the peak loads 6 % (7 %)",
+        "    fitted to the held-out data: nothing",
+    ]
+    last = lines(mode="next", fitted=("stiffness (drop 3)",), **scaled)[-1]
+    assert last == "    fitted to the held-out data: stiffness (drop 3)"
+
+
+def test_what_is_fitted_is_called_no_prediction() -> None:
+    first, last = lines(mode="point", fitted=("choice of effects", "modulus_ratio (ground)"))
+    assert first.startswith("  device of the other points, the rest fitted: off by 9 % of the peak")
+    assert first.endswith("no preceding record to scale")
+    assert last == "    fitted to the held-out data: choice of effects, modulus ratio (ground)"
+    older = lines(mode="drop")[0]
+    assert older.startswith("  ground of the other drops, the rest fitted: off by 9 %")

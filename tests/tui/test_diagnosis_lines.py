@@ -75,7 +75,13 @@ def test_a_modulus_that_is_not_told_is_said_to_be_open() -> None:
 @pytest.mark.parametrize(
     ("verdict", "low", "high", "residual", "text"),
     [
-        ("explained", 47e6, 53e6, 0.01, "Design value 50 MPa (47 to 53), secant modulus at 100 kPa."),
+        (
+            "explained",
+            47e6,
+            53e6,
+            0.01,
+            "Design value 50 MPa (47 to 53), secant modulus at 100 kPa.",
+        ),
         ("unexplained", 47e6, 53e6, 0.02, "(47 to 53), secant modulus at 100 kPa: 2 % of the peak"),
         ("explained", 30e6, 70e6, 0.01, "Do not use the diagnosed modulus: the interval"),
         ("unexplained", 47e6, 53e6, 0.05, "Do not use the diagnosed modulus: 5 % of the peak"),

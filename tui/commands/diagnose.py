@@ -26,6 +26,9 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose the points of the files; 1 when a file was refused."""
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
+    if args.allow is not None and args.leave_out not in ("next", "drop"):
+        mode = args.leave_out or "none"
+        raise OptionError(refusal(f"--allow {args.allow}", "--leave-out next or drop", mode))
     for option, path in (("--plot", args.plot), ("--write-device", args.write_device)):
         if path:
             require_writable(path, option)
@@ -60,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
             use_kept=use_kept,
             progress=progress,
             spread=spread,
+            allow=args.allow,
         )
         found = list(done)
     name = device_of(found) if args.write_device else None
@@ -91,6 +95,7 @@ def _tell_what_stayed(found: "Sequence[Diagnosed]", asked: str) -> None:
     ]
     if other:
         expected = {
+            "next": "two drops or more",
             "drop": "two drops or more",
             "sensor": "two sensors or more",
             "point": "two points or more of one device that share something",
@@ -102,7 +107,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     """Diagnose everything that is named or lies below a folder, each survey by itself."""
     from tui.archive import run_over_archive
 
-    for name in ("device", "write_device", "leave_out"):
+    for name in ("device", "write_device", "leave_out", "allow"):
         if getattr(args, name) is not None:
             option = "--" + name.replace("_", "-")
             why = f"{option} with a folder, --archive or --scheduler"

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from inversion import InversionError
-from inversion.diagnosis import LeaveOut, PointDiagnosis
+from inversion.diagnosis import Allow, LeaveOut, PointDiagnosis
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
 from pfwd_survey.inverting.diagnosis.kept import kept_answers, questions_of, with_question
 from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
@@ -22,7 +23,7 @@ from pfwd_survey.inverting.diagnosis.points import (
 )
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.diagnosis.shared_device import Phases, diagnose_device
+from pfwd_survey.inverting.diagnosis.shared_device import TRANSFERS, Phases, diagnose_device
 from pfwd_survey.inverting.options import AnalysisOptions
 
 
@@ -48,6 +49,7 @@ def diagnose_files(
     use_kept: bool = False,
     progress: Progress | None = None,
     spread: DeviceValues | None = None,
+    allow: Allow | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point, in their order.
 
@@ -61,15 +63,18 @@ def diagnose_files(
         Values of device effects that are known, by effect and parameter.
     jobs : int
         Processes.
-    leave_out : "drop", "sensor", "point" or None
-        What is predicted from the rest, to be told how well. None: points where those of one
-        device share something, else drops.
+    leave_out : "next", "drop", "sensor", "point" or None
+        What is held out: the last drop of each point, each drop or each sensor is predicted by
+        a diagnosis without it. "point": the device of the other points, the ground fitted to the
+        point. None: that where points share something, else each drop on the ground of the others.
     use_kept : bool
         Whether what a survey keeps of the same question is the answer.
     progress : callable, optional
         Told what is being tried, and how many of how many points are done.
     spread : mapping, optional
         Deviations of what is given of the device: a point may move it so far; else it is held.
+    allow : "stiffness" or None
+        The one number that is fitted to a held-out drop: its stiffness.
     """
     options = options or AnalysisOptions()
     entries: list[DiagnosisPoint | Diagnosed] = []
@@ -81,7 +86,14 @@ def diagnose_files(
         except InversionError as err:
             entries.append(Diagnosed(file, error=f"{file}: {err}"))
     yield from diagnose_entries(
-        entries, device, jobs, leave_out, use_kept=use_kept, progress=progress, spread=spread
+        entries,
+        device,
+        jobs,
+        leave_out,
+        use_kept=use_kept,
+        progress=progress,
+        spread=spread,
+        allow=allow,
     )
 
 
@@ -94,12 +106,14 @@ def diagnose_entries(
     use_kept: bool = False,
     progress: Progress | None = None,
     spread: DeviceValues | None = None,
+    allow: Allow | None = None,
 ) -> Iterator[Diagnosed]:
     """The diagnosis of every point that was read, in their order; refused files go through.
 
     Parameters
     ----------
-    entries, device, jobs, leave_out, use_kept, progress, spread : as for :func:`diagnose_files`
+    entries, device, jobs, leave_out, use_kept, progress, spread, allow : as for
+        :func:`diagnose_files`
     """
     every = [
         entry
@@ -107,7 +121,7 @@ def diagnose_entries(
         if isinstance(entry, DiagnosisPoint) and entry.records is not None
     ]
     questions = dict(
-        zip(map(id, every), questions_of(every, device, leave_out, spread), strict=True)
+        zip(map(id, every), questions_of(every, device, leave_out, spread, allow), strict=True)
     )
     kept: dict[int, DiagnosisResult] = {}
     if use_kept:
@@ -116,21 +130,27 @@ def diagnose_entries(
     # Points of one device are one question: all of them are answered, or none.
     asked_anew = {entry.device for entry in every if id(entry) not in kept} - {None}
     work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
-    found: Found = {}
-    with Workers(min(jobs, len(work))) as workers:
+
+    def diagnosed(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
         if device:
-            look = Look(device=device, spread=spread, leave_out=leave_out or "drop")
-            told = Told(progress, "each point with what is known", len(work))
-            looked = diagnose_all(work, [look] * len(work), workers, told)
-            found = dict(zip(map(id, work), looked, strict=True))
-        else:
-            phases = Phases.of(progress, len(work))
+            look = Look(device=device, spread=spread, leave_out=leave_out in TRANSFERS)
+            told = Told(progress, f"each point with what is known{without}", len(points))
+            looked = diagnose_all(points, [look] * len(points), workers, told)
+            return dict(zip(map(id, points), looked, strict=True))
+        phases = Phases.of(progress, len(points), without)
 
-            def of_device(points: Sequence[DiagnosisPoint]) -> Found:
-                return diagnose_device(points, workers, leave_out, phases)
+        def of_device(points: Sequence[DiagnosisPoint]) -> Found:
+            return diagnose_device(points, workers, leave_out, phases)
 
-            for of_one in workers.at_once(of_device, _by_device(work)):
-                found |= of_one
+        found: Found = {}
+        for of_one in workers.at_once(of_device, _by_device(points)):
+            found |= of_one
+        return found
+
+    with Workers(min(jobs, len(work))) as workers:
+        found = diagnosed(work)
+        if leave_out is not None and leave_out not in TRANSFERS:
+            found = with_predictions(work, found, diagnosed, leave_out, allow, workers)
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry

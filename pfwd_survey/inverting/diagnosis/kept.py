@@ -20,6 +20,7 @@ def questions_of(
     device: DeviceEffects | None,
     leave_out: str | None,
     spread: DeviceEffects | None = None,
+    allow: str | None = None,
 ) -> list[str]:
     """What is asked of each point, told apart.
 
@@ -30,7 +31,7 @@ def questions_of(
     work : sequence of DiagnosisPoint, with records
     device, spread : mapping or None
         Device effects that are given, and their deviations.
-    leave_out : str or None
+    leave_out, allow : str or None
     """
     groups: dict[object, list[str]] = {}
     for place, point in enumerate(work):
@@ -38,7 +39,7 @@ def questions_of(
     asked = []
     for place, point in enumerate(work):
         group = sorted(groups[_group(place, point)])
-        text = repr((point.question, group, device, leave_out, spread))
+        text = repr((point.question, group, device, leave_out, spread, allow))
         asked.append(hashlib.sha256(text.encode()).hexdigest()[:32])
     return asked
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from inversion import InversionError, SurrogateLibrary
 from inversion.diagnosis import (
-    LeaveOut,
     PointDiagnosis,
     PointRecords,
     UnknownKey,
@@ -45,7 +44,7 @@ class Look:
     likely : effects that are tried first
     begun : values from which they may begin
     plain : whether every sample counts alike from the beginning
-    leave_out : what is predicted from the rest; None: nothing
+    leave_out : whether each drop is tried on the ground of the others
     brief : whether what the survey needs of it is enough
     """
 
@@ -54,7 +53,7 @@ class Look:
     likely: Sequence[str] = ()
     begun: Sequence[Mapping[UnknownKey, float]] = ()
     plain: bool = False
-    leave_out: LeaveOut | None = "drop"
+    leave_out: bool = True
     brief: bool = False
 
 

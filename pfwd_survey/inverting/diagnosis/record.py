@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from inversion.diagnosis import FoundEffect, ModelState, PointDiagnosis
+from inversion.diagnosis import FoundEffect, HeldOutPart, ModelState, PointDiagnosis
 from pfwd_survey.digits import rounded
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.result import (
@@ -16,6 +16,14 @@ from pfwd_survey.inverting.diagnosis.result import (
     HeldOutOne,
 )
 
+_ERRORS = (
+    "before",
+    "after",
+    "contact_before",
+    "contact_after",
+    "scaled_record",
+    "contact_scaled_record",
+)
 # How the screening says that nothing fell.
 _NO_DROP = ("false trigger", "no pulse")
 
@@ -48,17 +56,6 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
             effects=(_false_trigger(),) if _nothing_fell(entry.rejected) else (),
             warnings=(*entry.warnings, *entry.rejected, "no measured drop to diagnose"),
         )
-    held = None
-    if found.held_out_before is not None:
-        held = HeldOut(
-            mode=found.held_out_mode,
-            before=found.held_out_before,
-            after=found.held_out_after,
-            by=tuple(
-                HeldOutOne(name=part.name, before=part.before, after=part.after)
-                for part in found.held_out_by
-            ),
-        )
     return DiagnosisResult(
         file=entry.file,
         point=entry.point,
@@ -72,10 +69,37 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
         before=_state(found.before),
         effects=tuple(_effect(effect) for effect in found.effects),
         after=_state(found.after, stress=True),
-        held_out=held,
+        held_out=_held_out(found),
         elapsed_s=found.elapsed if math.isfinite(found.elapsed) else None,
         warnings=(*entry.warnings, *found.warnings, *_left_open(found.after)),
     )
+
+
+def _held_out(found: PointDiagnosis) -> HeldOut | None:
+    """Return how well the parts of a point are predicted: root mean squares, and each."""
+    parts = found.held_out_by
+    if not parts:
+        return None
+    errors: dict[str, Any] = {
+        key: _root_mean_square([getattr(part, key) for part in parts]) for key in _ERRORS
+    }
+    return HeldOut(
+        mode=found.held_out_mode,
+        fitted=tuple(dict.fromkeys(name for part in parts for name in part.fitted)),
+        by=tuple(_held_out_one(part) for part in parts),
+        **errors,
+    )
+
+
+def _held_out_one(part: HeldOutPart) -> HeldOutOne:
+    errors: dict[str, Any] = {key: getattr(part, key) for key in _ERRORS}
+    return HeldOutOne(name=part.name, fitted=part.fitted, **errors)
+
+
+def _root_mean_square(errors: Sequence[float | None]) -> float | None:
+    """Return that of the errors that there are; None: there are none."""
+    known = [error for error in errors if error is not None]
+    return math.sqrt(sum(error**2 for error in known) / len(known)) if known else None
 
 
 def _left_open(after: ModelState) -> list[str]:

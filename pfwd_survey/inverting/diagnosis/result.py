@@ -12,6 +12,15 @@ if TYPE_CHECKING:
 LEFT_OPEN = 10.0
 """Times as high as low, from which on an interval says nothing of a modulus."""
 
+# As the inversion names it.
+_CHOICE_OF_EFFECTS = "choice of effects"
+_WITH_FITTED = (
+    "contact_before",
+    "contact_after",
+    "scaled_record",
+    "contact_scaled_record",
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedState(StoredRecord):
@@ -112,24 +121,61 @@ def _percent(share: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutOne(StoredRecord):
-    """A drop, a sensor or a point that was not fitted; residual over its peak."""
+    """A held-out drop, sensor or point; errors are rms over its peak."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"fitted"})
 
     name: str | None = None
+    fitted: tuple[str, ...] | None = None
+    """Every number that was fitted to the held-out data."""
     before: float | None = None
+    """By the base model."""
     after: float | None = None
+    """With the effects."""
+    contact_before: float | None = None
+    contact_after: float | None = None
+    scaled_record: float | None = None
+    """By the preceding record, scaled by the peak loads; None: there is none."""
+    contact_scaled_record: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record with the keys of its JSON, in their order."""
+        return _as_written(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut(StoredRecord):
-    """How well drops, sensors or points are predicted that were not fitted; residual over peak."""
+    """How well held-out drops, sensors or points are predicted; errors are rms over the peak."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "by"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
 
     mode: str | None = None
-    """drop, sensor or point."""
+    """next, drop, sensor or point."""
+    fitted: tuple[str, ...] | None = None
+    """Every number that was fitted to the held-out data; none: a prediction."""
     before: float | None = None
     after: float | None = None
+    contact_before: float | None = None
+    contact_after: float | None = None
+    scaled_record: float | None = None
+    contact_scaled_record: float | None = None
     by: tuple[HeldOutOne, ...] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record with the keys of its JSON, in their order."""
+        return _as_written(self)
+
+    @property
+    def is_prediction(self) -> bool:
+        """Whether the held-out data had no part in the choice of the effects."""
+        return self.fitted is not None and _CHOICE_OF_EFFECTS not in self.fitted
+
+
+def _as_written(record: HeldOutOne | HeldOut) -> dict[str, Any]:
+    """Return the JSON of a record; one without ``fitted`` is older than the keys beside it."""
+    written = StoredRecord.to_json(record)
+    newer = () if record.fitted is not None else _WITH_FITTED
+    return {key: value for key, value in written.items() if key not in newer or value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

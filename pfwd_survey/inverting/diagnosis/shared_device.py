@@ -44,6 +44,8 @@ from pfwd_survey.inverting.diagnosis.points import (
 )
 from pfwd_survey.inverting.diagnosis.rival_device import looked_at_with_rival
 
+TRANSFERS: tuple[LeaveOut | None, ...] = (None, "point")
+"""What is left out with its own numbers fitted to it; other modes predict."""
 # Part of a survey's points that show an effect, from which on the others are looked at for it.
 _COMMON = 0.2
 # So many points of a device are looked at from nothing first, where there are twice as many or
@@ -66,11 +68,16 @@ class Phases:
     together: Told
 
     @classmethod
-    def of(cls, progress: Progress | None, points: int) -> Phases:
-        """Of so many points."""
+    def of(cls, progress: Progress | None, points: int, without: str = "") -> Phases:
+        """Of so many points.
+
+        Parameters
+        ----------
+        without : str, what the words of both end with: what is held out
+        """
         return cls(
-            Told(progress, "each point by itself", points),
-            Told(progress, "with what other points show", 0),
+            Told(progress, f"each point by itself{without}", points),
+            Told(progress, f"with what other points show{without}", 0),
         )
 
 
@@ -84,9 +91,10 @@ def diagnose_device(
 
     Parameters
     ----------
-    leave_out : None: the point, where those of the device share something, else a drop
+    leave_out : None and "point": the point, where those of the device share something, else a drop;
+        others: nothing, they are held out by diagnoses without them
     """
-    within: LeaveOut = leave_out or "drop"
+    within = leave_out in TRANSFERS
     found, brief = looked_at_first(points, workers, within, phases.alone)
     again = looked_at_with_device(points, found, workers, leave_out, phases.together)
     rest = [point for point in points if id(point) in brief - again.keys()]
@@ -97,7 +105,7 @@ def diagnose_device(
 
 
 def looked_at_first(
-    points: Sequence[DiagnosisPoint], workers: Workers, leave_out: LeaveOut, told: Told
+    points: Sequence[DiagnosisPoint], workers: Workers, leave_out: bool, told: Told
 ) -> tuple[Found, set[int]]:
     """Each point by itself; and which were looked at in brief, for what the survey needs."""
     found: Found = {}
@@ -165,18 +173,16 @@ def looked_at_with_device(
         _Asked(point, look, findings, values, others)
         for point, look, values in zip(points, looks, of_others, strict=True)
     ]
-    # Where a point is left out, a drop of it is not.
-    as_points = leave_out in (None, "point")
-    within = None if as_points else leave_out
+    as_points = leave_out in TRANSFERS
     told.expect(len(asked))
     anew = diagnose_all(
         [one.point for one in asked],
-        [replace(one.look, leave_out=within) for one in asked],
+        [replace(one.look, leave_out=False) for one in asked],
         workers,
         told,
     )
-    _look_again_at_worse(asked, anew, within, workers, told)
-    by_itself = _look_without_device(asked, anew, leave_out, workers, told)
+    _look_again_at_worse(asked, anew, workers, told)
+    by_itself = _look_without_device(asked, anew, as_points, workers, told)
     errors: list[HeldOutPart | None] = [None] * len(asked)
     if as_points:
         errors = _left_out_errors(asked, anew, workers)
@@ -204,7 +210,6 @@ def looked_at_with_device(
 def _look_again_at_worse(
     asked: Sequence[_Asked],
     anew: list[PointDiagnosis | str],
-    leave_out: LeaveOut | None,
     workers: Workers,
     told: Told,
 ) -> None:
@@ -220,7 +225,7 @@ def _look_again_at_worse(
         place for place, found in enumerate(anew) if is_sound(found) and _ended_worse(found, most)
     ]
     told.expect(len(worse))
-    looks = [Look(device=asked[place].look.device, leave_out=leave_out) for place in worse]
+    looks = [Look(device=asked[place].look.device, leave_out=False) for place in worse]
     others = diagnose_all([asked[place].point for place in worse], looks, workers, told)
     for place, other in zip(worse, others, strict=True):
         first = anew[place]
@@ -235,7 +240,7 @@ def _look_again_at_worse(
 def _look_without_device(
     asked: Sequence[_Asked],
     anew: Sequence[PointDiagnosis | str],
-    leave_out: LeaveOut | None,
+    leave_out: bool,
     workers: Workers,
     told: Told,
 ) -> Found:
@@ -247,7 +252,7 @@ def _look_without_device(
         and found.after.residual_rms_over_peak > found.before.residual_rms_over_peak
     ]
     told.expect(len(worse))
-    look = Look(leave_out="drop" if leave_out in (None, "point") else leave_out)
+    look = Look(leave_out=leave_out)
     others = diagnose_all([p for p, _ in worse], [look] * len(worse), workers, told)
     by_itself: Found = {}
     for (point, found), other in zip(worse, others, strict=True):

@@ -33,8 +33,11 @@ def test_how_the_last_drop_sat_is_known_when_it_is_left_out() -> None:
     best = search.named(["a"])
     (size, other) = (v for key, v in search.values(best).items() if key[1] == "a")
     assert [size, other] == pytest.approx([12.0, 12.0], abs=0.5)
-    *_, last = held_out_drops(point, search.base(), best)
+    first, _, last = held_out_drops(point, search.base(), best)
     assert last.name == "drop 3"
+    # What was fitted to the drop is listed: how the last one sat is in the values of the others.
+    assert first.fitted == ("choice of effects", "size (a, drop 1)")
+    assert last.fitted == ("choice of effects",)
     # What nothing explains is left, over the peak; the ground is that of the last drop.
     peak = np.abs(point.drops[2].observed).max()
     assert last.after < 1.1 / peak

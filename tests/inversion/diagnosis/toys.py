@@ -92,20 +92,16 @@ class ToyDrop:
         """`predict` of others, (m, 1, n)."""
         return np.stack([self.predict(*other) for other in moved])
 
-    def weighted_residual(
-        self, predicted: Array, scope: FitScope = WHOLE, silent: Collection[int] = ()
-    ) -> Array:
+    def weighted_residual(self, predicted: Array, scope: FitScope = WHOLE) -> Array:
         """What is left, over noise of 1, (n,)."""
-        found: Array = self.weighted_residuals(predicted[None], scope, silent)[0]
+        found: Array = self.weighted_residuals(predicted[None], scope)[0]
         return found
 
-    def weighted_residuals(
-        self, predicted: Array, scope: FitScope = WHOLE, silent: Collection[int] = ()
-    ) -> Array:
+    def weighted_residuals(self, predicted: Array, scope: FitScope = WHOLE) -> Array:
         """`weighted_residual` of many, (m, n)."""
         window = self.window(contact_only=scope.contact_only)
         found: Array = (predicted - self.observed)[:, 0, window]
-        return found * (0 not in silent)
+        return found
 
     def residual_over_peak(self, predicted: Array, *, contact_only: bool) -> float:
         """Rms over the peak."""

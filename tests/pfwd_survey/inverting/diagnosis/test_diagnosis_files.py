@@ -1,14 +1,17 @@
 """Diagnoses of files: device files, surveys of one device, what machines and people are shown."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import pfwd
 from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint, write_traces
 from pfwd_survey.inverting.diagnosis import device_effects
@@ -58,13 +61,18 @@ def test_the_keys_are_those_of_the_contract(found: list[Diagnosed]) -> None:
     after_alone = {"stress_pa", "modulus_100kpa_pa"}
     assert set(record["before"]) == set(record["after"]) - after_alone
     assert after_alone <= set(record["after"])
-    assert set(record["held_out"]) == {"mode", "before", "after", "by"}
+    errors = "fitted before after contact_before contact_after scaled_record contact_scaled_record"
+    assert set(record["held_out"]) == {"mode", *errors.split(), "by"}
+    (part,) = record["held_out"]["by"]
+    assert set(part) == {"name", *errors.split()}
     assert set(state.split()) <= set(record["after"])
     low, high = record["after"]["modulus_interval_pa"]
     assert low <= record["after"]["modulus_pa"] <= high
     effect = "name value sd unit parameters evidence probability alternatives"
     assert set(effect.split()) <= set(record["effects"][0])
-    # The two files are one device's: each was predicted with what the other says of it.
+    # The two files are one device's: its effects are transferred, the ground is fitted.
+    assert "modulus_ratio (ground)" in record["held_out"]["fitted"]
+    assert record["held_out"]["scaled_record"] is None
     assert record["held_out"]["after"] < 0.1 * record["held_out"]["before"]
     text = "\n".join(diagnosis_lines(found[0].result))
     assert "EXPLAINED" in text
@@ -187,3 +195,14 @@ def test_a_radius_in_millimetres_is_refused_with_its_file(files: list[str]) -> N
     assert found.error == (
         f"{files[0]}: plate radius: expected at most 10 m, got 150 (in millimetres?)"
     )
+
+
+def test_a_list_of_points_of_one_device_is_one_survey(
+    found: list[Diagnosed], files: list[str]
+) -> None:
+    diagnoses = pfwd.diagnose([pfwd.read(file)[0] for file in files])
+    for diagnosis, one in zip(diagnoses, found, strict=True):
+        assert one.result is not None
+        expected = one.result.to_json()
+        assert diagnosis["held_out"]["mode"] == "point"
+        assert diagnosis["effects"] == json.loads(json_text(expected))["effects"]

@@ -95,7 +95,7 @@ class Survey:
         told = Told(
             lambda *one: self.progress.append(one), "each point by itself", len(self.points)
         )
-        found, brief = looked_at_first(self.points, Workers(1), "drop", told)
+        found, brief = looked_at_first(self.points, Workers(1), True, told)
         places = {id(point): point.place for point in self.points}
         assert set(found) == set(places)
         return {places[key]: value for key, value in found.items()}, {places[k] for k in brief}
@@ -235,8 +235,8 @@ def test_what_ends_worse_with_its_device_begins_from_nothing(
     anew = list(first)
     progress: list[tuple[str, int, int]] = []
     told = Told(lambda *one: progress.append(one), "with what other points show", 6)
-    _look_again_at_worse(asked, anew, "sensor", Workers(1), told)
-    expected = Look(device=device, leave_out="sensor")
+    _look_again_at_worse(asked, anew, Workers(1), told)
+    expected = Look(device=device, leave_out=False)
     assert survey.looks == ([(4, expected)] if again else [])
     assert progress == ([("with what other points show", 1, 7)] if again else [])
     assert anew[:4] == first[:4]
@@ -435,8 +435,8 @@ def test_a_record_that_contradicts_the_device_is_told_by_itself(
     # 30 % are left of the base model.
     anew: list[Any] = [diagnosis(0.01), diagnosis(0.31), "no load", diagnosis(0.3)]
     told = Told(None, "", 4)
-    found = _look_without_device(asked, anew, None, Workers(1), told)
-    assert survey.looks == [(1, Look(leave_out="drop"))]
+    found = _look_without_device(asked, anew, True, Workers(1), told)
+    assert survey.looks == [(1, Look(leave_out=True))]
     assert told.total == 5
     assert list(found) == [id(survey.points[1])]
     (other,) = found.values()

@@ -1,0 +1,191 @@
+"""Held-out drops and sensors: predicted by a fit that never had them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from inversion.arrays import FloatArray
+from inversion.diagnosis.drop_prediction import DropPredictor
+from inversion.diagnosis.findings import FittedPoint, HeldOutPart, LeaveOut
+from inversion.diagnosis.model import PointRecords
+from inversion.forward.library import SurrogateLibrary
+from inversion.measured.record import PreparedDrop, Record, prepare
+from inversion.threads import single_threaded_blas
+
+Allow = Literal["stiffness"]
+# Logarithm of the stiffness over that of the fitted drop, within which the held-out one lies.
+_LARGEST_CHANGE = math.log(4.0)
+_Errors = tuple[float, float]
+"""Residual over the peak: whole record, contact phase."""
+
+
+def count_held_out(records: PointRecords, mode: LeaveOut) -> int:
+    """Return how many parts of a point are held out in turn; 0: nothing would be left."""
+    drops, sensors = len(records.records), len(records.records[0].sensors)
+    counts = {"next": min(drops, 2), "drop": drops, "sensor": sensors}
+    count = counts.get(mode, 0)
+    if count < 2:
+        return 0
+    return 1 if mode == "next" else count
+
+
+def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> PointRecords:
+    """Return the records of a point without the part that is held out.
+
+    Parameters
+    ----------
+    records : PointRecords
+    mode : "next", "drop" or "sensor"
+    place : int, which of the parts that `count_held_out` counts
+    """
+    if mode == "sensor":
+        position = _position(records, place)
+        reduced = [
+            replace(r, sensors=tuple(s for s in r.sensors if s.offset != position))
+            for r in records.records
+        ]
+        return replace(records, records=tuple(reduced))
+    held_out = _held_out_drop(records, mode, place)
+    return replace(
+        records,
+        records=records.records[:held_out] + records.records[held_out + 1 :],
+        numbers=records.numbers[:held_out] + records.numbers[held_out + 1 :],
+    )
+
+
+def held_out_error(
+    records: PointRecords,
+    fitted: FittedPoint,
+    mode: LeaveOut,
+    place: int,
+    allow: Allow | None = None,
+    library: SurrogateLibrary | None = None,
+) -> HeldOutPart:
+    """Predict the part that was held out, and return its errors.
+
+    Parameters
+    ----------
+    records : PointRecords, with the held-out part
+    fitted : FittedPoint, of `without_held_out`
+    mode, place : as for `without_held_out`
+    allow : "stiffness": one number, that of the held-out drop, is fitted to it
+    library : SurrogateLibrary
+    """
+    library = library or SurrogateLibrary()
+    with single_threaded_blas():
+        if mode == "sensor":
+            return _sensor_error(records, fitted, _position(records, place), library)
+        return _drop_error(records, fitted, _held_out_drop(records, mode, place), allow, library)
+
+
+def _drop_error(
+    records: PointRecords,
+    fitted: FittedPoint,
+    held_out: int,
+    allow: Allow | None,
+    library: SurrogateLibrary,
+) -> HeldOutPart:
+    record, number = records.records[held_out], records.numbers[held_out]
+    drop = prepare(record).with_tail()
+    # Without an earlier drop, the one that follows.
+    predictor = DropPredictor(fitted, record, max(held_out - 1, 0), library)
+
+    def errors(*, with_effects: bool) -> _Errors:
+        def at(change: float) -> _Errors:
+            trace = predictor.trace(with_effects=with_effects, stiffness=math.exp(change))
+            return _errors(record, drop, trace)
+
+        return at(0.0 if allow is None else _best_change(lambda change: at(change)[0]))
+
+    before, contact_before = errors(with_effects=False)
+    after, contact_after = errors(with_effects=True)
+    scaled: tuple[float | None, float | None] = (None, None)
+    if held_out:
+        scaled = _errors(record, drop, scaled_record(records.records[held_out - 1], record))
+    return HeldOutPart(
+        f"drop {number}",
+        before,
+        after,
+        contact_after,
+        contact_before,
+        *scaled,
+        fitted=() if allow is None else (f"stiffness (drop {number})",),
+    )
+
+
+def _sensor_error(
+    records: PointRecords, fitted: FittedPoint, position: float, library: SurrogateLibrary
+) -> HeldOutPart:
+    errors: list[tuple[_Errors, _Errors]] = []
+    for place, record in enumerate(records.records):
+        predictor = DropPredictor(fitted, record, place, library)
+        row = [sensor.offset for sensor in record.sensors].index(position)
+        drop = prepare(record).with_tail()
+        before, after = (
+            _errors(record, drop, predictor.trace(with_effects=with_effects), [row])
+            for with_effects in (False, True)
+        )
+        errors.append((before, after))
+    (before, contact_before), (after, contact_after) = np.sqrt(
+        np.mean(np.square(errors), axis=0)
+    ).tolist()
+    name = f"sensor at {position:g} m"
+    return HeldOutPart(name, before, after, contact_after, contact_before)
+
+
+def scaled_record(preceding: Record, record: Record) -> FloatArray:
+    """Return the preceding displacements times the ratio of the peak loads, (n_sensors, n), m.
+
+    At the times of the record, 0 being the trigger of both.
+    """
+    earlier = prepare(preceding).with_tail()
+    ratio = prepare(record).peak_load / earlier.peak_load
+    time = earlier.start + earlier.time
+    return np.stack(
+        [ratio * np.interp(record.time, time, row, left=0.0) for row in earlier.displacement]
+    )
+
+
+def _best_change(misfit: Callable[[float], float]) -> float:
+    """Return the logarithm of the stiffness ratio with the least misfit."""
+    grid = np.linspace(-_LARGEST_CHANGE, _LARGEST_CHANGE, 9)
+    nearest = int(np.argmin([misfit(float(change)) for change in grid]))
+    ends = grid[max(nearest - 1, 0)], grid[min(nearest + 1, grid.size - 1)]
+    optimum = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return float(optimum.x)
+
+
+def _errors(
+    record: Record, drop: PreparedDrop, trace: FloatArray, rows: Sequence[int] | None = None
+) -> _Errors:
+    """Return the rms over the peak from the trigger to the end of the tail, and of the contact.
+
+    Parameters
+    ----------
+    record, drop : as recorded, and prepared
+    trace : (n_sensors, n) ndarray of float, m, at the times of the record
+    rows : sensors that count; None: all
+    """
+    first = record.time.size - drop.time.size
+    residual = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
+    chosen = residual if rows is None else residual[list(rows)]
+    ends = drop.tail_end, drop.contact_end
+    since_trigger = drop.time >= drop.trigger * (1 - 1e-9)
+    parts = [since_trigger & (drop.time <= end * (1 + 1e-9)) for end in ends]
+    whole, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
+    return whole, contact
+
+
+def _held_out_drop(records: PointRecords, mode: LeaveOut, place: int) -> int:
+    return len(records.records) - 1 if mode == "next" else place
+
+
+def _position(records: PointRecords, place: int) -> float:
+    """Return the position of a sensor, m, counted from the plate outward."""
+    return records.records[0].nearest_first().sensors[place].offset

@@ -1,0 +1,226 @@
+"""Held-out drops and sensors: simulated ones are predicted to the noise, and nothing of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor, SurrogateLibrary
+from inversion.diagnosis import (
+    FittedPoint,
+    PointDiagnosis,
+    PointRecords,
+    count_held_out,
+    diagnose_point,
+    held_out_error,
+    predict_next,
+    without_held_out,
+)
+from inversion.diagnosis.drop_prediction import DropPredictor
+from inversion.diagnosis.held_out import scaled_record
+from inversion.forward.model import Instrument
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+
+RADIUS, MASS, DEPTH = 0.15, 12.0, 1.2
+STEP, BEFORE = 1e-4, 200
+NOISE = 1e-3
+"""Of the peak."""
+LATE = 6
+"""Samples by which the displacement is recorded late."""
+# Of the ground under each drop: seating, two drops that repeat, one that met stiffer ground.
+MODULI, SPEEDS = (36e6, 60e6, 60e6, 78e6), (4.0, 4.0, 3.2, 4.0)
+
+
+def simulated(modulus: float, speed: float, seed: int, offsets: Sequence[float] = ()) -> Record:
+    """Return a drop whose displacements are recorded late, with noise."""
+    ground = Ground.uniform(modulus, 5e4 * modulus / 60e6, 1900.0, 0.35, DEPTH)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=speed)
+    drop = simulate_drop(
+        ground, Plate(RADIUS, MASS), hammer, offsets, duration=0.05, time_step=STEP
+    )
+    rows = [drop.plate_displacement, *drop.ground_displacement]
+    rng = np.random.default_rng(seed)
+    sensors = []
+    for offset, row in zip((0.0, *offsets), rows, strict=True):
+        moved = np.concatenate([np.zeros(BEFORE + LATE), row[:-LATE]])
+        moved = moved + NOISE * moved.max() * rng.standard_normal(moved.size)
+        sensors.append(Sensor(offset, "displacement", moved))
+    return Record(
+        STEP * np.arange(-BEFORE, drop.time.size),
+        np.concatenate([np.zeros(BEFORE), drop.load]),
+        tuple(sensors),
+        Instrument(plate_radius=RADIUS, plate_mass=MASS),
+        poisson_ratio=0.35,
+        bedrock_depth=DEPTH,
+    )
+
+
+@pytest.fixture(scope="module")
+def library() -> SurrogateLibrary:
+    return SurrogateLibrary()
+
+
+@pytest.fixture(scope="module")
+def point() -> PointRecords:
+    drops = zip(MODULI, SPEEDS, strict=True)
+    records = [simulated(modulus, speed, i) for i, (modulus, speed) in enumerate(drops)]
+    return PointRecords("simulated", tuple(records), (1, 2, 3, 4))
+
+
+@pytest.fixture(scope="module")
+def diagnosis(point: PointRecords, library: SurrogateLibrary) -> PointDiagnosis:
+    """Diagnosis of the first two drops: the lag of the sensor, the first drop on softer ground."""
+    found = diagnose_point(drops(point, 0, 1), library, leave_out=False)
+    assert {"sensor_lag", "seating"} <= {effect.name for effect in found.effects}
+    return found
+
+
+@pytest.fixture(scope="module")
+def first_two(diagnosis: PointDiagnosis) -> FittedPoint:
+    assert diagnosis.fitted is not None
+    return diagnosis.fitted
+
+
+def drops(point: PointRecords, *places: int) -> PointRecords:
+    return replace(
+        point,
+        records=tuple(point.records[place] for place in places),
+        numbers=tuple(point.numbers[place] for place in places),
+    )
+
+
+def noisy(record: Record) -> Record:
+    """Return the drop with noise in place of its deflections."""
+    rng = np.random.default_rng(99)
+    sensors = tuple(
+        replace(s, values=1e-3 * rng.standard_normal(s.values.size)) for s in record.sensors
+    )
+    return replace(record, sensors=sensors)
+
+
+def test_a_simulated_drop_is_predicted_to_the_noise(
+    point: PointRecords, first_two: FittedPoint, library: SurrogateLibrary
+) -> None:
+    part = held_out_error(drops(point, 0, 1, 2), first_two, "next", 0, library=library)
+    assert (part.name, part.fitted) == ("drop 3", ())
+    # The drop is 20 % smaller: noise is over its own peak.
+    assert part.after < 1.5 * NOISE
+    assert part.contact_after < 1.5 * NOISE
+    assert part.before > 0.02
+    assert part.contact_before > 0.02
+    assert part.scaled_record is not None
+    # The noise of both records.
+    assert part.scaled_record == pytest.approx(NOISE * np.sqrt(2.0), rel=0.5)
+
+
+def test_nothing_of_the_held_out_deflections_is_used(
+    point: PointRecords, first_two: FittedPoint, library: SurrogateLibrary
+) -> None:
+    three = drops(point, 0, 1, 2)
+    other = replace(three, records=(*three.records[:-1], noisy(three.records[-1])))
+    assert without_held_out(other, "next", 0).records == without_held_out(three, "next", 0).records
+    traces = [
+        DropPredictor(first_two, records.records[-1], 1, library).trace()
+        for records in (three, other)
+    ]
+    assert np.array_equal(*traces)
+    errors = [
+        held_out_error(records, first_two, "next", 0, library=library) for records in (three, other)
+    ]
+    assert errors[1].after > 100 * errors[0].after
+
+
+def test_one_number_may_be_fitted_to_the_held_out_drop(
+    point: PointRecords, first_two: FittedPoint, library: SurrogateLibrary
+) -> None:
+    stiffer = drops(point, 0, 1, 3)
+    part = held_out_error(stiffer, first_two, "next", 0, library=library)
+    assert part.fitted == ()
+    assert part.after > 0.05
+    allowed = held_out_error(stiffer, first_two, "next", 0, "stiffness", library)
+    assert allowed.fitted == ("stiffness (drop 4)",)
+    assert allowed.after < 1.5 * NOISE
+    assert allowed.scaled_record == part.scaled_record
+
+
+def test_the_next_drop_is_like_the_last_one(
+    point: PointRecords,
+    diagnosis: PointDiagnosis,
+    first_two: FittedPoint,
+    library: SurrogateLibrary,
+) -> None:
+    last = point.records[1]
+    predicted = predict_next(first_two, last.time, last.load, library)
+    assert predicted.shape == (1, last.time.size)
+    assert np.abs(predicted[0, : BEFORE - 20]).max() < 1e-4 * predicted.max()
+    curves = diagnosis.curves[-1]
+    at = np.interp(curves.time, last.time, predicted[0])
+    assert np.abs(at - curves.after[0]).max() < 1e-3 * curves.observed.max()
+    # Twice as finely sampled it is the same drop.
+    fine = 0.5 * STEP * np.arange(-2 * BEFORE, 2 * (last.time.size - BEFORE) - 1)
+    finer = predict_next(first_two, fine, np.interp(fine, last.time, last.load), library)
+    assert np.abs(finer[0, ::2] - predicted[0]).max() < 2e-3 * predicted.max()
+
+
+def test_the_preceding_record_is_scaled_by_the_peak_loads(
+    point: PointRecords, first_two: FittedPoint, library: SurrogateLibrary
+) -> None:
+    time = point.records[0].time
+    pulse = np.where((time > 0.0) & (time < 0.02), np.sin(np.pi * time / 0.02), 0.0)
+
+    # It goes on: channels that stand still at the end are padding.
+    shape = pulse**2 + 0.1 * np.where(time > 0.02, np.sin(2 * np.pi * time / 0.02), 0.0)
+
+    def record(load: float, moved: float) -> Record:
+        values = moved * shape
+        sensors = (replace(point.records[0].sensors[0], values=values),)
+        return replace(point.records[0], load=load * pulse, sensors=sensors)
+
+    preceding, held_out = record(8e3, 300e-6), record(10e3, 420e-6)
+    assert scaled_record(preceding, held_out)[0] == pytest.approx(375e-6 * shape, abs=1e-12)
+    two = replace(drops(point, 0, 1), records=(preceding, held_out))
+    part = held_out_error(two, first_two, "next", 0, library=library)
+    # From the trigger on, over the peak; the load is below 3 % at 19.9 ms.
+    whole, contact = time >= 0.0, (time >= 0.0) & (time < 0.01995)
+    for error, counted in ((part.scaled_record, whole), (part.contact_scaled_record, contact)):
+        by_hand = (420 - 375) / 420 * np.sqrt(np.mean(shape[counted] ** 2))
+        assert error == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_each_drop_is_held_out_in_turn(point: PointRecords, library: SurrogateLibrary) -> None:
+    three = drops(point, 0, 1, 2)
+    assert [count_held_out(three, mode) for mode in ("next", "drop", "sensor", "point")] == [
+        1, 3, 0, 0,
+    ]  # fmt: skip
+    assert count_held_out(drops(point, 0), "next") == 0
+    assert count_held_out(drops(point, 0), "drop") == 0
+    assert [without_held_out(three, "drop", place).numbers for place in range(3)] == [
+        (2, 3), (1, 3), (1, 2),
+    ]  # fmt: skip
+    found = diagnose_point(without_held_out(three, "drop", 1), library, leave_out=False)
+    assert found.fitted is not None
+    part = held_out_error(three, found.fitted, "drop", 1, library=library)
+    assert part.name == "drop 2"
+    assert part.scaled_record is not None
+    # It is predicted like the first drop, on the softer ground before the plate was seated.
+    assert part.after > 0.1
+    first = held_out_error(three, found.fitted, "drop", 0, library=library)
+    assert (first.name, first.scaled_record) == ("drop 1", None)
+
+
+def test_a_held_out_sensor_is_predicted_from_the_others(library: SurrogateLibrary) -> None:
+    records = tuple(simulated(60e6, 4.0, seed, (0.3, 0.6)) for seed in (1, 2))
+    three = PointRecords("simulated", records, (1, 2))
+    assert count_held_out(three, "sensor") == 3
+    others = without_held_out(three, "sensor", 1)
+    assert [s.offset for s in others.records[0].sensors] == [0.0, 0.6]
+    found = diagnose_point(others, library, leave_out=False)
+    assert found.fitted is not None
+    part = held_out_error(three, found.fitted, "sensor", 1, library=library)
+    assert (part.name, part.fitted, part.scaled_record) == ("sensor at 0.3 m", (), None)
+    assert part.after < 2.0 * NOISE
+    assert part.before > 10.0 * NOISE

@@ -1,0 +1,138 @@
+"""The survey is diagnosed without what is held out, and that is predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor
+from inversion.arrays import FloatArray
+from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
+from inversion.diagnosis.drop_prediction import DropPredictor
+from inversion.forward.model import Instrument
+from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_entries
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
+from pfwd_survey.inverting.diagnosis.points import Found, Workers
+from pfwd_survey.inverting.diagnosis.result import HeldOut
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+
+RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
+
+
+@pytest.fixture(scope="module")
+def point() -> DiagnosisPoint:
+    """Return two drops of one device on the same ground."""
+    ground = Ground.uniform(60e6, 5e4, 1900.0, 0.35, np.inf)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
+    records = []
+    for number, height in ((1, 1.0), (2, 0.9)):
+        rng = np.random.default_rng(number)
+        moved = np.concatenate([np.zeros(BEFORE), height * drop.plate_displacement])
+        moved += NOISE * moved.max() * rng.standard_normal(moved.size)
+        load = np.concatenate([np.zeros(BEFORE), height * drop.load])
+        time = STEP * np.arange(-BEFORE, drop.time.size)
+        sensors = (Sensor(0.0, "displacement", moved),)
+        instrument = Instrument(plate_radius=RADIUS, plate_mass=MASS)
+        records.append(Record(time, load, sensors, instrument, bedrock_depth=np.inf))
+    return DiagnosisPoint("a.csv", "unit", PointRecords("A", tuple(records), (1, 2)), point="A")
+
+
+def held_out(points: list[DiagnosisPoint], **options: Any) -> list[HeldOut | None]:
+    found: list[Diagnosed] = list(diagnose_entries(points, **options))
+    return [one.result.held_out for one in found if one.result is not None]
+
+
+def with_noise(point: DiagnosisPoint) -> DiagnosisPoint:
+    """Return the point with noise in place of the deflections of its last drop."""
+    assert point.records is not None
+    *others, last = point.records.records
+    noise = 1e-4 * np.random.default_rng(7).standard_normal(last.time.size)
+    sensors = (replace(last.sensors[0], values=noise),)
+    records = replace(point.records, records=(*others, replace(last, sensors=sensors)))
+    return replace(point, records=records)
+
+
+def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_deflections(
+    point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    traces: list[FloatArray] = []
+    made = DropPredictor.trace
+
+    def trace(self: DropPredictor, **options: Any) -> FloatArray:
+        traces.append(made(self, **options))
+        return traces[-1]
+
+    monkeypatch.setattr(DropPredictor, "trace", trace)
+    # The other point has one drop: nothing is held out there, and it has a part in the device.
+    assert point.records is not None
+    first = replace(
+        point.records, records=point.records.records[:1], numbers=point.records.numbers[:1]
+    )
+    single = replace(point, point="B", records=first)
+    errors = []
+    for one in (point, with_noise(point)):
+        found, nothing = held_out([one, single], leave_out="next")
+        assert found is not None
+        assert nothing is None
+        assert (found.mode, found.fitted) == ("next", ())
+        assert [part.name for part in found.by or ()] == ["drop 2"]
+        errors.append(found.after)
+    before, after, other_before, other_after = traces
+    assert np.array_equal(before, other_before)
+    assert np.array_equal(after, other_after)
+    assert errors[0] == pytest.approx(NOISE, rel=0.3)
+    assert errors[1] > 0.3
+
+
+@pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
+def test_one_number_is_listed_for_each_held_out_drop(
+    point: DiagnosisPoint, mode: LeaveOut, names: list[str]
+) -> None:
+    (found,) = held_out([point], leave_out=mode, allow="stiffness")
+    assert found is not None
+    parts = found.by or ()
+    assert [part.name for part in parts] == names
+    assert [part.fitted for part in parts] == [(f"stiffness ({name})",) for name in names]
+    assert found.fitted == tuple(f"stiffness ({name})" for name in names)
+    scaled = [part.scaled_record for part in parts]
+    # The first drop has no preceding record.
+    assert [value is None for value in scaled] == [name == "drop 1" for name in names]
+    assert found.scaled_record == scaled[-1]
+    for key in ("before", "after", "contact_before", "contact_after"):
+        errors = [getattr(part, key) for part in parts]
+        assert getattr(found, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_without_the_option_it_is_said_that_the_drop_had_a_part_in_the_fit(
+    point: DiagnosisPoint,
+) -> None:
+    (found,) = held_out([point])
+    assert found is not None
+    assert found.mode == "drop"
+    assert not found.is_prediction
+    assert "choice of effects" in (found.fitted or ())
+
+
+def test_a_point_that_cannot_be_diagnosed_without_a_part_says_so(point: DiagnosisPoint) -> None:
+    (one,) = diagnose_entries([point], leave_out="next")
+    assert one.diagnosis is not None
+
+    def refuse(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
+        return {id(reduced): "no load" for reduced in points}
+
+    found = {id(point): one.diagnosis}
+    (diagnosis,) = with_predictions([point], found, refuse, "drop", None, Workers(1)).values()
+    assert isinstance(diagnosis, PointDiagnosis)
+    assert diagnosis.held_out_by == ()
+    assert diagnosis.held_out_after is None
+    assert diagnosis.warnings[-2:] == (
+        "nothing is predicted without part 1 (drop): no load",
+        "nothing is predicted without part 2 (drop): no load",
+    )
