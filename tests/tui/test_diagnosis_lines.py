@@ -80,7 +80,7 @@ def test_a_modulus_that_is_not_told_is_said_to_be_open() -> None:
             47e6,
             53e6,
             0.01,
-            "Design value 50 MPa (47 to 53), secant modulus at 100 kPa.",
+            "Design value 50 MPa (47 to 53), secant modulus at",
         ),
         ("unexplained", 47e6, 53e6, 0.02, "(47 to 53), secant modulus at 100 kPa: 2 % of the peak"),
         ("explained", 30e6, 70e6, 0.01, "Do not use the diagnosed modulus: the interval"),
