@@ -466,6 +466,8 @@ class Detector:
             if len(self._early) >= WARM_UP:
                 levels, noises = np.median(self._early, axis=0)
                 self._rest = AtRest(float(levels), float(noises))
+                # A drop may begin in this quantum.
+                self._unwatched = [each for each in self._unwatched if each[0] < start]
                 yield from self._report_unwatched()
                 self._early = []
             return
