@@ -121,12 +121,14 @@ typedef struct {
     bool candidate;    /* beyond the threshold since `candidate_at` */
     bool confirmed;
     uint64_t candidate_at;
+    uint32_t candidate_peak;
     uint32_t stayed;
     bool released; /* back at rest since the last drop */
     uint32_t calm; /* samples back at rest */
     bool any;      /* there was a drop in this run */
     uint64_t last_trigger;
-    uint32_t last_peak;
+    uint64_t last_pulse; /* trigger of the last drop or of the last bounce after it */
+    uint32_t last_peak;  /* of that pulse */
 } pfwd_trigger_state;
 
 typedef struct {

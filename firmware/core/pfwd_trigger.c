@@ -5,6 +5,13 @@
 #define FOLLOWS 1024 /* rest goes this part of the way to each sample */
 #define ONE 65536    /* counts are kept in parts of this */
 
+/* A bounce has less than so many tenths of the peak of the pulse before it: two drops from one
+   height differ by less than a quarter. */
+#define BOUNCE_TENTHS 7u
+/* Tenths of a second from pulse to bounce at most: a weight from 1.2 m that keeps 0.7 of its speed
+   is in the air for 0.69 s. */
+#define FLIGHT_TENTHS 7u
+
 void pfwd_trigger_begin_run(pfwd_instrument *self)
 {
     pfwd_trigger_state *state = &self->state;
@@ -15,11 +22,13 @@ void pfwd_trigger_begin_run(pfwd_instrument *self)
     state->candidate = false;
     state->confirmed = false;
     state->candidate_at = 0;
+    state->candidate_peak = 0;
     state->stayed = 0;
     state->released = true;
     state->calm = 0;
     state->any = false;
     state->last_trigger = 0;
+    state->last_pulse = 0;
     state->last_peak = 0;
     self->hand.active = false;
 }
@@ -54,7 +63,18 @@ static void found(pfwd_instrument *self, uint64_t index, bool by_operator)
     self->state.calm = 0;
     self->state.any = true;
     self->state.last_trigger = index;
+    self->state.last_pulse = index;
     self->state.last_peak = 0;
+}
+
+/* Whether the candidate, by its time and by its peak so far, is a bounce of the last drop. */
+static bool bounces(const pfwd_instrument *self)
+{
+    const pfwd_trigger_state *state = &self->state;
+    const uint64_t flight = state->candidate_at - state->last_pulse;
+    return state->any && state->candidate_at - state->last_trigger < self->trigger.hold_off &&
+           flight * 10u <= (uint64_t)self->rate * FLIGHT_TENTHS &&
+           (uint64_t)state->candidate_peak * 10u < (uint64_t)state->last_peak * BOUNCE_TENTHS;
 }
 
 void pfwd_trigger_sample(pfwd_instrument *self, int32_t value, uint64_t index)
@@ -83,6 +103,10 @@ void pfwd_trigger_sample(pfwd_instrument *self, int32_t value, uint64_t index)
         return;
     }
     if (!beyond_half) {
+        if (state->candidate && state->confirmed) { /* a bounce, and over */
+            state->last_pulse = state->candidate_at;
+            state->last_peak = state->candidate_peak;
+        }
         state->off_rest = 0;
         state->candidate = false;
         state->confirmed = false;
@@ -107,14 +131,17 @@ void pfwd_trigger_sample(pfwd_instrument *self, int32_t value, uint64_t index)
         state->candidate = true;
         state->confirmed = false;
         state->candidate_at = index;
+        state->candidate_peak = 0;
         state->stayed = 0;
+    }
+    if (away > state->candidate_peak) {
+        state->candidate_peak = away;
     }
     if (++state->stayed >= set->confirm) {
         state->confirmed = true;
     }
-    const bool held = state->any && index - state->last_trigger < set->hold_off;
-    if (state->confirmed && (!held || away > state->last_peak)) {
+    if (state->confirmed && !bounces(self)) {
         found(self, state->candidate_at, false);
-        state->last_peak = away;
+        state->last_peak = state->candidate_peak;
     }
 }

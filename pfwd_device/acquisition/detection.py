@@ -1,12 +1,23 @@
 """What counts as a drop, what was seen of it, and the state that its detection began with."""
 
 import dataclasses
+import enum
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
+
+BOUNCE_OVER_PREVIOUS = 0.7
+"""Peak load of a bounce over that of the pulse before it: below this. On a spring the peak grows
+with the speed of the impact, and a weight that keeps 0.7 of its speed keeps half of its energy;
+rubber buffers return less. Two drops from one height differ by less than a quarter."""
+
+LONGEST_FLIGHT = 0.7
+"""s; a bounce follows the pulse before it at most so much later. A weight from 1.2 m that leaves
+with `BOUNCE_OVER_PREVIOUS` of its speed is in the air for 0.69 s. A hand that catches the weight,
+lifts it and lets it go takes longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +37,8 @@ class DetectionSettings:
     post_trigger: float = 0.100
     """Kept after it, s."""
     rebound_window: float = 1.5
-    """A smaller pulse within this time after a drop or its last rebound is a bounce, s: no hand
-    lifts and drops the weight again so fast."""
+    """Time after the trigger of a drop in which its bounces are looked for, s; no bounce prolongs
+    it. A weight from 1 m that returns 0.6 of its speed each time comes to rest within 1.36 s."""
     rebound_pre_trigger: float = 0.005
     """Kept before a rebound, s."""
     rebound_post_trigger: float = 0.030
@@ -97,6 +108,30 @@ class RawRebound:
     """Counts above rest."""
     counts: NDArray[np.int32]
     """(n, channels); 0 where samples are missing."""
+
+
+class PulseDoubt(enum.StrEnum):
+    """Reason why a pulse of the load is reported: what became of it, and why."""
+
+    REST_UNKNOWN = "not recorded: the load at rest was not known yet"
+    NOT_RELEASED = "not recorded: the load had not returned to rest since the pulse before"
+    CUT_OFF = "not recorded: the samples ended before it could be told from a bounce"
+    MAYBE_BOUNCE = "recorded as a drop, may be a bounce: samples before it are missing"
+    MAYBE_DROP = "recorded as a bounce, may be a drop: samples before it are missing"
+
+
+@dataclass(frozen=True, slots=True)
+class PulseReport:
+    """A pulse of the load that is neither a certain drop nor a certain bounce."""
+
+    stream: int
+    """Number of the run of the sampler."""
+    trigger: int
+    """Index of its first sample above the threshold, within the stream; for a pulse that is not
+    recorded, of the part of the stream that holds it."""
+    peak: int
+    """Counts above the load before it."""
+    doubt: PulseDoubt
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,14 @@
 The stream is looked at in quanta of a fixed number of samples that begin at fixed indices, so that
 what is found does not depend on how the samples arrived. Between drops the load at rest follows
 the median of each quantum; a drop begins where the load has left it by the threshold and stays
-away; a smaller pulse soon after is a bounce of the hammer and is kept with its drop.
+away. A pulse that follows another within `LONGEST_FLIGHT`, has less than `BOUNCE_OVER_PREVIOUS` of
+its peak and falls within the rebound window of the drop is a bounce and is kept with its drop. Any
+other pulse is a drop. A pulse that cannot be recorded, or whose kind is uncertain because samples
+are missing, is reported.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,8 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.acquisition.detection import (
+    BOUNCE_OVER_PREVIOUS,
+    LONGEST_FLIGHT,
     AtRest,
     DetectionSettings,
+    PulseDoubt,
+    PulseReport,
     RawDrop,
     RawRebound,
     ReboundsOver,
@@ -39,7 +47,14 @@ FEWEST_SAMPLES = 16
 LONG_GAP = 1.0
 """s; after so long without samples the load at rest is found anew."""
 
-Found = RawDrop | RawRebound | ReboundsOver
+HIDDEN_PULSE = 6e-3
+"""s; missing samples in a row that may hide a pulse. A pulse of 15 ms and 570 N, whose bounce would
+still exceed the default threshold, is above this threshold for 7.5 ms."""
+HIDDEN_PEAK = 2e-3
+"""s; missing samples within a pulse after which its peak is only a lower bound: the top 2 ms of a
+half-sine of 15 ms lie within 2 % of the peak."""
+
+Found = RawDrop | RawRebound | ReboundsOver | PulseReport
 
 
 @dataclass(slots=True)
@@ -50,6 +65,9 @@ class _Trigger:
     at_rest: AtRest
     threshold: float
     by_operator: bool = False
+    may_bounce: bool = False
+    """Whether its time allows a bounce, so that its peak decides."""
+    doubt: PulseDoubt | None = None
 
 
 @dataclass(slots=True)
@@ -57,8 +75,22 @@ class _Last:
     """The drop that rebounds may still belong to."""
 
     trigger: int
-    peak: int
     deadline: int
+    pulse: int
+    """Index of the trigger of the last pulse: the drop or its last bounce."""
+    peak: float
+    """Peak of that pulse, counts; of a bounce with missing samples the largest possible one."""
+    incomplete: bool
+    """Whether samples of the drop are missing about its peak, which was higher then."""
+
+
+@dataclass(slots=True)
+class _Unrecorded:
+    """A pulse in a part of the stream where no drop can begin."""
+
+    start: int
+    end: int
+    peak: float
 
 
 class Detector:
@@ -97,6 +129,9 @@ class Detector:
         # Back to before a trigger that is confirmed only in the next quantum.
         self._kept = max(self._before, self._rebound_before) + self._confirm + 2 * self._quantum
         self._long_gap = round(LONG_GAP * rate)
+        self._flight = round(LONGEST_FLIGHT * rate)
+        self._hides_pulse = max(1, round(HIDDEN_PULSE * rate))
+        self._hides_peak = max(1, round(HIDDEN_PEAK * rate))
         self._stream = 0
         self._begin(0)
 
@@ -106,6 +141,13 @@ class Detector:
         self._rest = at_rest
         self._frozen = at_rest is not None
         self._early: list[tuple[float, float]] = []
+        self._unwatched: list[tuple[int, float, float]] = []
+        """(index, low, high) of the quanta in which the load at rest was not known."""
+        self._unrecorded: _Unrecorded | None = None
+        self._low = math.inf
+        """Smallest departure since the last record, while the load is not back at rest."""
+        self._holes: deque[tuple[int, int]] = deque()
+        """(start, end) of missing samples, as far back as a bounce may follow them."""
         self._released = True
         self._off_rest = 0
         self._open: _Trigger | None = None
@@ -151,10 +193,11 @@ class Detector:
             self._asked = self._window.end if index is None else index
 
     def feed(self, item: Samples | Gap) -> list[Found]:
-        """Drops and rebounds that are complete with these samples, in order."""
+        """Drops and rebounds that are complete with these samples, and reports, in order."""
         if item.stream != self._stream:
             raise ValueError(f"expected samples of stream {self._stream}, came {item.stream}")
         if isinstance(item, Gap):
+            self._note_hole(self._window.end, self._window.end + item.length)
             return list(self._skip(item.length))
         if item.shunt:  # no measurement
             return list(self._skip(len(item.counts)))
@@ -169,20 +212,36 @@ class Detector:
         reason : str
             Why, for the mark.
         """
-        found: list[Found] = []
+        found = list(self._scan_remainder())
         trigger = self._open
-        if trigger is not None and self._last is not None and self._is_rebound(trigger):
-            # Larger than what came before: that was a knock, this is the drop.
-            if self._peak(trigger, self._rebound_after) > self._last.peak:
-                found.append(ReboundsOver())
-            else:
+        if trigger is not None and trigger.may_bounce:
+            assert self._last is not None
+            peak = self._peak(trigger, self._rebound_after)
+            if self._is_bounce(trigger, peak, self._last):
+                found.append(self._report(trigger.index, peak, PulseDoubt.CUT_OFF))
                 trigger = None
+            else:
+                self._last = None
+                found.append(ReboundsOver())
         if trigger is not None:
-            found.append(self._record(trigger, cut_off=reason))
-        if self._last is not None or found:
+            found += self._records(trigger, cut_off=reason)
+            found.append(ReboundsOver())
+        elif self._last is not None:
             found.append(ReboundsOver())
         self.begin(self._stream, self._window.end)
         return found
+
+    def _scan_remainder(self) -> Iterator[Found]:
+        """Scan the samples after the last whole quantum and report the pulses not recorded yet."""
+        end = self._window.end
+        if end > self._scanned:
+            yield from self._complete(end)
+            if self._open is None:
+                self._open = self._find_trigger(end)
+                yield from self._begun(self._open)
+                yield from self._complete(end)
+        yield from self._report_unwatched()
+        yield from self._report_unrecorded()
 
     def _skip(self, length: int) -> Iterator[Found]:
         filled = min(length, self._kept + self._after + self._rebound_window)
@@ -191,7 +250,24 @@ class Detector:
         if length > filled:
             self._jump(length - filled)
         if length >= self._long_gap:
+            yield from self._report_unwatched()
             self._rest, self._early, self._frozen = None, [], False
+
+    def _note_hole(self, start: int, end: int) -> None:
+        """Note missing samples; two rows with hardly a sample in between count as one."""
+        if self._holes and start - self._holes[-1][1] < self._confirm:
+            start = self._holes.pop()[0]
+        self._holes.append((start, end))
+
+    def _missing(self, start: int, end: int) -> int:
+        """Return how many samples from `start` to before `end` are missing."""
+        return sum(max(0, min(end, last) - max(start, first)) for first, last in self._holes)
+
+    def _may_hide_pulse(self, start: int, end: int) -> bool:
+        """Return whether missing samples between the two indices may hide a whole pulse."""
+        return any(
+            min(end, last) - max(start, first) >= self._hides_pulse for first, last in self._holes
+        )
 
     def _jump(self, length: int) -> None:
         end = self._window.end + length
@@ -210,12 +286,17 @@ class Detector:
         if self._open is not None:
             keep = min(keep, self._open.index - self._kept)
         self._window.forget_before(keep)
+        bounces_after = self._scanned - self._after - max(self._rebound_window, self._flight)
+        while self._holes and self._holes[0][1] < bounces_after:
+            self._holes.popleft()
 
     def _scan_quantum(self, start: int, end: int) -> Iterator[Found]:
         yield from self._complete(end)
         if self._open is None:
-            self._learn(start, end)
+            yield from self._learn(start, end)
             self._open = self._find_trigger(end)
+            yield from self._watch_unreleased(start, end)
+            yield from self._begun(self._open)
             # A record may be shorter than a quantum.
             yield from self._complete(end)
         if self._last is not None and self._open is None and end >= self._last.deadline:
@@ -227,33 +308,133 @@ class Detector:
         trigger = self._open
         if trigger is None:
             return
-        if self._is_rebound(trigger) and end >= trigger.index + self._rebound_after:
+        if trigger.may_bounce and end >= trigger.index + self._rebound_after:
             peak = self._peak(trigger, self._rebound_after)
             assert self._last is not None
-            if peak <= self._last.peak:
+            if self._is_bounce(trigger, peak, self._last):
                 yield self._rebound(trigger, peak, self._last)
-                self._open, self._released = None, False
+                if trigger.doubt is not None:
+                    yield self._report(trigger.index, peak, trigger.doubt)
+                self._stop_recording()
                 return
-            # Larger than what came before: that was a knock, this is the drop.
+            # Too large for a bounce: it is a drop, and what came before a drop or a knock.
+            trigger.may_bounce = False
+            trigger.doubt = self._doubt_of_drop(trigger, self._last)
             self._last = None
             yield ReboundsOver()
-        if not self._is_rebound(trigger) and end >= trigger.index + self._after:
-            yield self._record(trigger, cut_off=None)
-            self._last = _Last(
-                trigger.index,
-                self._peak(trigger, self._after),
-                trigger.index + max(self._rebound_window, self._after),
-            )
-            self._open, self._released, self._frozen = None, False, False
+        if not trigger.may_bounce and end >= trigger.index + self._after:
+            yield from self._records(trigger, cut_off=None)
+            deadline = trigger.index + max(self._rebound_window, self._after)
+            peak = self._peak(trigger, self._after)
+            incomplete = self._is_incomplete(trigger)
+            self._last = _Last(trigger.index, deadline, trigger.index, peak, incomplete)
+            self._stop_recording()
+            self._frozen = False
 
-    def _is_rebound(self, trigger: _Trigger) -> bool:
-        return self._last is not None and not trigger.by_operator
+    def _stop_recording(self) -> None:
+        self._open, self._released, self._low = None, False, math.inf
+
+    def _begun(self, trigger: _Trigger | None) -> Iterator[Found]:
+        """Decide from its time alone whether a new trigger may be a bounce."""
+        if trigger is None or trigger.by_operator:
+            return
+        last = self._last
+        if last is not None and trigger.index < last.deadline:
+            trigger.may_bounce = trigger.index - last.pulse <= self._flight
+            if not trigger.may_bounce and self._may_hide_pulse(last.pulse, trigger.index):
+                trigger.may_bounce, trigger.doubt = True, PulseDoubt.MAYBE_DROP
+        if not trigger.may_bounce:
+            trigger.doubt = self._doubt_of_drop(trigger, None)
+            if last is not None:
+                self._last = None
+                yield ReboundsOver()
+
+    def _is_bounce(self, trigger: _Trigger, peak: int, last: _Last) -> bool:
+        """Return whether a pulse whose time allows a bounce is small enough for one."""
+        # Late after the last pulse, it bounced at least once more in the missing samples.
+        bounces = 1 if trigger.doubt is None else 2
+        return peak < BOUNCE_OVER_PREVIOUS**bounces * last.peak
+
+    def _doubt_of_drop(self, trigger: _Trigger, last: _Last | None) -> PulseDoubt | None:
+        """Return why a drop may be a bounce: of `last`, or of a pulse in missing samples."""
+        hidden = self._may_hide_pulse(trigger.index - self._flight, trigger.index)
+        if hidden or (last is not None and last.incomplete):
+            return PulseDoubt.MAYBE_BOUNCE
+        return None
+
+    def _is_incomplete(self, trigger: _Trigger) -> bool:
+        """Return whether so many samples of a pulse are missing that its peak may be higher."""
+        pulse = self._rebound_after
+        return self._missing(trigger.index - pulse, trigger.index + pulse) >= self._hides_peak
+
+    def _report(self, index: int, peak: float, doubt: PulseDoubt) -> PulseReport:
+        return PulseReport(self._stream, index, round(peak), doubt)
+
+    def _records(self, trigger: _Trigger, cut_off: str | None) -> Iterator[Found]:
+        """The record of a drop, and a report where it may be a bounce."""
+        yield self._record(trigger, cut_off)
+        if trigger.doubt is not None:
+            yield self._report(trigger.index, self._peak(trigger, self._after), trigger.doubt)
+
+    def _watch_unreleased(self, start: int, end: int) -> Iterator[Found]:
+        """Report pulses on top of a load that has not returned to rest."""
+        if self._open is not None or self._released or self._rest is None:
+            yield from self._report_unrecorded()
+            return
+        away = self._present_departure(start, end, self._rest)
+        if away.size < self._confirm:
+            return
+        low = min(self._low, float(away[0]))
+        rise = away - np.minimum.accumulate(np.concatenate([[low], away]))[1:]
+        high = float(np.partition(rise, -self._confirm)[-self._confirm])
+        if high > self._threshold(self._rest):
+            self._unrecorded = _extended(self._unrecorded, start, end, high)
+            return
+        yield from self._report_unrecorded()
+        self._low = min(self._low, float(away.min()))
+
+    def _report_unrecorded(self) -> Iterator[Found]:
+        pulse, self._unrecorded = self._unrecorded, None
+        if pulse is not None:
+            yield self._unseen(pulse, PulseDoubt.NOT_RELEASED)
+
+    def _unseen(self, pulse: _Unrecorded, doubt: PulseDoubt) -> PulseReport:
+        """The report of a pulse that is not recorded; what bounces from it is seen all the same."""
+        self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
+        return self._report(pulse.start, pulse.peak, doubt)
+
+    def _report_unwatched(self) -> Iterator[Found]:
+        """Report pulses that came while the load at rest was not known."""
+        quanta, self._unwatched = self._unwatched, []
+        rest = self._rest
+        if rest is None and len(self._early) > 1:
+            level, noise = np.median(self._early, axis=0)
+            rest = AtRest(float(level), float(noise))
+        if rest is None:
+            return
+        threshold = self._threshold(rest)
+        pulse: _Unrecorded | None = None
+        for index, low, high in quanta:
+            away = max(abs(low - rest.load), abs(high - rest.load))
+            if away > threshold:
+                pulse = _extended(pulse, index, index + self._quantum, away)
+            elif pulse is not None:
+                yield self._unseen(pulse, PulseDoubt.REST_UNKNOWN)
+                pulse = None
+        if pulse is not None:
+            yield self._unseen(pulse, PulseDoubt.REST_UNKNOWN)
 
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
         """Distance of the load from rest, counts; 0 where samples are missing."""
         counts, gone = self._window.part(first, last)
         away: NDArray[np.float64] = np.abs(counts[:, self._load] - rest.load)
         away[gone] = 0.0
+        return away
+
+    def _present_departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
+        """Distance of the load from rest where samples are present, counts."""
+        counts, gone = self._window.part(first, last)
+        away: NDArray[np.float64] = np.abs(counts[~gone, self._load] - rest.load)
         return away
 
     def _peak(self, trigger: _Trigger, length: int) -> int:
@@ -263,12 +444,17 @@ class Detector:
     def _threshold(self, rest: AtRest) -> float:
         return max(self._least, self.settings.noise_factor * rest.noise)
 
-    def _learn(self, start: int, end: int) -> None:
-        """Follow the load at rest."""
+    def _learn(self, start: int, end: int) -> Iterator[Found]:
+        """Follow the load at rest; once it is known, report the pulses before."""
         if self._frozen:
             return
         counts, gone = self._window.part(start, end)
         load = counts[~gone, self._load].astype(float)
+        if self._rest is None and load.size >= self._confirm:
+            # Without the few samples of a spike on either side.
+            few = self._confirm - 1
+            ends = np.partition(load, (few, load.size - 1 - few))
+            self._unwatched.append((start, float(ends[few]), float(ends[-1 - few])))
         if load.size < max(2, (end - start) // 2):
             return
         # Quantum after quantum all day: the plain forms of median and root mean square.
@@ -280,6 +466,9 @@ class Detector:
             if len(self._early) >= WARM_UP:
                 levels, noises = np.median(self._early, axis=0)
                 self._rest = AtRest(float(levels), float(noises))
+                # A drop may begin in this quantum.
+                self._unwatched = [each for each in self._unwatched if each[0] < start]
+                yield from self._report_unwatched()
                 self._early = []
             return
         rest = self._rest
@@ -295,6 +484,7 @@ class Detector:
         if self._off_rest >= STUCK:
             self._rest, self._early = None, []
             self._off_rest, self._released = 0, True
+            yield from self._report_unrecorded()
 
     def _find_trigger(self, end: int) -> _Trigger | None:
         """The first sample that starts a drop, among those that can be confirmed before `end`."""
@@ -351,8 +541,16 @@ class Detector:
     def _rebound(self, trigger: _Trigger, peak: int, last: _Last) -> RawRebound:
         first = trigger.index - self._rebound_before
         counts, _ = self._window.part(first, trigger.index + self._rebound_after)
-        last.deadline = trigger.index + self._rebound_window
+        largest = BOUNCE_OVER_PREVIOUS * last.peak if self._is_incomplete(trigger) else 0.0
+        last.pulse, last.peak = trigger.index, max(peak, largest)
         return RawRebound(self._stream, first, trigger.index, last.trigger, peak, counts)
+
+
+def _extended(pulse: _Unrecorded | None, start: int, end: int, peak: float) -> _Unrecorded:
+    """The same pulse with a further part of the stream, or a new one."""
+    if pulse is None:
+        return _Unrecorded(start, end, peak)
+    return _Unrecorded(pulse.start, end, max(pulse.peak, peak))
 
 
 def _rows(flags: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:

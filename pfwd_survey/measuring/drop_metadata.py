@@ -100,12 +100,17 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
     return tuple(found)
 
 
+def load_of(counts: float, identity: Identity) -> float:
+    """Load of so many counts above rest, N."""
+    load = identity.channels[load_channel(identity)]
+    return counts / abs(counts_per_unit(load, identity))
+
+
 def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
     """A rebound in SI."""
-    load = identity.channels[load_channel(identity)]
     return Rebound(
         delay=(raw.trigger - raw.after) / identity.sampling_rate,
-        peak_load=raw.peak / abs(counts_per_unit(load, identity)),
+        peak_load=load_of(raw.peak, identity),
         first_sample=raw.first,
         counts=raw.counts,
     )

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
+from pfwd_device.acquisition.detection import PulseReport, RawDrop, RawRebound, ReboundsOver
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import (
     Connected,
@@ -43,7 +43,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
 from pfwd_survey.judging.earlier_rules import RULES_EVENT, RULES_VERSION, changed_verdicts
 from pfwd_survey.judging.stations import similar_name
-from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
+from pfwd_survey.measuring.drop_metadata import load_of, metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
     BatteryLow,
@@ -685,6 +685,30 @@ class Session:
                     self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
                 case ReboundsOver():
                     self._pipeline.end_of_rebounds()
+                case PulseReport():
+                    self._report_pulse(detected)
+
+    def _report_pulse(self, pulse: PulseReport) -> None:
+        """Report a pulse whose kind is uncertain, on the screen, in the log and in the survey."""
+        if self._recorded is not None or self._identity is None:
+            return  # reported when the drop was measured; a replay has gaps of its own
+        peak = load_of(pulse.peak, self._identity)
+        seconds = pulse.trigger / self._identity.sampling_rate
+        unkept = self._kept_events.due("pulse")
+        if self._recorder is not None and unkept is not None:
+            details = {
+                "point": self._point,
+                "peak_load_n": peak,
+                "stream": pulse.stream,
+                "sample": pulse.trigger,
+                "doubt": str(pulse.doubt),
+            }
+            self._recorder.keep_event("pulse", details | _count(unkept))
+        text = (
+            f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
+            f"{pulse.stream}: {pulse.doubt}. Look at the last drops and repeat what is missing"
+        )
+        self._tell(Notice(text, serious=True, kind="pulses"))
 
     def _on_drop(self, raw: RawDrop) -> None:
         assert self._identity is not None

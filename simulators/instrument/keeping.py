@@ -26,6 +26,10 @@ _LEARNT_FROM = 64
 """Samples from which the load at rest is known."""
 _FOLLOWS = 1024.0
 """The load at rest goes this part of the way to each sample."""
+BOUNCE_OVER_PREVIOUS = 0.7
+"""Peak of a bounce over that of the pulse before it: below this, by the protocol (Arm)."""
+LONGEST_FLIGHT = 0.7
+"""s; a bounce follows the pulse before it at most so much later, by the protocol (Arm)."""
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
@@ -136,7 +140,9 @@ class Keeper:
         self._released = True
         self._hand: int | None = None
         self._last: int | None = None
-        self._peak = 0.0
+        self._pulse, self._peak = 0, 0.0
+        """Trigger and peak of the last drop, or of the last bounce after it."""
+        self._candidate_peak = 0.0
 
     def switched_off(self) -> None:
         """The power went: the drops stay, their clock is another one."""
@@ -165,7 +171,7 @@ class Keeper:
             if block.shunt:
                 column = column - self._shunt_counts[set_.channel]
             for at, value in enumerate(column.tolist()):
-                self._look(value, block.first_sample + at)
+                self._look(value, block.first_sample + at, rate)
         if self._hand is None or _end(block) < self._hand + set_.after:
             return False
         return self._keep(block, ring, rate)
@@ -199,7 +205,7 @@ class Keeper:
         self.waiting.append(Kept(offer, data))
         return True
 
-    def _look(self, value: float, index: int) -> None:
+    def _look(self, value: float, index: int, rate: float) -> None:
         if self._rest is None:
             self._early.append(value)
             if len(self._early) == _LEARNT_FROM:
@@ -213,6 +219,8 @@ class Keeper:
         if not set_.on:
             return
         if away <= set_.threshold / 2:
+            if self._candidate is not None and self._stayed >= set_.confirm:  # a bounce, and over
+                self._pulse, self._peak = self._candidate, self._candidate_peak
             self._candidate = None
             self._calm += 1
             self._released = self._released or self._calm >= set_.confirm
@@ -224,11 +232,22 @@ class Keeper:
         if self._candidate is None:
             if away <= set_.threshold:
                 return
-            self._candidate, self._stayed = index, 0
+            self._candidate, self._candidate_peak, self._stayed = index, 0.0, 0
+        self._candidate_peak = max(self._candidate_peak, away)
         self._stayed += 1
-        held = self._last is not None and index - self._last < set_.hold_off
-        if self._stayed >= set_.confirm and (not held or away > self._peak):
-            self._hand, self._candidate, self._peak = self._candidate, None, away
+        if self._stayed >= set_.confirm and not self._bounces(self._candidate, rate):
+            self._hand = self._pulse = self._candidate
+            self._candidate, self._peak = None, self._candidate_peak
+
+    def _bounces(self, candidate: int, rate: float) -> bool:
+        """Return whether the pulse, by its time and its peak so far, is a bounce of the last
+        drop."""
+        return (
+            self._last is not None
+            and candidate - self._last < self.trigger.hold_off
+            and candidate - self._pulse <= LONGEST_FLIGHT * rate
+            and self._candidate_peak < BOUNCE_OVER_PREVIOUS * self._peak
+        )
 
 
 def _name(kept: Kept) -> tuple[int, int]:

@@ -137,6 +137,17 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
     assert not [item for item in items if isinstance(item, KeptDrop)]  # it has let go of them
 
 
+def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_path: Path) -> None:
+    drops = {"first": 0.8, "interval": 1.4, "quiet": 1.2, "bounces": [1, 2]}
+    played = play_scenario({"drops": drops}, drops=8, seed=5)
+    channels = tuple(replace(channel, shunt=None) for channel in played.identity.channels)
+    played = replace(played, identity=replace(played.identity, channels=channels))
+    with HostBoard(played, BoardOptions(streams=False, speed=2.0)) as board:
+        measured(board, tmp_path / "survey", drops=8)
+    assert_recorded_bit_for_bit(tmp_path / "survey", played)
+    assert len(read_survey(tmp_path / "survey").drops) == 8
+
+
 def test_what_does_not_compile_says_so() -> None:
     with pytest.raises(FirmwareError, match=r"expected it to compile, came .*error"):
         build_host("-DPFWD_FAULT=(")

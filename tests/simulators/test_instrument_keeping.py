@@ -105,3 +105,21 @@ def test_it_keeps_the_protocol_as_far_as_a_second_shows() -> None:
     with serve("buffered") as instrument:
         found = list(conform(lambda: open_transport(instrument.url), only=numbers))
     assert {each.result for each in found} == {"passed"}, found
+
+
+def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce() -> None:
+    drops = {"first": 0.8, "interval": 1.4, "quiet": 2.5, "bounces": [1, 2]}
+    instrument = PortlessInstrument(load_scenario({"base": "buffered", "drops": drops}), drops=12)
+    host = Host(instrument)
+    host.say(Hello(), Arm(TRIGGER))
+    triggers: list[int] = []
+    for _ in range(40):
+        for offer in of(host.hear(0.5), DropOffer):
+            assert isinstance(offer, DropOffer)
+            triggers.append(offer.first_sample + offer.trigger)
+            host.say(Acknowledge(offer.stream, offer.first_sample))
+    triggers = sorted(set(triggers))
+    assert len(triggers) == 12
+    # 1.4 s at 10 kHz, with a jitter of 50 ms each.
+    assert np.diff(triggers).min() > 13_000
+    assert np.diff(triggers).max() < 15_000

@@ -222,7 +222,8 @@ def test_every_state_has_its_word() -> None:
 def test_a_bounce_is_no_new_drop() -> None:
     state = state_after(ready(), Ready(), saved(1), analysed(1))
     assert word(state, later=0.5, pulse_age=0.1) == "SAFE"
-    assert word(state, later=2.3, pulse_age=0.4) == "SETTLING"
+    assert word(state, later=2.3, pulse_age=1.0) == "SETTLING"
+    assert word(state, later=2.3, pulse_age=0.4) == "DROP"  # later than any bounce
     assert word(state, later=6.0, pulse_age=0.1) == "DROP"
 
 

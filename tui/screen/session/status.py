@@ -18,8 +18,8 @@ PULSE_SHOWN = 1.5
 FEW_DROPS = 60
 """Ten points: time to make room, and no reason to stop at once."""
 
-REBOUNDS = 2.5
-"""s after a drop in which the hammer bounces; nobody lifts it again so soon."""
+REBOUNDS = 1.5
+"""s after a drop in which its bounces are looked for; see `DetectionSettings.rebound_window`."""
 
 
 @dataclass(frozen=True, slots=True)
