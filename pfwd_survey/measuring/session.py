@@ -16,7 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_device.acquisition.detection import RawDrop, RawRebound, ReboundsOver
+from pfwd_device.acquisition.detection import (
+    DetectionSettings,
+    RawDrop,
+    RawRebound,
+    ReboundsOver,
+)
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import (
     Connected,
@@ -25,11 +30,11 @@ from pfwd_device.acquisition.items import (
     KeptDrop,
     Samples,
     StreamBegan,
-    UnsoundDrop,
+    UnusableDrop,
 )
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
 from pfwd_device.drop import Drop
-from pfwd_device.errors import RecordingError
+from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
 from pfwd_device.recording.survey_writer import SurveyWriter
@@ -411,8 +416,8 @@ class Session:
                 self._on_disconnected(item)
             case KeptDrop():
                 self._on_kept(item)
-            case UnsoundDrop():
-                self._on_unsound(item)
+            case UnusableDrop():
+                self._on_unusable(item)
             case Armed():
                 self._on_armed(item)
             case StreamBegan():
@@ -562,33 +567,42 @@ class Session:
         """A drop that the instrument found; it keeps it until it is safe here."""
         if self._detector is None or self._identity is None:
             return
-        identity = replace(self._identity, sampling_rate=item.offer.sampling_rate)
-        raw = raw_drop_of(item, self._armed, identity)
-        settings = settings_of(item, self._detector.settings)
-        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
-        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
-        metadata["marks"] += marks_of_kept(item)
-        name = item.offer.stream, item.offer.first_sample
+        try:
+            record = self._buffered_record(item, self._identity, self._detector.settings)
+        except SetupError as err:
+            self._on_unusable(UnusableDrop(item.offer, str(err)))
+            return
         self._pipeline.end_of_rebounds()
-        self._pipeline.take(
-            self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point)),
-            item.received,
-            release=lambda: self._feed.acknowledge(*name),
+        self._pipeline.take_buffered(
+            record, item.received, release=lambda: self._feed.acknowledge(item.offer)
         )
         self._pipeline.end_of_rebounds()
 
-    def _on_unsound(self, item: UnsoundDrop) -> None:
-        came = f"came {item.attempts} times with another checksum than the instrument offers"
-        name = f"{item.offer.stream}/{item.offer.first_sample}"
-        self._tell(
-            Notice(
-                f"a drop that the instrument keeps (run and sample {name}) {came}; it stays in the "
-                "instrument, and those behind it wait: its memory or its firmware is at fault, try "
-                "`pfwd conform`",
-                serious=True,
-                kind="unsound drops",
-            )
+    def _buffered_record(
+        self, item: KeptDrop, identity: Identity, settings: DetectionSettings
+    ) -> DropRecord:
+        """The record of a drop that the instrument found.
+
+        Raises
+        ------
+        SetupError
+            If the drop is cut in a way that no replay of its record could repeat.
+        """
+        identity = replace(identity, sampling_rate=item.offer.sampling_rate)
+        raw = raw_drop_of(item, self._armed, identity)
+        settings = settings_of(item, settings)
+        Detector(identity, settings)  # refuses what a replay would refuse
+        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
+        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
+        metadata["marks"] += marks_of_kept(item)
+        return self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point))
+
+    def _on_unusable(self, item: UnusableDrop) -> None:
+        text = (
+            f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
+            f"recorded and stays in the instrument: {item.reason}"
         )
+        self._tell(Notice(text, serious=True, kind="unusable drops"))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")

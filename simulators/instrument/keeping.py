@@ -26,6 +26,9 @@ _LEARNT_FROM = 64
 """Samples from which the load at rest is known."""
 _FOLLOWS = 1024.0
 """The load at rest goes this part of the way to each sample."""
+PATIENT_OFFERS = 8
+"""Offers of the oldest drop alone; later ones take turns, so that a drop that the host cannot
+record does not block those behind it."""
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
@@ -120,6 +123,7 @@ class Keeper:
         self.lost = 0
         """Drops for which there was no room."""
         self._slots, self._shunt_counts = slots, shunt_counts
+        self._offers = 0
         self.begin()
 
     @property
@@ -154,8 +158,24 @@ class Keeper:
         return next(found, None)
 
     def release(self, stream: int, first_sample: int) -> None:
-        """It is acknowledged."""
-        self.waiting = [kept for kept in self.waiting if _name(kept) != (stream, first_sample)]
+        """It is acknowledged: the one that `find` gives, and no other of its name."""
+        kept = self.find(stream, first_sample)
+        if kept is not None:
+            if kept is self.waiting[0]:
+                self.offer_oldest()
+            self.waiting = [other for other in self.waiting if other is not kept]
+
+    def offer_oldest(self) -> None:
+        """Begin the Offers with the oldest drop."""
+        self._offers = 0
+
+    def next_offer(self) -> DropOffer | None:
+        """The Offer to send now; None: no drop waits."""
+        if not self.waiting:
+            return None
+        turn = max(0, self._offers - PATIENT_OFFERS + 1)
+        self._offers += 1
+        return self.waiting[turn % len(self.waiting)].offer
 
     def take(self, block: SampleBlock, ring: Ring, rate: float) -> bool:
         """Look at samples that are in the ring already; whether a drop is whole with them."""
