@@ -45,10 +45,15 @@ from pfwd_survey.files.moving import MOVED_TO, move_with
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
+from pfwd_survey.measuring.calibration_change import (
+    calibration_changes,
+    last_recorded_identity,
+)
 from pfwd_survey.measuring.drop_metadata import metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
     BatteryLow,
+    CalibrationChanged,
     Edited,
     InstrumentLost,
     InstrumentReady,
@@ -156,6 +161,13 @@ class Session:
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
         self._status: Status | None = None
+        self._calibrated: dict[str, Identity] = {}
+        """With what an instrument is calibrated in this session, by its serial number."""
+        self._unanswered: tuple[Connected, CalibrationChanged] | None = None
+        """A connection whose calibration the operator has not accepted yet."""
+        self._accepted_changes: set[CalibrationChanged] = set()
+        self._postponed: list[KeptDrop | Armed] = []
+        """What came of the instrument while the operator was asked."""
         self._armed: Trigger | None = None
         """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
@@ -404,6 +416,9 @@ class Session:
         self._trigger()
 
     def _take(self, item: FeedItem) -> None:
+        if self._unanswered is not None and isinstance(item, KeptDrop | Armed):
+            self._postponed.append(item)
+            return
         match item:
             case Samples():
                 self._on_samples(item)
@@ -442,11 +457,15 @@ class Session:
     def _on_connected(self, item: Connected) -> None:
         # First of all, with the calibration that it was measured with.
         self._finish_drop("the instrument was connected anew")
+        self._detector, self._unanswered = None, None
         setup = self._plan.setup
         identity = setup.identity_with(item.identity)
         declared, checked = setup.declared_with(identity), setup.setup_with(identity)
         sensor_channels(identity)  # refused now, not when the first drop falls
-        self._detector = Detector(identity, setup.device.detection)
+        detector = Detector(identity, setup.device.detection)
+        if not self._is_calibration_accepted(item, identity):
+            return
+        self._detector = detector
         self._identity, self._declared = identity, declared
         self._was_ready, self._armed = False, None
         self._connected, self._connection_kept = item, False
@@ -471,6 +490,51 @@ class Session:
         if self._analyses is not None:
             self._analyses.prepare(identity, checked)
 
+    def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
+        """Compare the calibration with that of the drops before; False: the operator is asked.
+
+        Raises
+        ------
+        OptionError
+            If it is another one, and the plan refuses that.
+        """
+        serial = identity.serial_number
+        if self._recorder is None or not self._feed.live or not serial:
+            return True
+        before = self._calibrated.get(serial)
+        if before is None:
+            before = last_recorded_identity(self._recorder.writer, serial)
+        changes = () if before is None else calibration_changes(before, identity)
+        if changes:
+            choice = self._plan.changed_calibration
+            event = CalibrationChanged(serial, changes, waits=choice == "ask")
+            if choice == "refuse":
+                raise OptionError(
+                    f"{event.text}. Nothing is recorded: check the instrument and the setup file, "
+                    "then give --accept-calibration, or begin another survey"
+                )
+            if choice == "ask" and event not in self._accepted_changes:
+                self._unanswered = item, event
+                self._tell(event)
+                return False
+            if choice == "accept":
+                self._tell(event)
+            if (untold := self._kept_events.due("calibration")) is not None:
+                details = {"serial_number": serial, "changes": list(changes)}
+                self._recorder.keep_event("calibration changed", details | _count(untold))
+        self._calibrated[serial] = identity
+        return True
+
+    def accept_calibration(self, event: CalibrationChanged) -> None:
+        """Record with the calibration that was asked about; in the session's thread, by `ask`."""
+        self._accepted_changes.add(event)
+        if self._unanswered is None or self._unanswered[1] != event:
+            return  # the instrument was lost meanwhile; it is not asked again for the same
+        self._on_connected(self._unanswered[0])
+        postponed, self._postponed = self._postponed, []
+        for item in postponed:
+            self._take(item)
+
     def _keep_connection(self, unkept: int) -> None:
         """Keep that the instrument is there, with how many times before were not kept."""
         item, identity = self._connected, self._identity
@@ -488,6 +552,7 @@ class Session:
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
+        self._unanswered = None
         self._checker = None
         unkept = self._kept_events.due("lost")
         if self._recorder is not None and unkept is not None:
