@@ -351,6 +351,8 @@ class Session:
             if self._pipeline.diagnoses is not None:
                 self._pipeline.diagnoses.take_answers()
             if self._recorder is not None:
+                if self._stop:
+                    self._recorder.writer.expect_end()
                 self._recorder.try_again()
             self._answer_requests()
             if self._operator:

@@ -17,6 +17,7 @@ from pfwd_device.recording import (
     FilesWrittenAgain,
     PublishingFailed,
     SpareUsed,
+    SurveyMovedAway,
 )
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
@@ -45,6 +46,20 @@ LOOK_AFTER = 1.0
 
 Saved = Callable[[DropRecord, int, Path | None], None]
 Tell = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
+
+
+def tell_reports(writer: SurveyWriter, tell: Tell) -> None:
+    """Tell what happened to the files of a survey since the last call."""
+    for report in writer.take_reports():
+        match report:
+            case PublishingFailed(_, point, drop, reason):
+                tell(DropNotPublished(point, drop, reason))
+            case FilesTaken() | SpareUsed() | SurveyMovedAway():
+                tell(SurveyFilesChanged(report.text, safe=False))
+            case FilesWrittenAgain(lost=lost):
+                tell(SurveyFilesChanged(report.text, safe=not lost))
+            case BroughtHome():
+                tell(SurveyFilesChanged(report.text, safe=True))
 
 
 def _counts_of(record: DropRecord) -> NDArray[np.int32]:
@@ -169,6 +184,7 @@ class SurveyRecorder:
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
         """The last attempts to save what is held; one, when the session was told to end."""
+        self.writer.expect_end()
         if self._held:
             self._save()
         until = time.monotonic() + patience
@@ -209,16 +225,7 @@ class SurveyRecorder:
         self._announce_filling()
 
     def _tell_reports(self) -> None:
-        for report in self.writer.take_reports():
-            match report:
-                case PublishingFailed(_, point, drop, reason):
-                    self._tell(DropNotPublished(point, drop, reason))
-                case FilesTaken() | SpareUsed():
-                    self._tell(SurveyFilesChanged(report.text, safe=False))
-                case FilesWrittenAgain(lost=lost):
-                    self._tell(SurveyFilesChanged(report.text, safe=not lost))
-                case BroughtHome():
-                    self._tell(SurveyFilesChanged(report.text, safe=True))
+        tell_reports(self.writer, self._tell)
 
     def _announce_filling(self) -> None:
         left, told = self.writer.scarce_drops(), self._left_told
