@@ -95,6 +95,16 @@ class _Coming:
     """When it is asked for again at the earliest, s."""
 
 
+@dataclass(slots=True)
+class _Named:
+    """A name that the instrument offers drops under."""
+
+    offered: list[DropId] = field(default_factory=list)
+    """The drops offered since the link was opened that may still wait, the oldest first."""
+    acknowledged: float | None = None
+    """When the last Acknowledge was sent, s; None: it is not under way."""
+
+
 class KeptDrops:
     """The host's part in the drops that an instrument keeps.
 
@@ -111,12 +121,10 @@ class KeptDrops:
         """How many the Identity has; None: not known yet."""
         self._coming: OrderedDict[Name, _Coming] = OrderedDict()
         self._handed: set[DropId] = set()
-        self._offered: OrderedDict[Name, DropId] = OrderedDict()
-        """The drop that the instrument offered last under a name, since the link was opened."""
+        self._names: OrderedDict[Name, _Named] = OrderedDict()
         self._refused: OrderedDict[DropId, None] = OrderedDict()
         """Drops that were reported as unusable without being fetched."""
-        self._safe: OrderedDict[DropId, float | None] = OrderedDict()
-        """When it was acknowledged last, s; None: not, or the instrument has let go of it."""
+        self._safe: OrderedDict[DropId, None] = OrderedDict()
         self._trigger: Trigger | None = None
         self._arm_at: float | None = None
 
@@ -134,7 +142,7 @@ class KeptDrops:
     @property
     def unreleased(self) -> int:
         """Drops that were acknowledged and that the instrument may still keep."""
-        return sum(at is not None for at in self._safe.values())
+        return sum(named.acknowledged is not None for named in self._names.values())
 
     def arm(self, trigger: Trigger | None, now: float) -> None:
         """Have the instrument look for drops so; None: not at all."""
@@ -145,23 +153,20 @@ class KeptDrops:
         """The link was cut; what has come of a drop stays, the rest is fetched afterwards."""
         self.outbox.clear()
         self._trigger, self._arm_at = None, None
-        self._offered.clear()
+        self._names.clear()  # what is kept still is offered again
         for coming in self._coming.values():
             coming.progress = None
-        for drop in self._safe:
-            self._safe[drop] = None  # it is offered again if it is kept still
 
     def acknowledge(self, offer: DropOffer, now: float) -> None:
         """The drop of this Offer is safe: the instrument need not keep it any more.
 
-        It is told so at once when this is the drop that it offered last under the name, otherwise
+        It is told so at once when it has offered the drop since the link was opened, otherwise
         when it offers it again.
         """
         drop = DropId.of(offer)
         self._handed.discard(drop)
         _remember(self._safe, drop, None)
-        if self._offered.get(drop.name) == drop:
-            self._acknowledge(drop, now)
+        self._acknowledge(drop, now)
 
     def take(
         self,
@@ -188,8 +193,7 @@ class KeptDrops:
             case DropBlock():
                 return self._take_block(message, now, clock)
             case Released(stream, first):
-                for drop in [drop for drop in self._safe if drop.name == (stream, first)]:
-                    self._safe[drop] = None
+                self._names.pop((stream, first), None)
         return None
 
     def tick(self, now: float) -> None:
@@ -202,20 +206,43 @@ class KeptDrops:
                 self._fetch(name, coming, now)
 
     def _acknowledge(self, drop: DropId, now: float) -> None:
-        self._safe[drop] = now
-        self.outbox.append(Acknowledge(*drop.name))
+        """Acknowledge a safe drop, unless that could erase another one of its name.
+
+        An Acknowledge erases the oldest drop of the name, and one may be under way.
+        """
+        named = self._names.get(drop.name)
+        if named is None or drop not in named.offered:
+            return
+        older = named.offered[: named.offered.index(drop)]
+        others = (
+            other
+            for other in (*self._handed, *self._refused)
+            if other.name == drop.name and other not in named.offered
+        )
+        if not all(other in self._safe for other in (*older, *others)):
+            return
+        if named.acknowledged is None or now >= named.acknowledged + ACKNOWLEDGE_AGAIN:
+            named.acknowledged = now
+            self.outbox.append(Acknowledge(*drop.name))
+
+    def _note_offer(self, drop: DropId, now: float) -> None:
+        """Keep which drops wait under the name, and what was erased though Released was lost."""
+        for named in self._names.values():
+            at = named.acknowledged
+            if at is not None and now >= at + ACKNOWLEDGE_AGAIN and drop not in named.offered:
+                named.offered, named.acknowledged = [], None  # else it is offered again
+        if drop.name not in self._names:
+            _remember(self._names, drop.name, _Named())
+        offered = self._names[drop.name].offered
+        if drop not in offered and len(offered) < _MOST_COMING:
+            offered.append(drop)
 
     def _take_offer(self, offer: DropOffer, now: float) -> UnusableDrop | None:
         drop = DropId.of(offer)
         name = drop.name
-        _remember(self._offered, name, drop)
-        for other, at in self._safe.items():
-            if other != drop and at is not None and now >= at + ACKNOWLEDGE_AGAIN:
-                self._safe[other] = None  # Released was lost; else it is offered again
+        self._note_offer(drop, now)
         if drop in self._safe:
-            at = self._safe[drop]
-            if at is None or now >= at + ACKNOWLEDGE_AGAIN:
-                self._acknowledge(drop, now)
+            self._acknowledge(drop, now)
             return None
         if drop in self._handed:
             return None
@@ -242,7 +269,7 @@ class KeptDrops:
         name = block.stream, block.first_sample
         coming = self._coming.get(name)
         if coming is None:
-            self._counters.blocks_refused += name not in self._offered
+            self._counters.blocks_refused += name not in self._names
             return None
         offer = coming.offer
         if len(block.data) != _length(offer, block.number):

@@ -175,7 +175,10 @@ class Keeper:
             return None
         turn = max(0, self._offers - PATIENT_OFFERS + 1)
         self._offers += 1
-        return self.waiting[turn % len(self.waiting)].offer
+        # Only the oldest of a name can be fetched.
+        fetchable = {_name(kept): kept for kept in reversed(self.waiting)}
+        oldest_first = [kept for kept in self.waiting if fetchable[_name(kept)] is kept]
+        return oldest_first[turn % len(oldest_first)].offer
 
     def take(self, block: SampleBlock, ring: Ring, rate: float) -> bool:
         """Look at samples that are in the ring already; whether a drop is whole with them."""

@@ -109,6 +109,12 @@ def test_a_drop_that_nobody_fetches_does_not_block_the_others() -> None:
     assert offers(1) == []
 
 
+def test_only_the_oldest_drop_of_a_name_is_offered() -> None:
+    keeper = waiting(10, 10, 20, 10)
+    crcs = [offer.crc for _ in range(12) if (offer := keeper.next_offer()) is not None]
+    assert crcs == [0] * PATIENT_OFFERS + [2, 0, 2, 0]
+
+
 def test_an_acknowledge_erases_one_drop_of_a_name() -> None:
     keeper = waiting(10, 10, 20)
     keeper.release(1, 10)

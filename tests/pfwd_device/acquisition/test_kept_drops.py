@@ -125,8 +125,31 @@ def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
     other, _ = named_alike(1)
     kept.take(other, 6.0, None)
     kept.acknowledge(OFFER, 6.1)
-    assert said(kept) == [Fetch(*NAME, 0, 10)]
     kept.take(OFFER, 7.0, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10)]  # the other one is older, and would be erased
+    kept.cut()
+    kept.take(OFFER, 8.0, None)
+    assert said(kept) == [Acknowledge(*NAME)]
+
+
+def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None:
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    for number in range(10):
+        kept.take(block(number), 0.1, None)
+    kept.acknowledge(OFFER, 0.2)
+    kept.take(Released(*NAME), 0.3, None)
+    said(kept)
+    kept.channels = COUNTS.shape[1]
+    unusable = dataclasses.replace(OFFER, channels=1)
+    for cut in (False, True):
+        kept.take(unusable, 1.0, None)
+        if cut:  # it is known all the same
+            kept.cut()
+        kept.take(OFFER, 2.0, None)
+        assert said(kept) == []
+    kept.take(unusable, 3.0, None)  # offered after the drop: it is the younger one
+    kept.take(OFFER, 4.0, None)
     assert said(kept) == [Acknowledge(*NAME)]
 
 

@@ -44,6 +44,8 @@ TICK = 0.1
 """s."""
 STATUS_EVERY = 5
 """Ticks between two Offers of a drop that waits."""
+MOST_LOST = 3
+"""Messages in a row: the order of the drops of a name is known from their first eight Offers."""
 SLOWEST = 4
 """Ticks that a message takes at most: an answer comes within 1 s."""
 
@@ -240,9 +242,9 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
                     everything.append(each.kept())
                     instrument.keeper.waiting.append(everything[-1])
                 case "lose to":
-                    there.losing += 1
+                    there.losing = min(MOST_LOST, there.losing + 1)
                 case "lose from":
-                    back.losing += 1
+                    back.losing = min(MOST_LOST, back.losing + 1)
                 case "restart":
                     host.end()
                     reconnect()
@@ -265,14 +267,20 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
         recorded = Counter(map(_facts_of_record, _records(survey)))
         erased = Counter(_facts(kept) for kept in instrument.erased)
         # Two drops that are alike in everything, name included, are one.
-        assert set(erased) == set(recorded)
+        assert set(erased) <= set(recorded)
         assert set(recorded.values()) <= {1}
-        stay = [kept.offer for kept in first_of_names(instrument)]
-        assert not any(map(is_usable, stay))
+        # One that is recorded stays where an unusable one of its name could be erased in its place.
+        stay = first_of_names(instrument)
+        unusable = [kept.offer for kept in stay if not is_usable(kept.offer)]
+        refused = {kept.offer.first_sample for kept in everything if not is_usable(kept.offer)}
+        for kept in stay:
+            if is_usable(kept.offer):
+                assert _facts(kept) in recorded
+                assert kept.offer.first_sample in refused
         assert all(is_usable(kept.offer) for kept in instrument.erased)
         if sum(not is_usable(kept.offer) for kept in everything) > FIRST_TOLD:
             return  # the rest is counted
-        for offer in stay:
+        for offer in unusable:
             assert (
                 f"1/{offer.first_sample}) is not recorded and stays in the instrument" in log.texts
             )
