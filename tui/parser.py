@@ -748,6 +748,11 @@ def _add_instrument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--setup", metavar="FILE.toml", help="what is declared; wins over the device"
     )
+    parser.add_argument(
+        "--accept-calibration",
+        action="store_true",
+        help="record though the calibration is not that of the instrument's drops in SURVEY",
+    )
     _add_spare(parser)
 
 

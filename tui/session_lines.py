@@ -11,6 +11,7 @@ from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
 from pfwd_survey.judging import Job, JudgedPoint
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -95,6 +96,8 @@ class SessionLines:
                 self._job(job, differences)
             case InstrumentReady():
                 self._ready(event)
+            case CalibrationChanged():
+                self._say(event.text, logging.WARNING)
             case InstrumentLost(reason):
                 self._say(f"INSTRUMENT LOST: {reason}", logging.WARNING)
             case Ready():

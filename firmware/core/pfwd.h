@@ -203,6 +203,7 @@ typedef struct {
     bool armed_due;
     bool status_due;
     bool offer_due;
+    uint32_t offers; /* since Hello, or since the oldest drop was let go of */
     uint64_t status_at;
     bool turn;
 

@@ -151,6 +151,7 @@ static void take_hello(pfwd_instrument *self, const uint8_t *payload)
     self->version = newest < VERSION_NEWEST ? newest : VERSION_NEWEST;
     self->identity_due = true;
     self->offer_due = true;
+    self->offers = 0;
     self->fetching = false;
     if (PFWD_PLANTED(18)) {
         self->sending = false;
@@ -262,6 +263,9 @@ static void take_acknowledge(pfwd_instrument *self, const uint8_t *payload)
                               .first = pfwd_get(payload + 4, 8)};
     const uint32_t slot = pfwd_drops_find(self, what.stream, what.first);
     if (slot != PFWD_MOST_SLOTS) {
+        if (slot == pfwd_drops_to_offer(self, 0)) {
+            self->offers = 0;
+        }
         pfwd_drops_release(self, slot);
         self->offer_due = true;
     }
@@ -676,8 +680,9 @@ static bool say_next(pfwd_instrument *self, uint64_t now)
     }
     if (self->offer_due && self->version >= 2) {
         self->offer_due = false;
-        const uint32_t slot = pfwd_drops_oldest(self);
+        const uint32_t slot = pfwd_drops_to_offer(self, self->offers);
         if (slot != PFWD_MOST_SLOTS && !self->fetching) {
+            self->offers++;
             send_offer(self, slot);
             return true;
         }

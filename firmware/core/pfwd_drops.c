@@ -12,6 +12,7 @@
 #define SETTINGS_MAGIC 0x53574650u
 #define BLOCK_BYTES 240u
 #define COPY_SETS 64u /* in one poll: a store may be slow */
+#define PATIENT_OFFERS 8u /* of the oldest alone: what a host cannot record blocks no other */
 
 static bool store_read(const pfwd_instrument *self, uint32_t at, uint8_t *data, size_t size)
 {
@@ -195,16 +196,33 @@ uint32_t pfwd_drops_find(const pfwd_instrument *self, uint32_t stream, uint64_t 
     return PFWD_MOST_SLOTS;
 }
 
-uint32_t pfwd_drops_oldest(const pfwd_instrument *self)
+/* The drop that follows the one in `last` in time, PFWD_MOST_SLOTS: the oldest of all. */
+static uint32_t next_oldest(const pfwd_instrument *self, uint32_t last)
 {
-    uint32_t oldest = PFWD_MOST_SLOTS;
+    uint32_t found = PFWD_MOST_SLOTS;
     for (uint32_t slot = 0; slot < self->slot_count; slot++) {
         if (self->slots[slot].used &&
-            (oldest == PFWD_MOST_SLOTS || self->slots[slot].order < self->slots[oldest].order)) {
-            oldest = slot;
+            (last == PFWD_MOST_SLOTS || self->slots[slot].order > self->slots[last].order) &&
+            (found == PFWD_MOST_SLOTS || self->slots[slot].order < self->slots[found].order)) {
+            found = slot;
         }
     }
-    return oldest;
+    return found;
+}
+
+uint32_t pfwd_drops_to_offer(const pfwd_instrument *self, uint32_t offers)
+{
+    const uint32_t waiting = pfwd_drops_waiting(self);
+    uint32_t turn = 0;
+    if (waiting > 0 && offers >= PATIENT_OFFERS) {
+        turn = (offers - PATIENT_OFFERS + 1u) % waiting;
+    }
+    uint32_t slot = next_oldest(self, PFWD_MOST_SLOTS);
+    while (turn > 0) {
+        slot = next_oldest(self, slot);
+        turn--;
+    }
+    return slot;
 }
 
 uint32_t pfwd_drops_waiting(const pfwd_instrument *self)

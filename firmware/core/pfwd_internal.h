@@ -106,7 +106,9 @@ void pfwd_drops_work(pfwd_instrument *self);
 void pfwd_drops_keep_settings(pfwd_instrument *self);
 /* Slot of a drop, PFWD_MOST_SLOTS when there is none of this name. */
 uint32_t pfwd_drops_find(const pfwd_instrument *self, uint32_t stream, uint64_t first);
-uint32_t pfwd_drops_oldest(const pfwd_instrument *self);
+/* Slot of the drop to offer after so many Offers since Hello or since the oldest was let go of: the
+ * oldest, later each in turn; PFWD_MOST_SLOTS when none waits. */
+uint32_t pfwd_drops_to_offer(const pfwd_instrument *self, uint32_t offers);
 void pfwd_drops_release(pfwd_instrument *self, uint32_t slot);
 uint32_t pfwd_drops_block_samples(const pfwd_instrument *self);
 /* Bytes of a block, read to `to`. */

@@ -129,6 +129,7 @@ class Decoder:
         if self.identity is None:
             raise RuntimeError("expected an identity before its samples, came none")
         self.accepted = self.identity
+        self.kept.channels = len(self.identity.channels)
         if self._assembler is None:
             self._assembler = Assembler(self.identity, self.counters)
         items: list[Item] = self._assembler.flush()
@@ -205,9 +206,6 @@ class Decoder:
         if self._automatic and self.accepted is None and self._introduced:
             items = self.accept(time_utc)
         if self.accepted is None:  # it is offered again
-            return items
-        if isinstance(message, DropOffer) and message.channels != len(self.accepted.channels):
-            self.counters.blocks_refused += 1
             return items
         drop = self.kept.take(message, received, self._clock_seen)
         return items if drop is None else [*items, drop]

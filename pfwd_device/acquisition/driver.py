@@ -32,6 +32,7 @@ from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
     Arm,
     Configure,
+    DropOffer,
     Hello,
     HostMessage,
     InstrumentMessage,
@@ -125,7 +126,7 @@ class Driver:
         self._identity: Identity | None = None
         self._items: deque[Item] = deque()
         self._commands: deque[HostMessage] = deque()
-        self._acknowledgements: deque[tuple[int, int]] = deque()
+        self._acknowledgements: deque[DropOffer] = deque()
         self._speaking = threading.Lock()
         self._opened = self._closed = False
         self._lost_since: float | None = None
@@ -257,12 +258,12 @@ class Driver:
         self._require_commands()
         self._queue_command(Configure(sampling_rate))
 
-    def acknowledge(self, stream: int, first_sample: int) -> None:
-        """Tell the instrument that this drop of those it keeps is safe.
+    def acknowledge(self, offer: DropOffer) -> None:
+        """Tell the instrument that the drop of this Offer is safe.
 
-        It is told again until it has let go of it, and whenever it offers the drop anew.
+        It is told again when it offers the same drop again.
         """
-        self._acknowledgements.append((stream, first_sample))
+        self._acknowledgements.append(offer)
         self._queue.put(WakeUp())
 
     def settle(self, timeout: float) -> bool:
@@ -386,7 +387,7 @@ class Driver:
 
     def _acknowledge(self) -> None:
         while self._acknowledgements:
-            self._decoder.kept.acknowledge(*self._acknowledgements.popleft(), time.monotonic())
+            self._decoder.kept.acknowledge(self._acknowledgements.popleft(), time.monotonic())
 
     def _take(self, chunk: Chunk) -> None:
         for message in self._decoder.dialect.feed(chunk.data):

@@ -87,13 +87,13 @@ class KeptDrop:
 
 
 @dataclass(frozen=True, slots=True)
-class UnsoundDrop:
-    """A drop that the instrument keeps and whose blocks never have the CRC that it offers."""
+class UnusableDrop:
+    """A drop that the instrument keeps and that cannot be recorded; it is not acknowledged."""
 
     offer: DropOffer
-    """What the instrument says of it."""
-    attempts: int
-    """How often all of it has come."""
+    """The Offer of the instrument."""
+    reason: str
+    """Why not: one sentence for people, without its end."""
 
 
 Item = (
@@ -103,7 +103,7 @@ Item = (
     | Samples
     | Gap
     | KeptDrop
-    | UnsoundDrop
+    | UnusableDrop
     | Armed
     | Status
     | Event

@@ -8,9 +8,10 @@ import datetime
 import zlib
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
 
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import KeptDrop, UnsoundDrop
+from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -26,6 +27,9 @@ from pfwd_device.wire.messages import (
     Trigger,
 )
 
+_K = TypeVar("_K")
+_V = TypeVar("_V")
+
 Name = tuple[int, int]
 """Of a drop: number of the run of the sampler, index of the first sample."""
 
@@ -34,17 +38,45 @@ FETCH_AGAIN = 0.4
 a Bluetooth adapter and back."""
 ARM_AGAIN = 1.0
 """s; so soon an instrument answers."""
-ACKNOWLEDGE_AGAIN = 0.3
-"""s; until the instrument says that it has let go of the drop."""
+ACKNOWLEDGE_AGAIN = 1.0
+"""s after an Acknowledge during which no other one of the same drop is sent. It holds the name
+alone: a second one would erase the next drop of that name, which is not fetched yet. An answer
+takes up to 1 s, so that an Offer that comes later shows that the first one did not arrive."""
 WHOLE_ATTEMPTS = 3
 """Times that all blocks of a drop come with another CRC before the operator is told. Each block has
 a checksum of its own, which passes a wrong one once in 4e9: the second time is no accident."""
 UNSOUND_AGAIN = 30.0
 """s between further attempts: the link is left to what can be had."""
 _SAFE_KEPT = 1024
-"""Names of drops that are safe; one that is offered again is given back again."""
+"""Drops that are safe; one that is offered again is acknowledged again."""
+_UNSOUND = (
+    "expected the checksum of its Offer, got another one {} times. The memory or the firmware of "
+    "the instrument is at fault: try `pfwd conform`"
+)
 _MOST_COMING = 64
 """Drops that have been begun; an instrument offers them one by one."""
+
+
+class DropId(NamedTuple):
+    """What tells a drop from every other one, also from those of the same name."""
+
+    stream: int
+    first_sample: int
+    trigger: int
+    samples: int
+    channels: int
+    sampling_rate: float
+    crc: int
+
+    @property
+    def name(self) -> Name:
+        """The name that the instrument knows it by."""
+        return self.stream, self.first_sample
+
+    @classmethod
+    def of(cls, offer: DropOffer) -> "DropId":
+        """From the Offer; its clock and its flags change when the instrument is reset."""
+        return cls(*(getattr(offer, field) for field in cls._fields))
 
 
 @dataclass(slots=True)
@@ -63,6 +95,16 @@ class _Coming:
     """When it is asked for again at the earliest, s."""
 
 
+@dataclass(slots=True)
+class _Named:
+    """A name that the instrument offers drops under."""
+
+    offered: list[DropId] = field(default_factory=list)
+    """The drops offered since the link was opened that may still wait, the oldest first."""
+    acknowledged: float | None = None
+    """When the last Acknowledge was sent, s; None: it is not under way."""
+
+
 class KeptDrops:
     """The host's part in the drops that an instrument keeps.
 
@@ -75,10 +117,14 @@ class KeptDrops:
         self.outbox: list[HostMessage] = []
         """What is to be said now; the driver takes it."""
         self._counters = counters
+        self.channels: int | None = None
+        """How many the Identity has; None: not known yet."""
         self._coming: OrderedDict[Name, _Coming] = OrderedDict()
-        self._handed: set[Name] = set()
-        self._safe: OrderedDict[Name, float | None] = OrderedDict()
-        """When it was acknowledged last, s; None: the instrument has let go of it."""
+        self._handed: set[DropId] = set()
+        self._names: OrderedDict[Name, _Named] = OrderedDict()
+        self._refused: OrderedDict[DropId, None] = OrderedDict()
+        """Drops that were reported as unusable without being fetched."""
+        self._safe: OrderedDict[DropId, None] = OrderedDict()
         self._trigger: Trigger | None = None
         self._arm_at: float | None = None
 
@@ -91,13 +137,12 @@ class KeptDrops:
             for coming in self._coming.values()
             if coming.progress is not None
         ]
-        times += [at + ACKNOWLEDGE_AGAIN for at in self._safe.values() if at is not None]
         return min(times, default=None)
 
     @property
     def unreleased(self) -> int:
         """Drops that were acknowledged and that the instrument may still keep."""
-        return sum(at is not None for at in self._safe.values())
+        return sum(named.acknowledged is not None for named in self._names.values())
 
     def arm(self, trigger: Trigger | None, now: float) -> None:
         """Have the instrument look for drops so; None: not at all."""
@@ -108,28 +153,27 @@ class KeptDrops:
         """The link was cut; what has come of a drop stays, the rest is fetched afterwards."""
         self.outbox.clear()
         self._trigger, self._arm_at = None, None
+        self._names.clear()  # what is kept still is offered again
         for coming in self._coming.values():
             coming.progress = None
-        for name, at in self._safe.items():
-            if at is not None:
-                self._safe[name] = None  # it is offered again if it is kept still
 
-    def acknowledge(self, stream: int, first_sample: int, now: float) -> None:
-        """The drop of this name is safe: the instrument need not keep it any more."""
-        name = stream, first_sample
-        self._handed.discard(name)
-        self._safe[name] = now
-        self._safe.move_to_end(name)
-        while len(self._safe) > _SAFE_KEPT:
-            self._safe.popitem(last=False)
-        self.outbox.append(Acknowledge(*name))
+    def acknowledge(self, offer: DropOffer, now: float) -> None:
+        """The drop of this Offer is safe: the instrument need not keep it any more.
+
+        It is told so at once when it has offered the drop since the link was opened, otherwise
+        when it offers it again.
+        """
+        drop = DropId.of(offer)
+        self._handed.discard(drop)
+        _remember(self._safe, drop, None)
+        self._acknowledge(drop, now)
 
     def take(
         self,
         message: Armed | DropOffer | DropBlock | Released | Refusal,
         now: float,
         clock: tuple[int, datetime.datetime] | None,
-    ) -> KeptDrop | UnsoundDrop | None:
+    ) -> KeptDrop | UnusableDrop | None:
         """Take in what the instrument says; a drop when it is complete or cannot be had.
 
         Parameters
@@ -145,12 +189,11 @@ class KeptDrops:
             case Refusal(code=RefusalCode.UNKNOWN | RefusalCode.ARGUMENT):
                 self._arm_at = None  # it would refuse again; who listens is told by the refusal
             case DropOffer():
-                self._take_offer(message, now)
+                return self._take_offer(message, now)
             case DropBlock():
                 return self._take_block(message, now, clock)
             case Released(stream, first):
-                if (stream, first) in self._safe:
-                    self._safe[stream, first] = None
+                self._names.pop((stream, first), None)
         return None
 
     def tick(self, now: float) -> None:
@@ -161,33 +204,72 @@ class KeptDrops:
         for name, coming in self._coming.items():
             if coming.progress is not None and now >= coming.progress + FETCH_AGAIN:
                 self._fetch(name, coming, now)
-        for name, at in self._safe.items():
-            if at is not None and now >= at + ACKNOWLEDGE_AGAIN:
-                self._safe[name] = now
-                self.outbox.append(Acknowledge(*name))
 
-    def _take_offer(self, offer: DropOffer, now: float) -> None:
-        name = offer.stream, offer.first_sample
-        if name in self._safe:
-            self.acknowledge(*name, now)  # the first one did not arrive
+    def _acknowledge(self, drop: DropId, now: float) -> None:
+        """Acknowledge a safe drop, unless that could erase another one of its name.
+
+        An Acknowledge erases the oldest drop of the name, and one may be under way.
+        """
+        named = self._names.get(drop.name)
+        if named is None or drop not in named.offered:
             return
-        if name in self._handed:
+        older = named.offered[: named.offered.index(drop)]
+        others = (
+            other
+            for other in (*self._handed, *self._refused)
+            if other.name == drop.name and other not in named.offered
+        )
+        if not all(other in self._safe for other in (*older, *others)):
             return
+        if named.acknowledged is None or now >= named.acknowledged + ACKNOWLEDGE_AGAIN:
+            named.acknowledged = now
+            self.outbox.append(Acknowledge(*drop.name))
+
+    def _note_offer(self, drop: DropId, now: float) -> None:
+        """Keep which drops wait under the name, and what was erased though Released was lost."""
+        for named in self._names.values():
+            at = named.acknowledged
+            if at is not None and now >= at + ACKNOWLEDGE_AGAIN and drop not in named.offered:
+                named.offered, named.acknowledged = [], None  # else it is offered again
+        if drop.name not in self._names:
+            _remember(self._names, drop.name, _Named())
+        offered = self._names[drop.name].offered
+        if drop not in offered and len(offered) < _MOST_COMING:
+            offered.append(drop)
+
+    def _take_offer(self, offer: DropOffer, now: float) -> UnusableDrop | None:
+        drop = DropId.of(offer)
+        name = drop.name
+        self._note_offer(drop, now)
+        if drop in self._safe:
+            self._acknowledge(drop, now)
+            return None
+        if drop in self._handed:
+            return None
+        if self.channels is not None and offer.channels != self.channels:
+            told = drop in self._refused
+            _remember(self._refused, drop, None)
+            channels = f"expected {self.channels} channels as in the Identity, got {offer.channels}"
+            return None if told else UnusableDrop(offer, channels)
+        for other_coming in self._coming.values():
+            if DropId.of(other_coming.offer) != drop:
+                other_coming.progress = None  # the instrument does not send it now
         coming = self._coming.get(name)
-        if coming is None or coming.offer.crc != offer.crc:
+        if coming is None or DropId.of(coming.offer) != drop:
             coming = self._coming[name] = _Coming(offer)
             while len(self._coming) > _MOST_COMING:
                 self._coming.popitem(last=False)
         if coming.progress is None and now >= coming.not_before:
             self._fetch(name, coming, now)
+        return None
 
     def _take_block(
         self, block: DropBlock, now: float, clock: tuple[int, datetime.datetime] | None
-    ) -> KeptDrop | UnsoundDrop | None:
+    ) -> KeptDrop | UnusableDrop | None:
         name = block.stream, block.first_sample
         coming = self._coming.get(name)
         if coming is None:
-            self._counters.blocks_refused += name not in self._handed and name not in self._safe
+            self._counters.blocks_refused += name not in self._names
             return None
         offer = coming.offer
         if len(block.data) != _length(offer, block.number):
@@ -211,9 +293,9 @@ class KeptDrops:
             # It is offered further on, and fetched now and then; told once.
             coming.progress, coming.not_before = None, now + UNSOUND_AGAIN
             told = coming.unsound > WHOLE_ATTEMPTS
-            return None if told else UnsoundDrop(offer, coming.unsound)
+            return None if told else UnusableDrop(offer, _UNSOUND.format(coming.unsound))
         del self._coming[name]
-        self._handed.add(name)
+        self._handed.add(DropId.of(offer))
         self._counters.drops_kept += 1
         counts = unpack_int24(data).reshape(offer.samples, offer.channels)
         return KeptDrop(offer, counts, _time_of(offer, clock), now)
@@ -227,6 +309,14 @@ class KeptDrops:
         )
         coming.until, coming.progress = first + count, now
         self.outbox.append(Fetch(*name, first, count))
+
+
+def _remember(known: OrderedDict[_K, _V], key: _K, value: _V) -> None:
+    """Keep a value as the latest of at most `_SAFE_KEPT`."""
+    known[key] = value
+    known.move_to_end(key)
+    while len(known) > _SAFE_KEPT:
+        known.popitem(last=False)
 
 
 def _length(offer: DropOffer, number: int) -> int:

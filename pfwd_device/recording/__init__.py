@@ -16,6 +16,7 @@ from pfwd_device.recording.storage_reports import (
     PublishingFailed,
     SpareUsed,
     StorageReport,
+    SurveyMovedAway,
 )
 from pfwd_device.recording.survey_content import SurveyDrop, SurveyPoint
 from pfwd_device.recording.survey_reader import Survey, read_survey
@@ -39,6 +40,7 @@ __all__ = [
     "StorageReport",
     "Survey",
     "SurveyDrop",
+    "SurveyMovedAway",
     "SurveyPoint",
     "SurveyWriter",
     "check",

@@ -191,6 +191,10 @@ class JournalWriter:
                 return f"journal/{why}"
         return None
 
+    def has_names(self) -> bool:
+        """Whether every open segment has a path somewhere; none has when it was deleted."""
+        return all(self._storage.names(each.descriptor) for each in self._open().values())
+
     def name_of(self, number: int) -> str:
         """Path of a segment within the survey."""
         return self._layout.relative(self._layout.segment(number))

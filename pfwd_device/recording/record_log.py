@@ -32,6 +32,7 @@ from pfwd_device.recording.storage_reports import (
     FilesWrittenAgain,
     SpareUsed,
     StorageReport,
+    SurveyMovedAway,
 )
 
 RESERVE_BYTES = 2 * 2**20
@@ -116,6 +117,10 @@ class RecordFiles:
         self._journal.accept_stamps(changed)
         return None
 
+    def has_names(self) -> bool:
+        """Whether the open journal has a path somewhere; it has none when it was deleted."""
+        return self._journal.has_names()
+
     def read(self, entry: Entry) -> Record | None:
         """A record, whatever its path leads to by now; None: it cannot be read."""
         return self._journal.read(entry)
@@ -171,6 +176,9 @@ class RecordLog:
         self.spare: SpareFolder | None = None
         """Takes what home does not, once it is set."""
         self._closed = False
+        self._ending = False
+        self.left_behind = False
+        """Whether the survey was moved away and no other one is begun in its old place."""
         self._survey_lock = lock
         self._sequence = max((entry.sequence for entry in entries), default=0) + 1
         self._recent: dict[int, Record] = {}
@@ -258,15 +266,23 @@ class RecordLog:
             if not self._away and self._problem() is None:
                 return
             try:
-                self._settle()
+                self._settle(for_drop=False)
             except (OSError, RecordingError) as err:
                 self._home_refused(_as_recording_error(err, self.layout))
-                if self.spare is not None:
+                if self.spare is not None and not self.left_behind:
                     # What the spare folder says is told when the next drop comes.
                     with contextlib.suppress(OSError, RecordingError):
                         self._open_spare()
             else:
                 self._home_failure = None
+
+    def expect_end(self) -> None:
+        """No drops are to come: a survey that is moved away is reported and stays where it is.
+
+        Until then, and for a drop that comes all the same, it is written again in its old place.
+        """
+        with self.lock:
+            self._ending = True
 
     def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
         """Whether the reserve is there; it is not when the disk is nearly full already."""
@@ -317,13 +333,13 @@ class RecordLog:
         return self._home_failure is None or time.monotonic() >= self._next_try
 
     def _append(self, record: Record) -> Entry:
-        if self._try_home():
+        if self._try_home() or self.left_behind:
             try:
                 entry = self._append_home(record)
             except RecordingError as err:
                 self._home_refused(err)
                 self._refused_records.add((record.sequence, record.check))
-                if self.spare is None:
+                if self.spare is None or self.left_behind:
                     raise
             else:
                 self._home_failure = None
@@ -336,8 +352,9 @@ class RecordLog:
         self._next_try = time.monotonic() + (HOME_AGAIN if self.spare is not None else 0.0)
 
     def _append_home(self, record: Record) -> Entry:
+        for_drop = record.kind in (Kind.DROP, Kind.REBOUND)
         try:
-            self._settle()
+            self._settle(for_drop=for_drop)
             try:
                 entry = self._home.append(record)
             except OSError as err:
@@ -346,7 +363,7 @@ class RecordLog:
                 entry = self._home.append(record)
             try:
                 # Only now: what is taken away while a record is written is no place for it.
-                moved = self._settle()
+                moved = self._settle(for_drop=for_drop)
             except BaseException:
                 self._home.forget(record.sequence)
                 raise
@@ -359,16 +376,26 @@ class RecordLog:
             return f"{self.layout.folder.name}, the folder of the survey, is gone"
         return self._survey_lock.problem() or self._home.problem()
 
-    def _settle(self) -> dict[int, Entry]:
+    def _is_moved_away(self) -> bool:
+        """Whether the whole survey has another place now: its files still have names."""
+        return not self.layout.folder.is_dir() and self._home.has_names()
+
+    def _settle(self, *, for_drop: bool) -> dict[int, Entry]:
         """What was acknowledged is at home when this returns; the new places of what moved."""
         moved: dict[int, Entry] = {}
         repairs = 0
         while (problem := self._problem()) is not None:
+            if self._ending and not for_drop and self._is_moved_away():
+                report = SurveyMovedAway(self.layout.folder)
+                if not self.left_behind:
+                    self.left_behind = True
+                    self.report(report)
+                raise RecordingError(report.text)
             if repairs == MOST_REPAIRS:
                 raise OSError(errno.EBUSY, f"{problem}, again and again")
             repairs += 1
             moved |= self._write_again(problem)
-        self._told_problem = None
+        self._told_problem, self.left_behind = None, False
         if self._away:
             moved |= self._bring_home()
         return moved

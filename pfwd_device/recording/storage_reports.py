@@ -68,6 +68,23 @@ class SpareUsed:
 
 
 @dataclass(frozen=True, slots=True)
+class SurveyMovedAway:
+    """The survey was moved to another place while its session ended; it stays there."""
+
+    folder: Path
+    """Where it was."""
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f"{self.folder}: the survey was moved away while the session ended. Everything "
+            "recorded is where it was moved to; nothing is written in the old place. Run pfwd "
+            "recover on the moved survey to complete its files"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class BroughtHome:
     """What the spare folder held is in the survey's folder."""
 
@@ -95,4 +112,6 @@ class PublishingFailed:
     reason: str
 
 
-StorageReport = FilesTaken | FilesWrittenAgain | SpareUsed | BroughtHome | PublishingFailed
+StorageReport = (
+    FilesTaken | FilesWrittenAgain | SpareUsed | SurveyMovedAway | BroughtHome | PublishingFailed
+)

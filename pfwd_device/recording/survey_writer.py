@@ -237,6 +237,11 @@ class SurveyWriter:
         """
         self._records.look_after()
 
+    def expect_end(self) -> None:
+        """No drops are to come: from now on a survey that is moved away is reported among
+        :meth:`take_reports`, and not written again in its old place."""
+        self._records.expect_end()
+
     def kept_in_spare(self, number: int) -> Path | None:
         """The folder that holds a drop which the survey's own does not take; None: it is home."""
         with self._lock:
@@ -433,6 +438,7 @@ class SurveyWriter:
             if self._closed:
                 return
             self._closed = True
+        self.expect_end()
         with contextlib.ExitStack() as ends:
             ends.callback(self._survey_lock.release)
             ends.callback(self._records.close)
@@ -446,6 +452,10 @@ class SurveyWriter:
 
     def _finish(self, timeout: float) -> None:
         self._records.look_after()
+        if self._records.left_behind:
+            for capture in self._captures:
+                capture.close()
+            return  # the rest is made by recovery, where the survey is now
         for number in sorted(self._index.drops):
             if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)

@@ -136,6 +136,26 @@ class DropPipeline:
         else:
             self._on_saved(record, None, None)
 
+    def take_buffered(
+        self, record: DropRecord, received: float, release: Callable[[], None]
+    ) -> None:
+        """As `take`, for a drop that the instrument keeps under a name of its own choice.
+
+        A name that the survey has for other samples is reported, and the drop gets a key of its
+        own: `release` has the instrument erase it.
+        """
+        if self.recorder is not None:
+            named, others = self.recorder.with_own_key(record)
+            if others and self.recorder.find(named) is None:
+                text = (
+                    f"drop {record.point}/{record.drop.number}: the instrument used its name "
+                    f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
+                    f"for drop {others[-1]}, which has other samples; both are recorded"
+                )
+                self._tell(Notice(text, serious=True, kind="names used twice"))
+            record = named
+        self.take(record, received, release=release)
+
     def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
         """Keep a rebound with its drop; one that was recorded with it is there already."""
         if self._last is None:

@@ -35,6 +35,25 @@ class InstrumentReady:
 
 
 @dataclass(frozen=True, slots=True)
+class CalibrationChanged:
+    """The instrument is calibrated otherwise than for the drops that the survey has of it."""
+
+    serial_number: str
+    changes: tuple[str, ...]
+    """What changed, one phrase each."""
+    waits: bool
+    """Whether nothing is recorded until `Session.accept_calibration` is called with this."""
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f"calibration of {self.serial_number} changed since its last drop in this survey: "
+            f"{'; '.join(self.changes)}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class InstrumentLost:
     """The instrument is gone; the session waits for it."""
 
@@ -265,6 +284,7 @@ class StorageLow(Notice):
 
 SessionEvent = (
     InstrumentReady
+    | CalibrationChanged
     | InstrumentLost
     | LiveSamples
     | InstrumentStatus

@@ -11,6 +11,7 @@ from pfwd_device.acquisition.detection import AtRest, DetectionSettings
 from pfwd_device.acquisition.items import Item
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord
+from pfwd_device.wire.messages import DropOffer
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,8 +67,8 @@ class Feed(Protocol):
         """Switch the calibration shunt of the load cell."""
         ...
 
-    def acknowledge(self, stream: int, first_sample: int) -> None:
-        """A drop that the instrument keeps is safe here: it need not keep it any more."""
+    def acknowledge(self, offer: DropOffer) -> None:
+        """The buffered drop of this Offer is safe here: the instrument may erase it."""
         ...
 
     def settle(self) -> None:

@@ -8,12 +8,14 @@ from typing import Any, Literal
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.recording import CaptureWriter
+from pfwd_device.wire.messages import DropOffer
 from pfwd_survey.measuring.feeds import FeedItem
 from pfwd_survey.measuring.kept_drops import trigger_for
 from pfwd_survey.measuring.setup_file import MeasuringSetup
 
-LAST_RELEASES = 1.0
-"""s; an answer comes within so much. A drop that is offered again to this survey is recognised."""
+LAST_RELEASES = 2.0
+"""s; an Acknowledge that was lost is sent again after 1 s, when the drop is offered again. A drop
+that is offered again to this survey is recognised."""
 
 
 class LiveFeed:
@@ -71,9 +73,9 @@ class LiveFeed:
         except DeviceRefused:
             return  # it only talks: then it has no shunt that could be asked for
 
-    def acknowledge(self, stream: int, first_sample: int) -> None:
-        """A drop that the instrument keeps is safe here."""
-        self._driver.acknowledge(stream, first_sample)
+    def acknowledge(self, offer: DropOffer) -> None:
+        """The buffered drop of this Offer is safe here."""
+        self._driver.acknowledge(offer)
 
     def settle(self) -> None:
         """Wait a moment until the instrument has let go of the drops that are safe."""

@@ -6,6 +6,7 @@ A script measures with::
     measure("/dev/ttyUSB0", "site-12", print)
 """
 
+import contextlib
 import os
 import signal
 import threading
@@ -29,6 +30,7 @@ from pfwd_survey.measuring.replay import RecordedFeed, capture_feed, survey_feed
 from pfwd_survey.measuring.session import Ending, Listener, Session, SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup
 from pfwd_survey.measuring.survey_job import agreed_job, point_known
+from pfwd_survey.measuring.survey_recorder import tell_reports
 from pfwd_survey.procedures import NO_PROCEDURE
 
 Control = Callable[[Session], AbstractContextManager[object]]
@@ -71,7 +73,7 @@ def measure(
         If port, survey or setup cannot be used; what was acknowledged is safe.
     """
     plan = plan or SessionPlan()
-    with SurveyWriter.open(survey, spare=spare_folder(spare)) as writer:
+    with _open_survey(survey, spare, listener) as writer:
         _tell_recovery(writer, listener)
         writer.check_room()
         stream = random_stream()
@@ -89,6 +91,18 @@ def measure(
                 captured.close()
                 if captured.failure:
                     listener(Notice(f"the capture is incomplete: {captured.failure}", True))
+
+
+@contextmanager
+def _open_survey(
+    folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None, listener: Listener
+) -> Iterator[SurveyWriter]:
+    """A survey that is written; what its end finds of its files is told too."""
+    with contextlib.ExitStack() as ends:
+        writer = SurveyWriter.open(folder, spare=spare_folder(spare))
+        ends.callback(tell_reports, writer, listener)
+        ends.enter_context(writer)
+        yield writer
 
 
 def _tell_recovery(writer: SurveyWriter, listener: Listener) -> None:
@@ -168,7 +182,7 @@ def replay(
     else:
         hint = "pfwd log and pfwd import make surveys"
         raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
-    with _writer(output, spare) as writer:
+    with nullcontext() if output is None else _open_survey(output, spare, listener) as writer:
         session = Session(feed, listener, plan, writer)
         with control(session):
             ending = session.run()
@@ -204,17 +218,6 @@ def _survey_feed(survey: Survey, speed: float | Pace, listener: Listener) -> Rec
     for text in survey.damage:
         listener(Notice(text, serious=True))
     return survey_feed(survey, speed)
-
-
-@contextmanager
-def _writer(
-    output: str | os.PathLike[str] | None, spare: str | os.PathLike[str] | None
-) -> Iterator[SurveyWriter | None]:
-    if output is None:
-        yield None
-        return
-    with SurveyWriter.open(output, spare=spare_folder(spare)) as writer:
-        yield writer
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Literal
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.record import point_name
@@ -48,6 +49,9 @@ class SessionPlan:
     """What is said of the survey's job; what it says already holds without."""
     usual_procedure: Procedure | None = None
     """Of a survey that begins now and for which nobody chose one; None: none."""
+    changed_calibration: Literal["refuse", "ask", "accept"] = "refuse"
+    """What to do when the instrument is calibrated otherwise than for the drops that the survey has
+    of it: end with an error, wait for `Session.accept_calibration`, or record."""
     position: PositionSource | None = None
     """Says where the instrument stands, asked at every drop; None: no receiver."""
 

@@ -11,6 +11,7 @@ from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.items import Disconnected, Gap, Samples
 from pfwd_device.recording import CaptureReader, DropRecord, Survey
 from pfwd_device.text import clean
+from pfwd_device.wire.messages import DropOffer
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.judging.contents import said_later
 from pfwd_survey.measuring.drop_metadata import feed_item_of
@@ -90,7 +91,7 @@ class RecordedFeed:
     def shunt(self, on: bool) -> None:
         """There is nothing to switch."""
 
-    def acknowledge(self, stream: int, first_sample: int) -> None:
+    def acknowledge(self, offer: DropOffer) -> None:
         """There is no instrument to be told."""
 
     def settle(self) -> None:

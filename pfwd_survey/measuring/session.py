@@ -16,7 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_device.acquisition.detection import PulseReport, RawDrop, RawRebound, ReboundsOver
+from pfwd_device.acquisition.detection import (
+    DetectionSettings,
+    PulseReport,
+    RawDrop,
+    RawRebound,
+    ReboundsOver,
+)
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import (
     Connected,
@@ -25,11 +31,11 @@ from pfwd_device.acquisition.items import (
     KeptDrop,
     Samples,
     StreamBegan,
-    UnsoundDrop,
+    UnusableDrop,
 )
 from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
 from pfwd_device.drop import Drop
-from pfwd_device.errors import RecordingError
+from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.recording.record import DropRecord, Rebound, point_name
 from pfwd_device.recording.survey_content import SurveyDrop
@@ -43,10 +49,15 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
 from pfwd_survey.judging.earlier_rules import RULES_EVENT, RULES_VERSION, changed_verdicts
 from pfwd_survey.judging.stations import similar_name
+from pfwd_survey.measuring.calibration_change import (
+    calibration_changes,
+    last_recorded_identity,
+)
 from pfwd_survey.measuring.drop_metadata import load_of, metadata_of, rebound_of, state_of
 from pfwd_survey.measuring.drop_pipeline import DropPipeline, renumbered
 from pfwd_survey.measuring.events import (
     BatteryLow,
+    CalibrationChanged,
     Edited,
     InstrumentLost,
     InstrumentReady,
@@ -160,6 +171,13 @@ class Session:
         self._last_check: dict[str, Any] | None = None
         self._last_samples: Samples | None = None
         self._status: Status | None = None
+        self._calibrated: dict[str, Identity] = {}
+        """With what an instrument is calibrated in this session, by its serial number."""
+        self._unanswered: tuple[Connected, CalibrationChanged] | None = None
+        """A connection whose calibration the operator has not accepted yet."""
+        self._accepted_changes: set[CalibrationChanged] = set()
+        self._postponed: list[KeptDrop | Armed] = []
+        """What came of the instrument while the operator was asked."""
         self._armed: Trigger | None = None
         """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
@@ -375,6 +393,8 @@ class Session:
             if self._pipeline.diagnoses is not None:
                 self._pipeline.diagnoses.take_answers()
             if self._recorder is not None:
+                if self._stop:
+                    self._recorder.writer.expect_end()
                 self._recorder.try_again()
             self._answer_requests()
             if self._operator:
@@ -440,6 +460,9 @@ class Session:
         self._trigger()
 
     def _take(self, item: FeedItem) -> None:
+        if self._unanswered is not None and isinstance(item, KeptDrop | Armed):
+            self._postponed.append(item)
+            return
         match item:
             case Samples():
                 self._on_samples(item)
@@ -452,8 +475,8 @@ class Session:
                 self._on_disconnected(item)
             case KeptDrop():
                 self._on_kept(item)
-            case UnsoundDrop():
-                self._on_unsound(item)
+            case UnusableDrop():
+                self._on_unusable(item)
             case Armed():
                 self._on_armed(item)
             case StreamBegan():
@@ -478,11 +501,15 @@ class Session:
     def _on_connected(self, item: Connected) -> None:
         # First of all, with the calibration that it was measured with.
         self._finish_drop("the instrument was connected anew")
+        self._detector, self._unanswered = None, None
         setup = self._plan.setup
         identity = setup.identity_with(item.identity)
         declared, checked = setup.declared_with(identity), setup.setup_with(identity)
         sensor_channels(identity)  # refused now, not when the first drop falls
-        self._detector = Detector(identity, setup.device.detection)
+        detector = Detector(identity, setup.device.detection)
+        if not self._is_calibration_accepted(item, identity):
+            return
+        self._detector = detector
         self._identity, self._declared = identity, declared
         self._was_ready, self._armed = False, None
         self._connected, self._connection_kept = item, False
@@ -507,6 +534,51 @@ class Session:
         if self._analyses is not None:
             self._analyses.prepare(identity, checked)
 
+    def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
+        """Compare the calibration with that of the drops before; False: the operator is asked.
+
+        Raises
+        ------
+        OptionError
+            If it is another one, and the plan refuses that.
+        """
+        serial = identity.serial_number
+        if self._recorder is None or not self._feed.live or not serial:
+            return True
+        before = self._calibrated.get(serial)
+        if before is None:
+            before = last_recorded_identity(self._recorder.writer, serial)
+        changes = () if before is None else calibration_changes(before, identity)
+        if changes:
+            choice = self._plan.changed_calibration
+            event = CalibrationChanged(serial, changes, waits=choice == "ask")
+            if choice == "refuse":
+                raise OptionError(
+                    f"{event.text}. Nothing is recorded: check the instrument and the setup file, "
+                    "then give --accept-calibration, or begin another survey"
+                )
+            if choice == "ask" and event not in self._accepted_changes:
+                self._unanswered = item, event
+                self._tell(event)
+                return False
+            if choice == "accept":
+                self._tell(event)
+            if (untold := self._kept_events.due("calibration")) is not None:
+                details = {"serial_number": serial, "changes": list(changes)}
+                self._recorder.keep_event("calibration changed", details | _count(untold))
+        self._calibrated[serial] = identity
+        return True
+
+    def accept_calibration(self, event: CalibrationChanged) -> None:
+        """Record with the calibration that was asked about; in the session's thread, by `ask`."""
+        self._accepted_changes.add(event)
+        if self._unanswered is None or self._unanswered[1] != event:
+            return  # the instrument was lost meanwhile; it is not asked again for the same
+        self._on_connected(self._unanswered[0])
+        postponed, self._postponed = self._postponed, []
+        for item in postponed:
+            self._take(item)
+
     def _keep_connection(self, unkept: int) -> None:
         """Keep that the instrument is there, with how many times before were not kept."""
         item, identity = self._connected, self._identity
@@ -527,6 +599,7 @@ class Session:
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
+        self._unanswered = None
         self._checker = None
         unkept = self._kept_events.due("lost")
         if self._recorder is not None and unkept is not None:
@@ -606,33 +679,42 @@ class Session:
         """A drop that the instrument found; it keeps it until it is safe here."""
         if self._detector is None or self._identity is None:
             return
-        identity = replace(self._identity, sampling_rate=item.offer.sampling_rate)
-        raw = raw_drop_of(item, self._armed, identity)
-        settings = settings_of(item, self._detector.settings)
-        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
-        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
-        metadata["marks"] += marks_of_kept(item)
-        name = item.offer.stream, item.offer.first_sample
+        try:
+            record = self._buffered_record(item, self._identity, self._detector.settings)
+        except SetupError as err:
+            self._on_unusable(UnusableDrop(item.offer, str(err)))
+            return
         self._pipeline.end_of_rebounds()
-        self._pipeline.take(
-            self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point)),
-            item.received,
-            release=lambda: self._feed.acknowledge(*name),
+        self._pipeline.take_buffered(
+            record, item.received, release=lambda: self._feed.acknowledge(item.offer)
         )
         self._pipeline.end_of_rebounds()
 
-    def _on_unsound(self, item: UnsoundDrop) -> None:
-        came = f"came {item.attempts} times with another checksum than the instrument offers"
-        name = f"{item.offer.stream}/{item.offer.first_sample}"
-        self._tell(
-            Notice(
-                f"a drop that the instrument keeps (run and sample {name}) {came}; it stays in the "
-                "instrument, and those behind it wait: its memory or its firmware is at fault, try "
-                "`pfwd conform`",
-                serious=True,
-                kind="unsound drops",
-            )
+    def _buffered_record(
+        self, item: KeptDrop, identity: Identity, settings: DetectionSettings
+    ) -> DropRecord:
+        """The record of a drop that the instrument found.
+
+        Raises
+        ------
+        SetupError
+            If the drop is cut in a way that no replay of its record could repeat.
+        """
+        identity = replace(identity, sampling_rate=item.offer.sampling_rate)
+        raw = raw_drop_of(item, self._armed, identity)
+        settings = settings_of(item, settings)
+        Detector(identity, settings)  # refuses what a replay would refuse
+        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
+        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
+        metadata["marks"] += marks_of_kept(item)
+        return self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point))
+
+    def _on_unusable(self, item: UnusableDrop) -> None:
+        text = (
+            f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
+            f"recorded and stays in the instrument: {item.reason}"
         )
+        self._tell(Notice(text, serious=True, kind="unusable drops"))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")

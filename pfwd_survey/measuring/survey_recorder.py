@@ -2,9 +2,13 @@
 
 import dataclasses
 import time
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
@@ -13,9 +17,11 @@ from pfwd_device.recording import (
     FilesWrittenAgain,
     PublishingFailed,
     SpareUsed,
+    SurveyMovedAway,
 )
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_device.wire.fields import pack_int24
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.measuring.events import (
@@ -40,6 +46,37 @@ LOOK_AFTER = 1.0
 
 Saved = Callable[[DropRecord, int, Path | None], None]
 Tell = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
+
+
+def tell_reports(writer: SurveyWriter, tell: Tell) -> None:
+    """Tell what happened to the files of a survey since the last call."""
+    for report in writer.take_reports():
+        match report:
+            case PublishingFailed(_, point, drop, reason):
+                tell(DropNotPublished(point, drop, reason))
+            case FilesTaken() | SpareUsed() | SurveyMovedAway():
+                tell(SurveyFilesChanged(report.text, safe=False))
+            case FilesWrittenAgain(lost=lost):
+                tell(SurveyFilesChanged(report.text, safe=not lost))
+            case BroughtHome():
+                tell(SurveyFilesChanged(report.text, safe=True))
+
+
+def _counts_of(record: DropRecord) -> NDArray[np.int32]:
+    assert record.counts is not None  # those of a converter
+    return record.counts
+
+
+def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
+    """Whether two drops with the same key are the same one, cut and sampled alike."""
+    if recorded.counts is None:
+        return False
+    first, other = recorded.metadata, record.metadata
+    return (
+        np.array_equal(recorded.counts, _counts_of(record))
+        and first["detection"]["first_sample"] == other["detection"]["first_sample"]
+        and first["identity"]["sampling_rate"] == other["identity"]["sampling_rate"]
+    )
 
 
 class SurveyRecorder:
@@ -82,8 +119,46 @@ class SurveyRecorder:
         known = self.writer.find_key(key)
         if known is not None:
             return str(known)
-        held = [record for record in self._held if record.metadata.get("key") == key]
-        return f"{held[0].point}/{held[0].drop.number}" if held else None
+        held = self._held_with(key)
+        return None if held is None else f"{held.point}/{held.drop.number}"
+
+    def with_own_key(self, record: DropRecord) -> tuple[DropRecord, list[str]]:
+        """A buffered drop under a key that no drop with other samples has.
+
+        Its own key is the first. Where other samples are recorded under that, the checksum of its
+        samples is added.
+
+        Returns
+        -------
+        record : DropRecord
+            Under a key that is free, or that of the same samples.
+        others : list of str
+            The drops with other samples that have the keys before.
+        """
+        others: list[str] = []
+        checksum = zlib.crc32(pack_int24(_counts_of(record)))
+        while (known := self.find(record)) is not None:
+            key = record.metadata["key"]
+            recorded = self._held_with(key) or self._read(key)
+            if recorded is not None and _same_samples(recorded, record):
+                break
+            others.append(known)
+            metadata = {**record.metadata, "key": f"{key}/{checksum:08x}"}
+            record = dataclasses.replace(record, metadata=metadata)
+        return record, others
+
+    def _held_with(self, key: str) -> DropRecord | None:
+        """The drop with this key that the disk has not taken yet."""
+        held = (record for record in self._held if record.metadata.get("key") == key)
+        return next(held, None)
+
+    def _read(self, key: str) -> DropRecord | None:
+        """The recorded drop with this key; None: it cannot be read."""
+        number = self.writer.find_key(key)
+        try:
+            return None if number is None else self.writer.contents().read_drop(number)
+        except RecordingError:
+            return None  # taken for another one: a drop too many is better than one too few
 
     def is_safe(self, record: DropRecord) -> bool:
         """Whether the same samples are on the disk already."""
@@ -109,6 +184,7 @@ class SurveyRecorder:
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
         """The last attempts to save what is held; one, when the session was told to end."""
+        self.writer.expect_end()
         if self._held:
             self._save()
         until = time.monotonic() + patience
@@ -149,16 +225,7 @@ class SurveyRecorder:
         self._announce_filling()
 
     def _tell_reports(self) -> None:
-        for report in self.writer.take_reports():
-            match report:
-                case PublishingFailed(_, point, drop, reason):
-                    self._tell(DropNotPublished(point, drop, reason))
-                case FilesTaken() | SpareUsed():
-                    self._tell(SurveyFilesChanged(report.text, safe=False))
-                case FilesWrittenAgain(lost=lost):
-                    self._tell(SurveyFilesChanged(report.text, safe=not lost))
-                case BroughtHome():
-                    self._tell(SurveyFilesChanged(report.text, safe=True))
+        tell_reports(self.writer, self._tell)
 
     def _announce_filling(self) -> None:
         left, told = self.writer.scarce_drops(), self._left_told

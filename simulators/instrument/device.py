@@ -227,6 +227,7 @@ class PortlessInstrument:
             return
         self._version = newest
         self._send(self._identity())
+        self._keeper.offer_oldest()
         self._offer()
 
     def _identity(self) -> Identity:
@@ -299,9 +300,9 @@ class PortlessInstrument:
         self._send(self._identity())
 
     def _offer(self) -> None:
-        """Say that the oldest drop waits."""
-        if self._version >= BUFFERS_SINCE and self._keeper.waiting:
-            self._send(self._keeper.waiting[0].offer)
+        """Say that a drop waits."""
+        if self._version >= BUFFERS_SINCE and (offer := self._keeper.next_offer()) is not None:
+            self._send(offer)
 
     def _configure(self, wanted: float) -> None:
         if self._sending:

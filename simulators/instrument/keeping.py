@@ -30,6 +30,9 @@ BOUNCE_OVER_PREVIOUS = 0.7
 """Peak of a bounce over that of the pulse before it: below this, by the protocol (Arm)."""
 LONGEST_FLIGHT = 0.7
 """s; a bounce follows the pulse before it at most so much later, by the protocol (Arm)."""
+PATIENT_OFFERS = 8
+"""Offers of the oldest drop alone; later ones take turns, so that a drop that the host cannot
+record does not block those behind it."""
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
@@ -124,6 +127,7 @@ class Keeper:
         self.lost = 0
         """Drops for which there was no room."""
         self._slots, self._shunt_counts = slots, shunt_counts
+        self._offers = 0
         self.begin()
 
     @property
@@ -160,8 +164,27 @@ class Keeper:
         return next(found, None)
 
     def release(self, stream: int, first_sample: int) -> None:
-        """It is acknowledged."""
-        self.waiting = [kept for kept in self.waiting if _name(kept) != (stream, first_sample)]
+        """It is acknowledged: the one that `find` gives, and no other of its name."""
+        kept = self.find(stream, first_sample)
+        if kept is not None:
+            if kept is self.waiting[0]:
+                self.offer_oldest()
+            self.waiting = [other for other in self.waiting if other is not kept]
+
+    def offer_oldest(self) -> None:
+        """Begin the Offers with the oldest drop."""
+        self._offers = 0
+
+    def next_offer(self) -> DropOffer | None:
+        """The Offer to send now; None: no drop waits."""
+        if not self.waiting:
+            return None
+        turn = max(0, self._offers - PATIENT_OFFERS + 1)
+        self._offers += 1
+        # Only the oldest of a name can be fetched.
+        fetchable = {_name(kept): kept for kept in reversed(self.waiting)}
+        oldest_first = [kept for kept in self.waiting if fetchable[_name(kept)] is kept]
+        return oldest_first[turn % len(oldest_first)].offer
 
     def take(self, block: SampleBlock, ring: Ring, rate: float) -> bool:
         """Look at samples that are in the ring already; whether a drop is whole with them."""

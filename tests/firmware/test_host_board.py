@@ -12,10 +12,11 @@ import pytest
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.identity import Identity
 from pfwd_device.recording import read_survey
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.binary import BinaryDialect
-from pfwd_device.wire.messages import Arm, Armed, Hello
+from pfwd_device.wire.messages import Arm, Armed, DropOffer, Hello
 from pfwd_survey.measuring.events import DropSaved, SessionEvent
 from pfwd_survey.measuring.kept_drops import trigger_for
 from pfwd_survey.measuring.measure import measure, replay
@@ -146,6 +147,32 @@ def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_pa
         measured(board, tmp_path / "survey", drops=8)
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
     assert len(read_survey(tmp_path / "survey").drops) == 8
+
+
+def test_a_drop_that_nobody_fetches_does_not_block_the_next(tmp_path: Path, played: Played) -> None:
+    log = tmp_path / "log"
+    options = BoardOptions(streams=False, speed=4.0, log=log)
+    trigger = trigger_for(played.identity, DetectionSettings(rebound_window=0.5))
+    with HostBoard(played, options) as board:
+        transport, dialect = open_transport(board.url), BinaryDialect()
+        transport.write(dialect.encode(Hello()) + dialect.encode(Arm(trigger)))
+        end = time.monotonic() + 20
+        while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
+            time.sleep(0.02)
+        transport.write(dialect.encode(Hello()))  # the Offers begin with the oldest
+        offers: list[int] = []
+        while len(offers) < 12 and time.monotonic() < end:
+            for message in dialect.feed(transport.read(0.1)):
+                if isinstance(message, Identity):
+                    offers.clear()
+                if isinstance(message, DropOffer):
+                    offers.append(message.first_sample)
+        oldest = offers[0]
+        transport.close()
+    assert offers[:8] == [oldest] * 8
+    second = offers[8]
+    assert second > oldest
+    assert offers[8:12] == [second, oldest, second, oldest]
 
 
 def test_what_does_not_compile_says_so() -> None:

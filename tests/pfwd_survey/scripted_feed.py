@@ -11,6 +11,7 @@ from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples,
 from pfwd_device.errors import StorageFull
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
+from pfwd_device.wire.messages import DropOffer
 from pfwd_survey.measuring.events import Notice, SessionEvent
 from pfwd_survey.measuring.feeds import Ended, FeedItem
 from pfwd_survey.measuring.plan import Ending, SessionPlan
@@ -130,8 +131,8 @@ class ScriptedFeed:
     def shunt(self, on: bool) -> None:
         self.shunts.append(on)
 
-    def acknowledge(self, stream: int, first_sample: int) -> None:
-        self.acknowledged.append((stream, first_sample))
+    def acknowledge(self, offer: DropOffer) -> None:
+        self.acknowledged.append((offer.stream, offer.first_sample))
 
     def settle(self) -> None:
         pass

@@ -25,6 +25,7 @@ from pfwd_device.wire.messages import (
 )
 from simulators.instrument import serve
 from simulators.instrument.device import PortlessInstrument
+from simulators.instrument.keeping import PATIENT_OFFERS, Keeper, Kept
 from simulators.instrument.scenario import load_scenario
 
 QUICK = {"first": 0.5, "interval": 2.0, "bounces": [0, 0]}
@@ -82,6 +83,44 @@ def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged()
     (status,) = of(heard, Status)
     assert isinstance(status, Status)
     assert (status.drops_waiting, of(heard, DropOffer)) == (0, [])
+
+
+def waiting(*names: int) -> Keeper:
+    keeper = Keeper(8, np.zeros(2, np.int32))
+    for order, name in enumerate(names):
+        offer = DropOffer(1, name, None, 1, 2, 2, 2, order, 1000.0)
+        keeper.waiting.append(Kept(offer, bytes(12)))
+    return keeper
+
+
+def test_a_drop_that_nobody_fetches_does_not_block_the_others() -> None:
+    keeper = waiting(10, 20, 30)
+
+    def offers(count: int) -> list[int]:
+        found = [keeper.next_offer() for _ in range(count)]
+        return [offer.first_sample for offer in found if offer is not None]
+
+    assert offers(12) == [10] * PATIENT_OFFERS + [20, 30, 10, 20]
+    keeper.release(1, 20)  # the oldest still waits: the others go on in turn
+    assert set(offers(2)) == {10, 30}
+    keeper.release(1, 10)
+    assert offers(9) == [30] * 9
+    keeper.release(1, 30)
+    assert offers(1) == []
+
+
+def test_only_the_oldest_drop_of_a_name_is_offered() -> None:
+    keeper = waiting(10, 10, 20, 10)
+    crcs = [offer.crc for _ in range(12) if (offer := keeper.next_offer()) is not None]
+    assert crcs == [0] * PATIENT_OFFERS + [2, 0, 2, 0]
+
+
+def test_an_acknowledge_erases_one_drop_of_a_name() -> None:
+    keeper = waiting(10, 10, 20)
+    keeper.release(1, 10)
+    assert [kept.offer.crc for kept in keeper.waiting] == [1, 2]
+    keeper.release(1, 99)
+    assert len(keeper.waiting) == 2
 
 
 def test_missing_samples_come_again_as_long_as_the_ring_has_them() -> None:

@@ -42,6 +42,19 @@ def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
     assert checked(survey)["drops_acknowledged"] == 3
 
 
+def test_another_calibration_is_wrong_usage_until_it_is_accepted(tmp_path: Path) -> None:
+    survey, setup = tmp_path / "survey", tmp_path / "setup.toml"
+    setup.write_text('[[channels]]\nname = "centre"\nsensitivity = -57.6\n', "utf-8")
+    statuses = []
+    for options in ((), ("--setup", setup), ("--setup", setup, "--accept-calibration")):
+        with serve(PLAIN, drops=1, rate=RATE, seed=len(options)) as instrument:
+            done = pfwd("log", instrument.url, "-o", survey, "--json", "--no-invert", *options)
+        statuses.append((done.returncode, len(records(done.stdout))))
+        if options:
+            assert "sensitivity of centre is -57.6 V per m/s, was " in done.stderr
+    assert statuses == [(0, 1), (2, 0), (0, 1)], done.stderr
+
+
 @pytest.mark.posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(number: signal.Signals, tmp_path: Path) -> None:

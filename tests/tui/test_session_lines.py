@@ -15,6 +15,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.judging import Job
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropAnalysed,
     DropNotSaved,
     DropSaved,
@@ -170,6 +171,18 @@ def test_a_long_day_takes_no_memory(one: Callable[..., HandedOn]) -> None:
         lines.tell(DropSaved(one(number, status="rejected"), ()))
     assert not lines._quick
     assert not lines._identical
+
+
+def test_a_changed_calibration_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ("zero of load is 1 V, was 0 V", "sensitivity of g0 is -2 V per m/s, was 1 V per m/s")
+    lines = SessionLines(as_json=True, analysed=False)
+    lines.tell(CalibrationChanged("T-1", changes, waits=False))
+    heard = capsys.readouterr()
+    assert heard.out == ""
+    assert heard.err == (
+        "pfwd: calibration of T-1 changed since its last drop in this survey: zero of load is 1 V, "
+        "was 0 V; sensitivity of g0 is -2 V per m/s, was 1 V per m/s\n"
+    )
 
 
 def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
         point=args.point,
         setup=setup,
         options=options,
+        changed_calibration="accept" if args.accept_calibration else "ask",
         position=receiver,
         job=request,
         usual_procedure=usual,

@@ -51,6 +51,7 @@ def run(args: argparse.Namespace, usual: Procedure | None = None) -> int:
         drops=args.drops,
         options=options,
         give_up=args.give_up,
+        changed_calibration="accept" if args.accept_calibration else "refuse",
         position=receiver,
     )
     bell = not args.no_bell and sys.stderr.isatty()

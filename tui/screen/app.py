@@ -21,6 +21,7 @@ from pfwd_survey.files.moving import moved_to
 from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.contents import survey_contents
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -151,6 +152,7 @@ class PfwdApp(App[int]):
         self._asking = False
         self._message = ("", 0.0)
         self._unsafe: set[tuple[str, int]] = set()
+        self._asked_calibration: CalibrationChanged | None = None
         self._sounded: dict[str, str] = {}
         self._drawn_for: tuple[Any, ...] = ()
         self.shown_drop: tuple[str, int] | None = None
@@ -299,6 +301,8 @@ class PfwdApp(App[int]):
                 self.say(event.text)
             case Notice(text):
                 self.say(text)
+            case CalibrationChanged():
+                self._on_calibration(event)
             case PointDiagnosed(name, result):
                 self.diagnoses.on_point(name, result, self.units)
             case Edited(value=value):
@@ -314,6 +318,24 @@ class PfwdApp(App[int]):
                 self.fits.on_refitted(number, label, result, self.units)
             case DiagnosisDone():
                 self.diagnoses.on_diagnosed(event, self.units)
+
+    def _on_calibration(self, event: CalibrationChanged) -> None:
+        """Ask before anything is recorded with another calibration."""
+        self.say(event.text)
+        if not event.waits or event == self._asked_calibration:
+            return
+        self._ring(2)
+        self._asked_calibration = event
+
+        def answer(sure: bool | None) -> None:
+            self._asked_calibration = None
+            if sure:
+                self.runner.ask(lambda session: session.accept_calibration(event))
+            else:
+                self._end_by_signal()
+
+        question = f"{event.text}. Record with the new calibration?"
+        self.push_screen(Question(question, "record", "end the measurement"), answer)
 
     def _ring(self, times: int) -> None:
         self._sound(tuple(0.25 * count for count in range(times)))

@@ -1,5 +1,6 @@
 """Drops that the instrument keeps, and samples that it sends again: the host's part."""
 
+import dataclasses
 import datetime
 import zlib
 
@@ -7,8 +8,9 @@ import numpy as np
 
 from pfwd_device.acquisition.assembler import RESEND_EVERY, RESEND_PATIENCE, Assembler
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples, UnsoundDrop
+from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples, UnusableDrop
 from pfwd_device.acquisition.kept_drops import (
+    ACKNOWLEDGE_AGAIN,
     FETCH_AGAIN,
     UNSOUND_AGAIN,
     WHOLE_ATTEMPTS,
@@ -61,13 +63,106 @@ def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
     assert drop.time_utc == NOW - datetime.timedelta(seconds=3)
     kept.take(OFFER, 0.2, None)
     assert said(kept) == []  # not safe yet: neither fetched again nor given back
-    kept.acknowledge(*NAME, 0.3)
+    kept.acknowledge(OFFER, 0.3)
     assert said(kept) == [Acknowledge(*NAME)]
     kept.take(OFFER, 0.4, None)
+    assert said(kept) == []  # it may have been sent before the Acknowledge arrived
+    kept.take(OFFER, 0.3 + ACKNOWLEDGE_AGAIN, None)
     assert said(kept) == [Acknowledge(*NAME)]  # the first one was lost
     assert kept.unreleased == 1
-    kept.take(Released(*NAME), 0.5, None)
+    kept.take(Released(*NAME), 1.5, None)
     assert (kept.unreleased, kept.due) == (0, None)
+
+
+def named_alike(seed: int) -> tuple[DropOffer, list[DropBlock]]:
+    """Another drop under the same name: its Offer and its blocks."""
+    data = pack_int24(COUNTS + seed)
+    offer = dataclasses.replace(OFFER, crc=zlib.crc32(data))
+    size = 3 * COUNTS.shape[1] * EACH
+    blocks = [DropBlock(*NAME, number, data[number * size :][:size]) for number in range(10)]
+    return offer, blocks
+
+
+def test_each_of_five_drops_under_one_name_is_fetched() -> None:
+    kept = KeptDrops(Counters())
+    for seed in range(5):
+        offer, blocks = named_alike(seed)
+        kept.take(offer, 10.0 * seed, None)
+        assert said(kept) == [Fetch(*NAME, 0, 10)]
+        *_, drop = [kept.take(block, 10.0 * seed, None) for block in blocks]
+        assert isinstance(drop, KeptDrop)
+        np.testing.assert_array_equal(drop.counts, COUNTS + seed)
+        kept.acknowledge(offer, 10.0 * seed + 1)
+        assert said(kept) == [Acknowledge(*NAME)]
+        kept.take(Released(*NAME), 10.0 * seed + 2, None)
+
+
+def test_no_second_acknowledge_erases_the_next_drop_of_the_name() -> None:
+    """Released was lost: only an Offer shows which drop the instrument has under the name."""
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    for number in range(10):
+        kept.take(block(number), 0.1, None)
+    kept.acknowledge(OFFER, 0.2)
+    said(kept)
+    for tenth in range(3, 30):
+        kept.tick(tenth / 10)
+    assert said(kept) == []
+    other, _ = named_alike(1)
+    kept.take(other, 3.0, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10)]
+    assert kept.unreleased == 0  # the other Offer shows that the first drop is erased
+
+
+def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name() -> None:
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    for number in range(10):
+        kept.take(block(number), 0.1, None)
+    kept.cut()
+    said(kept)
+    kept.acknowledge(OFFER, 5.0)  # nobody knows what the instrument has now
+    other, _ = named_alike(1)
+    kept.take(other, 6.0, None)
+    kept.acknowledge(OFFER, 6.1)
+    kept.take(OFFER, 7.0, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10)]  # the other one is older, and would be erased
+    kept.cut()
+    kept.take(OFFER, 8.0, None)
+    assert said(kept) == [Acknowledge(*NAME)]
+
+
+def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None:
+    kept = KeptDrops(Counters())
+    kept.take(OFFER, 0.0, None)
+    for number in range(10):
+        kept.take(block(number), 0.1, None)
+    kept.acknowledge(OFFER, 0.2)
+    kept.take(Released(*NAME), 0.3, None)
+    said(kept)
+    kept.channels = COUNTS.shape[1]
+    unusable = dataclasses.replace(OFFER, channels=1)
+    for cut in (False, True):
+        kept.take(unusable, 1.0, None)
+        if cut:  # it is known all the same
+            kept.cut()
+        kept.take(OFFER, 2.0, None)
+        assert said(kept) == []
+    kept.take(unusable, 3.0, None)  # offered after the drop: it is the younger one
+    kept.take(OFFER, 4.0, None)
+    assert said(kept) == [Acknowledge(*NAME)]
+
+
+def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched() -> None:
+    kept = KeptDrops(Counters())
+    kept.channels = COUNTS.shape[1]
+    other = dataclasses.replace(OFFER, channels=COUNTS.shape[1] + 1)
+    reason = f"expected {COUNTS.shape[1]} channels as in the Identity, got {COUNTS.shape[1] + 1}"
+    assert kept.take(other, 0.0, None) == UnusableDrop(other, reason)
+    assert kept.take(other, 1.0, None) is None
+    assert said(kept) == []
+    kept.take(OFFER, 2.0, None)
+    assert said(kept) == [Fetch(*NAME, 0, 10)]
 
 
 def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut() -> None:
@@ -111,7 +206,10 @@ def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None
         for _ in [each for each in said(kept) if isinstance(each, Fetch)]:
             fetched += 1
             told += [kept.take(block(number), now, None) for number in range(10)]
-    assert [each for each in told if each is not None] == [UnsoundDrop(wrong, WHOLE_ATTEMPTS)]
+    (unusable,) = [each for each in told if each is not None]
+    assert isinstance(unusable, UnusableDrop)
+    assert unusable.offer == wrong
+    assert f"got another one {WHOLE_ATTEMPTS} times" in unusable.reason
     assert fetched == WHOLE_ATTEMPTS + int(100 / UNSOUND_AGAIN)
     assert counters.blocks_refused == 10 * fetched
     kept.take(OFFER, 100.0, None)  # another CRC: offered anew
@@ -138,8 +236,6 @@ def test_arm_is_said_until_it_is_answered() -> None:
 
 
 def assembler(ring: int = 4000) -> tuple[Assembler, Counters]:
-    import dataclasses
-
     counters = Counters()
     identity = dataclasses.replace(
         scripted.identity(rate=2000.0), protocol_version=2, ring_samples=ring

@@ -19,7 +19,9 @@ from pfwd_device.recording import (
     FilesTaken,
     FilesWrittenAgain,
     Rebound,
+    SpareFolder,
     Storage,
+    SurveyMovedAway,
     SurveyWriter,
     check,
     read_drop_file,
@@ -552,4 +554,53 @@ def test_an_earlier_segment_is_held_open_too(tmp_path: Path) -> None:
         (survey / "journal" / "0002.pfwdj").unlink()
         expected[4] = save(writer, 4)
     assert check(survey).ok
+    assert digests(survey) == expected
+
+
+@pytest.mark.parametrize("last_check", [True, False], ids=["seen by the last check", "by the end"])
+def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
+    tmp_path: Path, last_check: bool
+) -> None:
+    survey, spare = tmp_path / "survey", SpareFolder(tmp_path / "spare")
+    publisher = InlinePublisher(Storage())
+    with SurveyWriter.open(survey, publisher=publisher, reserve_bytes=0, spare=spare) as writer:
+        expected = {number: save(writer, number) for number in (1, 2)}
+        writer.expect_end()
+        survey.rename(tmp_path / "moved")
+        if last_check:
+            writer.look_after()
+            writer.look_after()
+            assert [type(report) for report in writer.take_reports()] == [SurveyMovedAway]
+            with pytest.raises(RecordingError, match="moved away while the session ended"):
+                writer.save_result(1, {"modulus_pa": 45e6})
+            with pytest.raises(RecordingError, match="moved away while the session ended"):
+                writer.note_event("lost")
+    told = writer.take_reports()
+    assert [type(report) for report in told] == ([] if last_check else [SurveyMovedAway])
+    assert not survey.exists()
+    assert not (tmp_path / "spare").exists()
+    assert recover(tmp_path / "moved").ok
+    assert digests(tmp_path / "moved") == expected
+
+
+def test_a_drop_that_comes_at_the_end_is_saved_where_the_survey_was(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {1: save(writer, 1)}
+        writer.expect_end()
+        survey.rename(tmp_path / "moved")
+        writer.look_after()
+        expected[2] = save(writer, 2)  # it has to be somewhere, and said to be
+        told = [type(report) for report in writer.take_reports()]
+    assert told == [SurveyMovedAway, FilesTaken, FilesWrittenAgain]
+    assert digests(survey) == expected
+
+
+def test_a_survey_that_is_deleted_at_the_end_is_written_again(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    with open_writer(survey) as writer:
+        expected = {number: save(writer, number) for number in (1, 2)}
+        writer.expect_end()
+        delete(survey)
+    assert [type(report) for report in writer.take_reports()] == [FilesTaken, FilesWrittenAgain]
     assert digests(survey) == expected

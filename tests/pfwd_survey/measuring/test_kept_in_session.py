@@ -1,5 +1,6 @@
 """A drop that the instrument keeps is given back when it is on the disk, and not before."""
 
+import dataclasses
 import zlib
 from pathlib import Path
 
@@ -7,24 +8,25 @@ import numpy as np
 import pytest
 
 from pfwd_device.acquisition.detection import DetectionSettings
-from pfwd_device.acquisition.items import KeptDrop, UnsoundDrop
+from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import Armed, DropOffer
 from pfwd_survey.measuring.events import DropSaved, Notice
 from pfwd_survey.measuring.kept_drops import trigger_for
+from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
 from tests.pfwd_survey import scripted_feed
 from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed
 
 
-def kept(first: int = 500, *, earlier: bool = False) -> KeptDrop:
+def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> KeptDrop:
     identity = scripted_feed.connected().identity
     trigger = trigger_for(identity, DetectionSettings())
     length = trigger.before + trigger.after
     counts = np.zeros((length, len(identity.channels)), np.int32)
-    counts[trigger.before : trigger.before + 40] = 20_000
+    counts[trigger.before : trigger.before + 40] = peak
     data = pack_int24(counts)
     offer = DropOffer(
         9,
@@ -98,10 +100,87 @@ def test_a_drop_that_comes_again_is_acknowledged_and_recorded_once(tmp_path: Pat
 def test_a_drop_that_never_has_its_checksum_is_told(tmp_path: Path) -> None:
     log = Log()
     with SurveyWriter.open(tmp_path / "survey") as writer:
-        feed = ScriptedFeed(scripted_feed.connected(), armed(), UnsoundDrop(kept().offer, 3))
+        unusable = UnusableDrop(kept().offer, "expected its checksum, got another one")
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), unusable)
         Session(feed, log, writer=writer).run()
     assert feed.acknowledged == []
     (notice,) = [each for each in log if isinstance(each, Notice) and each.serious]
-    assert "run and sample 9/500" in notice.text
-    assert "came 3 times with another checksum" in notice.text
-    assert "pfwd conform" in notice.text
+    assert notice.text == (
+        "buffered drop (run and sample 9/500) is not recorded and stays in the instrument: "
+        "expected its checksum, got another one"
+    )
+
+
+def test_five_drops_under_one_name_are_five_drops_of_the_survey(tmp_path: Path) -> None:
+    drops = [kept(peak=20_000 + seed) for seed in range(5)]
+    log = Log()
+    for part in (drops[:3], drops[3:], drops):  # the host was restarted, and restarted again
+        with SurveyWriter.open(tmp_path / "survey") as writer:
+            feed = ScriptedFeed(scripted_feed.connected(), armed(), *part)
+            Session(feed, log, SessionPlan(options=None), writer).run()
+        assert feed.acknowledged == [(9, 500)] * len(part)
+    recorded = [drop.read() for drop in read_survey(tmp_path / "survey").drops]
+    assert [int(record.counts.max()) for record in recorded if record.counts is not None] == [
+        20_000 + seed for seed in range(5)
+    ]
+    assert log.texts.count("which has other samples; both are recorded") == 4
+    assert "the instrument used its name T-1/9/700" in log.texts
+    assert "for drop 1, which has other samples" in log.texts
+    assert log.texts.count("came again") == 5
+    assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
+
+
+def test_a_drop_of_the_same_samples_under_another_name_is_another_drop(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        moved = kept(first=510)
+        offer = dataclasses.replace(moved.offer, trigger=moved.offer.trigger - 10)
+        early = dataclasses.replace(moved, offer=offer)  # the trigger is the same sample
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), early)
+        Session(feed, Log(), SessionPlan(options=None), writer).run()
+    assert len(read_survey(tmp_path / "survey").drops) == 2
+
+
+def test_drops_that_the_disk_has_not_taken_yet_are_told_apart_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(forever=True)
+        session = Session(feed, log, SessionPlan(options=None), writer)
+        with monkeypatch.context() as full:
+
+            def refuse(record: object) -> int:
+                raise StorageFull("full")
+
+            full.setattr(writer, "save_drop", refuse)
+            for item in (scripted_feed.connected(), armed(), kept(), kept(peak=9), kept()):
+                session._take(item)
+        assert feed.acknowledged == []
+        session._save_the_rest(lambda: True)
+    assert feed.acknowledged == [(9, 500)] * 2
+    assert len(read_survey(tmp_path / "survey").drops) == 2
+
+
+@pytest.mark.parametrize(
+    ("samples", "trigger", "rate", "reason"),
+    [
+        (700, 600, 50.0, "expected times up to 10 s, came 12.0"),
+        (700, 100, 50.0, "expected times up to 10 s, came 12.0"),
+        (12, 4, 10_000.0, "expected at least 16 samples"),
+    ],
+    ids=["long-before", "long-after", "short"],
+)
+def test_a_drop_that_no_replay_could_cut_is_reported_and_the_next_is_recorded(
+    tmp_path: Path, samples: int, trigger: int, rate: float, reason: str
+) -> None:
+    log = Log()
+    counts = np.ones((samples, 2), np.int32)
+    offer = DropOffer(9, 1, None, trigger, samples, 2, 40, zlib.crc32(pack_int24(counts)), rate)
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        odd = KeptDrop(offer, counts, None, 1.0)
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), odd, kept())
+        Session(feed, log, SessionPlan(options=None), writer).run()
+    assert feed.acknowledged == [(9, 500)]
+    assert "run and sample 9/1) is not recorded and stays in the instrument" in log.texts
+    assert reason in log.texts
+    assert len(read_survey(tmp_path / "survey").drops) == 1

@@ -1,5 +1,6 @@
 """A session when something goes wrong: full disks, lost links, odd instruments, errors."""
 
+import contextlib
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import SurveyWriter, read_survey, recover
 from pfwd_device.wire.messages import Event, EventKind, Refusal, Status
 from pfwd_survey.errors import OptionError
 from pfwd_survey.measuring.events import (
@@ -19,7 +20,9 @@ from pfwd_survey.measuring.events import (
     InstrumentReady,
     LiveSamples,
     Ready,
+    SurveyFilesChanged,
 )
+from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.measuring.session import Session
 from tests.pfwd_survey.scripted_feed import (
@@ -356,3 +359,45 @@ def test_a_bounce_after_the_link_was_back_is_no_drop(
     bounces = survey.drops[0].read().rebounds
     assert [round(bounce.peak_load, -2) for bounce in bounces] == [3900.0] * (2 - drops)
     assert ("a bounce of drop 1/1" in log.texts) is (drops == 1)
+
+
+@pytest.mark.posix  # Windows refuses to rename a folder with open files
+def test_a_survey_that_is_moved_away_while_a_session_ends_is_told_and_not_begun_anew(
+    tmp_path: Path,
+) -> None:
+    with SurveyWriter.open(tmp_path / "first", publish=False) as writer:
+        run(ScriptedFeed(connected(), began(), pieces(stream(4.0, [(1.0, 8e3)]))), Log(), writer)
+    log, survey = Log(), tmp_path / "survey"
+
+    @contextlib.contextmanager
+    def moved(_: Session) -> Iterator[None]:
+        yield
+        survey.rename(tmp_path / "moved")
+
+    replay(tmp_path / "first", log, output=survey, control=moved)
+    assert not survey.exists()
+    (changed,) = log.of(SurveyFilesChanged)
+    assert f"{survey}: the survey was moved away while the session ended" in changed.text
+    assert recover(tmp_path / "moved").ok
+    assert len(read_survey(tmp_path / "moved").drops) == 1
+
+
+@pytest.mark.posix
+def test_a_survey_that_is_moved_away_after_the_stop_is_told_and_not_begun_anew(
+    tmp_path: Path,
+) -> None:
+    log, survey = Log(), tmp_path / "survey"
+    with SurveyWriter.open(survey, publish=False) as writer:
+
+        def move() -> None:
+            session.stop()
+            survey.rename(tmp_path / "moved")
+
+        counts = pieces(stream(4.0, [(1.0, 8e3)]))
+        feed = ScriptedFeed(connected(), began(), counts, move, forever=True)
+        session = Session(feed, log, SessionPlan(options=None), writer)
+        assert session.run() is Ending.DONE
+    assert not survey.exists()
+    (changed,) = log.of(SurveyFilesChanged)
+    assert "nothing is written in the old place" in changed.text
+    assert len(read_survey(tmp_path / "moved").drops) == 1

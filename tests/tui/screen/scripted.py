@@ -19,6 +19,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropAnalysed,
     DropSaved,
     HandedOn,
@@ -199,6 +200,9 @@ class Session:
 
     def keep_result(self, number: int, kept: Any) -> None:
         self.asked.append(("result", number, kept))
+
+    def accept_calibration(self, event: CalibrationChanged) -> None:
+        self.asked.append(("calibration", event))
 
     def trigger(self) -> None:
         self.asked.append(("trigger",))

@@ -11,6 +11,7 @@ from pfwd_survey.files.moving import MOVED_TO
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.measuring.contents import DropContents, PointContents
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropNotSaved,
     DropSaved,
     Edited,
@@ -193,6 +194,43 @@ def test_a_drop_can_be_recorded_by_hand() -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("g")
         assert app.source.session.asked == [("trigger",)]  # type: ignore[attr-defined]
+
+    play(App(), script)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_changed_calibration_is_asked_about_once(size: tuple[int, int]) -> None:
+    change = "sensitivity of centre is -57.6 V per m/s, was 28.8 V per m/s"
+    event = CalibrationChanged("T-1042", (change,), waits=True)
+
+    async def accepted(app: App, pilot: Any) -> None:
+        await told(app, pilot, event, event)
+        await until(pilot, lambda: "y record" in app.text)
+        assert "-57.6" in app.text
+        await pilot.press("y")
+        await until(pilot, lambda: "y record" not in app.text)  # nor a second question
+        assert app.source.session.asked == [("calibration", event)]  # type: ignore[attr-defined]
+        assert any(change in notice.text for _, notice in app.state.notices)
+
+    async def refused(app: App, pilot: Any) -> None:
+        await told(app, pilot, event)
+        await until(pilot, lambda: "y record" in app.text)
+        await pilot.press("enter")  # the safe answer
+        await until(pilot, app.source.session.stopped.is_set)  # type: ignore[attr-defined]
+        assert app.source.session.asked == []  # type: ignore[attr-defined]
+
+    play(App(), accepted, size)
+    play(App(), refused, size)
+
+
+def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
+    event = CalibrationChanged("T-1042", ("zero of load is 1 V, was 0 V",), waits=False)
+
+    async def script(app: App, pilot: Any) -> None:
+        before = len(app.screen_stack)
+        await told(app, pilot, event)
+        assert len(app.screen_stack) == before
+        assert "zero of load is 1 V" in app.text
 
     play(App(), script)
 

@@ -3,6 +3,7 @@
 import logging
 
 from pfwd_survey.measuring.events import (
+    CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -31,6 +32,8 @@ def log_event(event: ScreenEvent) -> None:
             log.info("plate radius %g m, mass %s kg", setup.plate_radius, setup.plate_mass)
             for text in (*event.differences, *event.warnings):
                 log.info("%s", text)
+        case CalibrationChanged():
+            log.warning("%s", event.text)
         case InstrumentLost(reason):
             log.warning("instrument lost: %s", reason)
         case Ready():

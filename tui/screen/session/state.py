@@ -11,6 +11,7 @@ from pfwd_survey.judging import Job, value_of_drop
 from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
 from pfwd_survey.measuring.events import (
     BatteryLow,
+    CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
     DropNotSaved,
@@ -271,6 +272,8 @@ class SessionState:
                     self._on_notice(Notice(text, serious=True))
             case InstrumentReady():
                 self._on_ready(event)
+            case CalibrationChanged():
+                self._on_notice(Notice(event.text, serious=True))
             case InstrumentLost(reason):
                 self.device.connected = self.device.ready = False
                 self.device.lost_reason = reason

@@ -1,0 +1,77 @@
+"""Comparison of an instrument's calibration with that of its drops recorded before."""
+
+from collections.abc import Iterator
+
+from pfwd_device.errors import RecordingError, SetupError
+from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity
+from pfwd_device.identity_json import identity_from_dict
+from pfwd_device.recording import SurveyWriter
+
+
+def calibration_changes(before: Identity, now: Identity) -> tuple[str, ...]:
+    """Everything that makes other values of the same counts, one phrase each.
+
+    Parameters
+    ----------
+    before, now : Identity
+        Of the same instrument, with what the setup file says.
+
+    Returns
+    -------
+    tuple of str
+        Empty: the same counts give the same values.
+    """
+    return tuple(_changes(before, now))
+
+
+def _changes(before: Identity, now: Identity) -> Iterator[str]:
+    if before.adc_range != now.adc_range:
+        yield f"range of the converter is {now.adc_range:g} V, was {before.adc_range:g} V"
+    if before.adc_bits != now.adc_bits:
+        yield f"converter has {now.adc_bits} bits, had {before.adc_bits}"
+    if len(before.channels) != len(now.channels):
+        yield f"channels are {len(now.channels)}, were {len(before.channels)}"
+        return
+    for earlier, channel in zip(before.channels, now.channels, strict=True):
+        yield from _channel_changes(earlier, channel)
+
+
+def _channel_changes(before: ChannelIdentity, now: ChannelIdentity) -> Iterator[str]:
+    name = now.name
+    if before.name != name:
+        yield f"channel {name!r} stands in the place of {before.name!r}"
+    if before.role != now.role:
+        yield f"role of {name} is {now.role}, was {before.role}"
+    sensitivity = f"V per {UNIT_OF_ROLE[now.role]}"
+    for what, unit, value, other in (
+        ("sensitivity", sensitivity, now.sensitivity, before.sensitivity),
+        ("zero", "V", now.zero, before.zero),
+        ("natural frequency", "Hz", now.natural_frequency, before.natural_frequency),
+        ("damping ratio", "", now.damping, before.damping),
+    ):
+        if value != other:
+            yield f"{what} of {name} is {_text(value, unit)}, was {_text(other, unit)}"
+
+
+def _text(value: float | None, unit: str) -> str:
+    return "not declared" if value is None else f"{value:.9g} {unit}".rstrip()
+
+
+def last_recorded_identity(writer: SurveyWriter, serial_number: str) -> Identity | None:
+    """The identity that the last drop of an instrument was calibrated with; None: it has none.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    serial_number : str
+    """
+    for drop in reversed(writer.contents().drops):
+        if not (drop.key or "").startswith(f"{serial_number}/"):
+            continue  # of another instrument, or imported: nothing of it is read
+        try:
+            identity = identity_from_dict(drop.read().metadata["identity"])
+        except (RecordingError, SetupError, KeyError, TypeError):
+            continue  # damaged, or written by another program
+        if identity.serial_number == serial_number:
+            return identity
+    return None
