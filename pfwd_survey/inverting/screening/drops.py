@@ -16,9 +16,15 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_survey.files.header import STIFFNESS_TEST, PointSetup
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.screening.centre_sensor import Response, centre_sensor_fault
 from pfwd_survey.inverting.screening.clipping import clipped_samples
 from pfwd_survey.inverting.screening.missing import whole_part
-from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_survey.inverting.screening.signals import (
+    channels_outward,
+    displacement_of,
+    quiet_samples,
+    remove_offset,
+)
 
 DropStatus = Literal["measured", "seating", "rejected"]
 
@@ -136,7 +142,11 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     if reason:
         return Screening("rejected", reason)
     pulse = _find_pulse(drop)
-    reason = _load_fault(pulse, drop) or _centre_fault(pulse, drop)
+    reason = (
+        _load_fault(pulse, drop)
+        or _centre_fault(pulse, drop)
+        or _centre_motion_fault(pulse, drop, setup)
+    )
     if reason:
         return Screening("rejected", reason)
     status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
@@ -353,6 +363,27 @@ def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
         deflection = float(np.abs(displacement_of(channel, drop.time)[: pulse.end]).max())
         if deflection < DEAD_DEFLECTION:
             return f"dead centre channel: it moves by {deflection * 1e6:.2g} um only"
+    return None
+
+
+def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
+    """Return why the centre sensor's motion is not that of the plate."""
+    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
+    response = None
+    if frequency is not None and damping is not None:
+        response = Response(frequency, damping)
+    # Some devices store a last sample of 0, which is no measurement.
+    time = drop.time[:-1]
+    outward = channels_outward(drop)
+    neighbours = [
+        displacement_of(channel, drop.time)[:-1] for channel in outward if not _is_centre(channel)
+    ][:2]
+    for channel in outward:
+        if _is_centre(channel):
+            centre = displacement_of(channel, drop.time)[:-1]
+            fault = centre_sensor_fault(time, pulse.load, centre, neighbours, response)
+            if fault:
+                return f"centre sensor cannot be believed: {fault}"
     return None
 
 

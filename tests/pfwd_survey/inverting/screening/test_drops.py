@@ -226,9 +226,12 @@ def test_a_far_sensor_that_moves_late_is_not_dead(make_drop: MakeDrop) -> None:
     assert warned(drop) == ()
 
 
-def test_a_reversed_centre_sensor_is_warned_of(make_drop: MakeDrop) -> None:
-    (warning,) = warned(changed(make_drop(), centre=lambda v: -v))
-    assert warning == "polarity suspect: displacement at 0 m moves upward under the load"
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
+def test_a_reversed_centre_sensor_is_rejected(make_drop: MakeDrop, quantity: str) -> None:
+    assert rejected(changed(make_drop(quantity=quantity), centre=lambda v: -v)) == (
+        "centre sensor cannot be believed: wrong polarity: it moves upward under the load, "
+        "downward is positive"
+    )
 
 
 # A drop among others
