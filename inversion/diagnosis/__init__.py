@@ -14,11 +14,13 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     UnknownKey,
 )
+from inversion.diagnosis.flat_tops import Channel, largest_values
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
+    "Channel",
     "DeviceFindings",
     "DropCurves",
     "FoundEffect",
@@ -32,5 +34,6 @@ __all__ = [
     "cost_of_sharing",
     "diagnose_point",
     "fit_device",
+    "largest_values",
     "left_out_error",
 ]

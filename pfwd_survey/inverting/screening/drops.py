@@ -77,6 +77,9 @@ SUSPECT_DEFLECTION = 0.02
 SUSPECT_LOAD = 500e3
 """N; the heaviest falling weights reach some 300 kN."""
 
+CLIPPING_SCATTER = 0.01
+"""Part of a level of clipping by which drops may differ, because their offsets were taken off."""
+
 REBOUND_OVER_LARGEST = 0.2
 """Peak load over the largest of the point. The lowest of several drop heights in use gives a
 quarter or more, rebounds and false triggers give a seventh or less."""
@@ -197,6 +200,7 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
         In the order of the drops.
     """
     found = [screen(drop, point.setup) for drop in point.drops]
+    found = _without_refuted_clipping(point.drops, found)
     peaks = [
         0.0 if screening.status == "rejected" else pulse_peak(drop)
         for drop, screening in zip(point.drops, found, strict=True)
@@ -407,17 +411,59 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
 
 
 def _clipped(drop: Drop, dead: Sequence[float]) -> list[str]:
+    return [text for text, _, _ in _clipped_channels(drop, dead)]
+
+
+def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[str, str, float]]:
+    """Warning, name of the channel, and signed level of each channel with a flat top."""
     found = []
-    count = clipped_samples(drop.load[:-1])
+    load = drop.load[:-1]
+    count = clipped_samples(load)
     if count:
-        found.append(f"clipped samples: load, {count} in a flat top")
+        text = f"clipped samples: load, {count} in a flat top"
+        found.append((text, "load", float(load.max())))
     for channel in drop.channels:
         values = channel.values[:-1]
-        count = clipped_samples(values) + clipped_samples(-values)
-        if count and channel.offset not in dead:
+        above, below = clipped_samples(values), clipped_samples(-values)
+        if above + below and channel.offset not in dead:
             name = f"{channel.quantity} at {channel.offset:g} m"
-            found.append(f"clipped samples: {name}, {count} in flat tops")
+            text = f"clipped samples: {name}, {above + below} in flat tops"
+            found.append((text, name, float(values.max() if above else values.min())))
     return found
+
+
+def _without_refuted_clipping(drops: Sequence[Drop], found: Sequence[Screening]) -> list[Screening]:
+    """Screenings without flat tops at a level that another drop of the point exceeds.
+
+    The level at which a channel is clipped is a property of the device.
+    """
+    recorded = [drop for drop in drops if drop.only_peaks is None]
+    result = []
+    for drop, screening in zip(drops, found, strict=True):
+        if screening.clipped:
+            channels = _clipped_channels(whole_part(drop)[0], screening.left_out)
+            refuted = {
+                text
+                for text, name, level in channels
+                if any(_exceeds(other, name, level) for other in recorded if other is not drop)
+            }
+            screening = dataclasses.replace(
+                screening,
+                warnings=tuple(text for text in screening.warnings if text not in refuted),
+                clipped=len(refuted) < len(channels),
+            )
+        result.append(screening)
+    return result
+
+
+def _exceeds(drop: Drop, name: str, level: float) -> bool:
+    """Return whether a channel of a drop goes beyond a signed level."""
+    recorded = {"load": drop.load}
+    recorded |= {f"{c.quantity} at {c.offset:g} m": c.values for c in drop.channels}
+    if name not in recorded:
+        return False
+    signed = np.sign(level) * recorded[name]
+    return bool(np.nanmax(signed) > (1.0 + CLIPPING_SCATTER) * abs(level))
 
 
 def _warnings(pulse: _Pulse, drop: Drop) -> list[str]:
