@@ -103,6 +103,17 @@ class Drop:
         """Samples per second, Hz, from the whole length of the time axis."""
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
+    def has_samples_of(self, other: Self) -> bool:
+        """Whether two drops hold the same samples, bit for bit; never, where there are none."""
+        pairs = [(self.time, other.time), (self.load, other.load)]
+        if self.only_peaks is not None or len(self.channels) != len(other.channels):
+            return False
+        for mine, theirs in zip(self.channels, other.channels, strict=True):
+            if (mine.offset, mine.quantity) != (theirs.offset, theirs.quantity):
+                return False
+            pairs.append((mine.values, theirs.values))
+        return all(a.tobytes() == b.tobytes() for a, b in pairs)
+
 
 def _read_only_vector(values: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     # A copy: the caller's array neither changes the drop later nor is locked by it.

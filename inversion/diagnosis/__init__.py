@@ -16,6 +16,7 @@ from inversion.diagnosis.findings import (
     PointDiagnosis,
     UnknownKey,
 )
+from inversion.diagnosis.flat_tops import Channel, largest_values
 from inversion.diagnosis.held_out import (
     Allow,
     count_held_out,
@@ -28,6 +29,7 @@ from inversion.diagnosis.prediction import left_out_error
 __all__ = [
     "NEARLY_EXPLAINED",
     "Allow",
+    "Channel",
     "DeviceFindings",
     "DropCurves",
     "FittedPoint",
@@ -44,6 +46,7 @@ __all__ = [
     "diagnose_point",
     "fit_device",
     "held_out_error",
+    "largest_values",
     "left_out_error",
     "predict_next",
     "without_held_out",

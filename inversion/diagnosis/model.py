@@ -5,14 +5,21 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.diagnosis.channel import MotionChannel
-from inversion.diagnosis.flat_tops import REST_SAMPLES, flat_level, flat_velocity
+from inversion.diagnosis.flat_tops import (
+    REST_SAMPLES,
+    LargestValues,
+    flat_load_level,
+    flat_sensor_level,
+    largest_values,
+    merge_largest,
+)
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import DropAtRest, drops_at_rest
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
@@ -102,6 +109,7 @@ class PointRecords:
     numbers : tuple of int, of the drops
     elastic : bool, whether the base model has no dashpot
     half_sine : bool, whether a half-sine stands in for the measured load
+    device_largest : mapping, largest value of each channel in other points of the device
     """
 
     name: str
@@ -109,6 +117,12 @@ class PointRecords:
     numbers: tuple[int, ...]
     elastic: bool = False
     half_sine: bool = False
+    device_largest: LargestValues = field(default_factory=dict)
+
+    @cached_property
+    def largest_values(self) -> LargestValues:
+        """Largest value of each channel in the drops of the point and of its device."""
+        return merge_largest(largest_values(self.records), self.device_largest)
 
 
 class DropModel:
@@ -268,12 +282,16 @@ class DropModel:
             swings_back=above > least,
             has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
             flat=tuple(
-                flat_velocity(sensor, noise, drop.step, drop.peak_load >= largest_load)
+                flat_sensor_level(
+                    sensor,
+                    noise,
+                    drop.step,
+                    drop.peak_load >= largest_load,
+                    point.largest_values,
+                )
                 for sensor, noise in zip(record.sensors, noises, strict=True)
             ),
-            flat_load=flat_level(
-                record.load - np.median(record.load[:REST_SAMPLES]), drop.load_noise.rms, both=False
-            ),
+            flat_load=flat_load_level(record, drop.load_noise.rms, point.largest_values),
             rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
             hum=self._at_rest.hum,
             harmonics=self._at_rest.harmonics,

@@ -11,9 +11,9 @@ Three rules, each by the displacements :math:`w_i` of the sensors from the plate
 - **no contact**: it moves less than a tenth of the next sensor nearer to the plate, and of the next
   one farther out: the ground between them cannot stand still.
 
-The sensor in the centre is not judged here: without it there is no drop. Where the first two rules
-find more than half of the other sensors, they say more of the plate's own sensor, or of the whole
-record, and nobody is named.
+The sensor in the centre is not judged here: without it there is no drop, and the screening has
+rules of its own for it. Where the first two rules find more than half of the other sensors, they
+say more of the plate's own sensor, or of the whole record, and nobody is named.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
@@ -16,7 +16,7 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import points_of
 from pfwd_survey.files.survey_file import write_survey_file
 from pfwd_survey.files.traces import TracePoint, write_traces
-from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.inverting.screening.missing import ONLY_PEAKS, whole_part
 
 LONGEST_NAME = 60
 """Characters of a point's name in that of its file."""
@@ -58,8 +58,16 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
                     write_traces(folder / name, TracePoint(name, setup, drops))
         _tell_discarded(order, notes)
         if next(numbers) == 1:
-            raise SurveyError(f"{order.content.path}: expected drops to export, came none")
+            raise SurveyError(_nothing_to_export(order.content.path, notes))
     return notes
+
+
+def _nothing_to_export(path: str, notes: Sequence[str]) -> str:
+    """Return why a folder of traces would be empty, and where peaks can go."""
+    if any(ONLY_PEAKS in note for note in notes):
+        expected = "drops with a time history, which trace files hold, got peaks only"
+        return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
+    return f"{path}: expected drops to export, came none"
 
 
 def safe_name(text: str) -> str:

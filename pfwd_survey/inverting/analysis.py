@@ -34,6 +34,7 @@ from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import Asked, DropAnalysis, DropResult, drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
+from pfwd_survey.inverting.screening.duplicates import duplicate_drops
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.spawning import worker_pool
 
@@ -132,7 +133,11 @@ def analyse_point(
         for index, (drop, found) in enumerate(zip(drops, screenings, strict=True))
         if found.status != "rejected"
     }
-    together = [i for i in records if screenings[i].status == "measured"] if options.joint else []
+    together: list[int] = []
+    if options.joint:
+        duplicates = duplicate_drops(point.drops, screenings)
+        measured = [i for i in records if screenings[i].status == "measured"]
+        together = [i for i in measured if i not in duplicates]
     groups = [together] if together else []
     groups += [[index] for index in records if index not in together]
     found_results: dict[int, InversionResult] = {}

@@ -209,7 +209,7 @@ class DropPipeline:
         marks = tuple(map(str, record.metadata.get("marks", ())))
         identical = None
         if coming.source is not None:
-            identical = same_traces(record.drop, coming.source.record.drop)
+            identical = record.drop.has_samples_of(coming.source.record.drop)
         self._tell(DropSaved(handed, marks, identical))
         if self.analyses is not None:
             self.analyses.ask(handed)
@@ -269,15 +269,3 @@ def renumbered(record: DropRecord, number: int) -> DropRecord:
     if record.drop.number == number:
         return record
     return replace(record, drop=replace(record.drop, number=number))
-
-
-def same_traces(first: Drop, other: Drop) -> bool:
-    """Whether two drops hold the same samples, bit for bit."""
-    pairs = [(first.time, other.time), (first.load, other.load)]
-    if len(first.channels) != len(other.channels):
-        return False
-    for mine, theirs in zip(first.channels, other.channels, strict=True):
-        if (mine.offset, mine.quantity) != (theirs.offset, theirs.quantity):
-            return False
-        pairs.append((mine.values, theirs.values))
-    return all(a.tobytes() == b.tobytes() for a, b in pairs)

@@ -1,11 +1,13 @@
 """Drop and Channel: shapes, units, and that a record stays as it was recorded."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pfwd_device import Channel, Drop
+from pfwd_device.drop import Peaks
 
 
 def a_drop() -> Drop:
@@ -53,3 +55,58 @@ def test_two_dimensions_are_refused() -> None:
 def test_one_sample_is_no_drop() -> None:
     with pytest.raises(ValueError, match="at least 2 samples, came 1"):
         Drop(1, np.zeros(1), np.zeros(1), ())
+
+
+def measured_drop() -> Drop:
+    time = np.arange(-10, 90) / 1000
+    channels = (Channel(0.0, "velocity", np.sin(time)), Channel(0.3, "velocity", np.cos(time)))
+    return Drop(1, time, np.ones(100), channels)
+
+
+def test_a_copy_of_a_drop_has_its_samples_whatever_its_number() -> None:
+    drop = measured_drop()
+    assert drop.has_samples_of(measured_drop())
+    assert drop.has_samples_of(replace(drop, number=9))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(measured_drop(), time=np.nextafter(measured_drop().time, 1.0)),
+        replace(measured_drop(), load=np.nextafter(measured_drop().load, 0.0)),
+        replace(measured_drop(), channels=measured_drop().channels[:1]),
+        replace(measured_drop(), channels=measured_drop().channels[::-1]),
+        replace(
+            measured_drop(),
+            channels=(
+                measured_drop().channels[0],
+                replace(measured_drop().channels[1], values=np.cos(np.arange(100))),
+            ),
+        ),
+        replace(
+            measured_drop(),
+            channels=(
+                measured_drop().channels[0],
+                replace(measured_drop().channels[1], offset=0.6),
+            ),
+        ),
+        replace(
+            measured_drop(),
+            channels=(
+                measured_drop().channels[0],
+                replace(measured_drop().channels[1], quantity="displacement"),
+            ),
+        ),
+    ],
+    ids=["time", "load", "fewer", "order", "values", "offset", "quantity"],
+)
+def test_a_drop_that_differs_in_anything_has_other_samples(other: Drop) -> None:
+    assert not measured_drop().has_samples_of(other)
+    assert not other.has_samples_of(measured_drop())
+
+
+def test_a_drop_of_peaks_alone_has_no_samples() -> None:
+    drop = Drop.of_peaks(1, Peaks(8000.0, ((0.0, 5e-4), (0.3, 2e-4))))
+    assert not drop.has_samples_of(measured_drop())
+    assert not measured_drop().has_samples_of(drop)
+    assert not drop.has_samples_of(drop)

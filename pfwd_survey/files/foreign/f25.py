@@ -6,11 +6,19 @@ A line is a number that says what it is, then fields between commas. ``5002`` ha
 to ``5303`` station, comment and temperatures (asphalt, surface, air). A line whose number is less
 than 5000 is a drop: its number, the pressure under the plate (kPa), deflections (um). Learned from
 one file of Dynatest's own program and one of a viewer; lines of other numbers are not read.
+
+A deflection belongs to the position in the same column of the last ``5020`` line, and that line may
+change within a file. Where a drop has more or fewer deflections than positions, those with a
+position are read and a remark names the line. Two kinds of drops are left out with a remark,
+because their numbers would be wrong: the last line of the file if it is cut off, and a drop with
+surplus deflections whose largest one is not at the plate, where columns and positions do not match.
 """
 
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
 
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
@@ -31,6 +39,7 @@ from pfwd_survey.files.foreign.peaks_text import (
     points_of_stations,
 )
 from pfwd_survey.files.foreign.units import celsius
+from pfwd_survey.files.header import RADIUS
 from pfwd_survey.files.traces import TracePoint
 
 NONE = "N0"
@@ -40,6 +49,10 @@ _CELL = re.compile(r'((?:"[^"]*"|[^",]|"(?=[^"]*$))*),')
 
 DROPS_BELOW = 5000
 """Numbers of lines from here on are no drops."""
+
+_LEADING_DIGITS = re.compile(r"\s*[1-9]\d{0,2}")
+_THREE_DIGITS = re.compile(r"\d{3}(\.\d*)?\s*")
+"""Two neighbouring fields that are one number, written with a comma between the thousands."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -58,8 +71,24 @@ def read(file: str, request: Request) -> list[TracePoint]:
     reader = _Reader(file, request)
     for number, line in lines_of(file):
         if line.strip():
-            reader.take(_cells(line), number)
+            reader.take(_fields(line), number)
     return reader.points()
+
+
+@dataclass(frozen=True, slots=True)
+class _DropLine:
+    """A line with a drop."""
+
+    station: Station
+    line: int
+    load: float
+    """N"""
+    deflections: dict[int, float]
+    """By index of the sensor's position, m."""
+    fields: int
+    """Number of deflection columns."""
+    too_short: bool
+    """Whether the line has fewer columns than line 5020 has positions."""
 
 
 class _Reader:
@@ -70,20 +99,30 @@ class _Reader:
         self._request = request
         self._common: dict[str, object] = {"source": "Dynatest F25"}
         self._offsets: list[float] = []
+        """Positions of all sensors of the file, m."""
+        self._columns: list[int | None] = []
+        """Index into the positions for each column of a drop; None: no position."""
         self._radius: float | None = None
+        self._radii: list[float] = []
         self._stations: list[Station] = []
         self._place: dict[str, float] = {}
         self._strange: list[int] = []
         """Lines that do not say what they are."""
+        self._drops: list[_DropLine] = []
+        self._remarks: dict[str, list[str]] = {}
+        """Remarks on drop lines by kind."""
+        self._last_line = 0
 
-    def take(self, cells: list[str], line: int) -> None:
-        """One line."""
+    def take(self, fields: list[str], line: int) -> None:
+        """Read one line."""
         where = f"{self._file}, line {line}"
+        cells = [field.strip() for field in fields]
+        self._last_line = line
         kind = finite(cells[0])
         if kind is None:
             self._strange.append(line)
         elif kind < DROPS_BELOW:
-            self._drop(cells, line, where)
+            self._drop(fields, line, where)
         elif kind == 5001:
             self._common["device"] = _text(cells, 6)
         elif kind == 5002 and "SI" not in (cells[1] if len(cells) > 1 else ""):
@@ -106,15 +145,26 @@ class _Reader:
     def _plate(self, cells: Sequence[str], where: str) -> None:
         said = number_of(cells[1] if len(cells) > 1 else "", "the radius of the plate, mm", where)
         self._radius = plate_radius(self._request, said / 1e3)
-        self._offsets = []
-        for cell in cells[2:]:
-            if cell in (NONE, ""):
-                break
-            self._offsets.append(number_of(cell, "the position of a sensor, mm", where) / 1e3)
+        self._columns = []
+        for cell in _without_empty_end(cells[2:]):
+            column = None
+            if cell not in (NONE, ""):
+                offset = number_of(cell, "the position of a sensor, mm", where) / 1e3
+                column = self._sensor_index(offset)
+            self._columns.append(column)
         if self._radius is None or not PLATES[0] <= self._radius <= PLATES[1]:
             expected = "a plate radius of 20 to 1000 mm"
             raise TraceError(refusal(where, expected, quote(cells[1]), "declare plate_radius_m"))
-        self._common["plate_radius_m"] = self._radius
+        if self._radius not in self._radii:
+            self._radii.append(self._radius)
+
+    def _sensor_index(self, offset: float) -> int:
+        """Index of a position; two sensors of one line 5020 at one place have two."""
+        for index, known in enumerate(self._offsets):
+            if known == offset and index not in self._columns:
+                return index
+        self._offsets.append(offset)
+        return len(self._offsets) - 1
 
     def _position(self, cells: Sequence[str]) -> None:
         # A cause of failure that is not 0: no fix.
@@ -140,22 +190,84 @@ class _Reader:
             if value is not None:
                 noted[name] = temperature_of(value if in_celsius else celsius(value))
 
-    def _drop(self, cells: Sequence[str], line: int, where: str) -> None:
-        if not self._stations or self._radius is None or not self._offsets:
+    def _drop(self, fields: Sequence[str], line: int, where: str) -> None:
+        cells = [field.strip() for field in fields]
+        sensors = sum(column is not None for column in self._columns)
+        if not self._stations or self._radius is None or not sensors:
             expected = "lines 5020 and 5301 before the first drop"
             raise TraceError(refusal(where, expected, quote(",".join(cells[:3]))))
-        wanted = 2 + len(self._offsets)
+        station = self._stations[-1]
+        radius = station.known.setdefault(RADIUS, self._radius)
+        if radius != self._radius:
+            expected = f"one plate at a station, of radius {1e3 * radius:g} mm"
+            raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))
+        width = len(self._columns)
         # A row may end with fields for sensors that there are not.
-        if len(cells) < wanted or any(cell not in (NONE, "") for cell in cells[wanted:]):
-            expected = f"a drop with {len(self._offsets)} deflections, as line 5020 has positions"
-            raise TraceError(refusal(where, expected, f"{len(cells) - 2}"))
-        pressure = number_of(cells[1], "the pressure, kPa", where)
-        moved = tuple(
-            None if cell in (NONE, "") else 1e-6 * number_of(cell, "a deflection, um", where)
-            for cell in cells[2:wanted]
-        )
+        surplus = len(_without_empty_end(cells[2:])) - width
+        joined = _with_joined_thousands(fields, surplus)
+        if joined is not None and self._largest_is_at_plate(joined[2:]):
+            text = "numbers with a comma between the thousands; they were read as one number each"
+            self._remark("thousands", line, text)
+            cells, surplus = joined, 0
+        values = cells[2:]
+        deflections = {
+            index: 1e-6 * number_of(cell, "a deflection, um", where)
+            for index, cell in zip(self._columns, values, strict=False)
+            if index is not None and cell not in (NONE, "")
+        }
+        pressure = number_of(cells[1] if len(cells) > 1 else "", "the pressure, kPa", where)
+        without_position = [
+            number
+            for number, cell in enumerate(values)
+            if cell not in (NONE, "") and (number >= width or self._columns[number] is None)
+        ]
+        count = f"{len(_without_empty_end(values))} deflections, {sensors} positions in line 5020"
+        if without_position and not self._largest_is_at_plate(values):
+            text = f"{count}, and the largest deflection is not at the plate: it was left out"
+            self._remark("left out", line, text)
+            return
+        if without_position:
+            columns = ", ".join(str(number + 1) for number in without_position)
+            self._remark("surplus", line, f"{count}: deflection {columns} was left out")
+        too_short = len(values) < width
+        if too_short:
+            self._remark("short", line, f"{count}: the last sensors are missing")
         load = force_of(1e3 * pressure, self._radius)
-        self._stations[-1].drops.append((load, moved, line))
+        self._drops.append(_DropLine(station, line, load, deflections, len(values), too_short))
+
+    def _largest_is_at_plate(self, values: Sequence[str]) -> bool:
+        """Return whether the largest deflection is at the position nearest to the plate's centre.
+
+        The surface deflects most under the plate; where it does not seem to, the columns of the
+        drop are not those of the positions.
+        """
+        deflections = [
+            (finite(cell), column) for cell, column in zip_longest(values, self._columns)
+        ]
+        measured = [(value, column) for value, column in deflections if value is not None]
+        _, largest = max(measured, key=lambda pair: pair[0], default=(0.0, None))
+        nearest = min(
+            (column for _, column in measured if column is not None),
+            key=lambda column: abs(self._offsets[column]),
+            default=None,
+        )
+        return largest is not None and largest == nearest
+
+    def _remark(self, kind: str, line: int, text: str) -> None:
+        name = os.path.basename(self._file)
+        self._remarks.setdefault(kind, []).append(f"{name}, line {line}: {text}")
+
+    def _drop_lines(self) -> list[_DropLine]:
+        """Lines with drops, without a last one that is cut off."""
+        if not self._drops:
+            return []
+        last = self._drops[-1]
+        if last.line != self._last_line or not last.too_short:
+            return self._drops
+        if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
+            return self._drops  # as few sensors as in the drop before
+        self._remark("cut off", last.line, "the file is cut off within this drop: it was left out")
+        return self._drops[:-1]
 
     def points(self) -> list[TracePoint]:
         """All that were found; the first lines 5301 to 5303 are the file's own."""
@@ -166,7 +278,15 @@ class _Reader:
             )
         common = {key: value for key, value in self._common.items() if value}
         name = os.path.basename(self._file)
-        remarks = [f"{name}: load from the pressure and a plate of radius {self._radius:g} m"]
+        for drop in self._drop_lines():
+            moved = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
+            drop.station.drops.append((drop.load, moved, drop.line))
+        radii = " or ".join(f"{radius:g}" for radius in self._radii)
+        remarks = [f"{name}: load from the pressure and a plate of radius {radii} m"]
+        remarks += [
+            texts[0] + (f"; {len(texts) - 1} more of that kind" if len(texts) > 1 else "")
+            for texts in self._remarks.values()
+        ]
         if self._strange:
             count = len(self._strange)
             remarks.append(
@@ -178,9 +298,43 @@ class _Reader:
         )
 
 
-def _cells(line: str) -> list[str]:
+def _fields(line: str) -> list[str]:
     """Fields of a line; a comma between quotation marks separates nothing."""
-    return [cell.replace('"', "").strip() for cell in _CELL.findall(line + ",")]
+    return [field.replace('"', "") for field in _CELL.findall(line + ",")]
+
+
+def _without_empty_end(cells: Sequence[str]) -> list[str]:
+    """Fields up to the last one that is not empty."""
+    count = max((n for n, cell in enumerate(cells, start=1) if cell not in (NONE, "")), default=0)
+    return list(cells[:count])
+
+
+def _with_joined_thousands(fields: Sequence[str], surplus: int) -> list[str] | None:
+    """Return the fields of a drop with the numbers joined that a comma between thousands divides.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        With the blanks around them: three digits that follow a comma without a blank are the rest
+        of a number where the columns are padded.
+    surplus : int
+        Number of fields that there are too many; None is returned if it is another number of pairs
+        that could be one number.
+    """
+    joined: list[str] = []
+    pairs = 0
+    for number, field in enumerate(fields):
+        divided = (
+            number > 1
+            and _THREE_DIGITS.fullmatch(field)
+            and _LEADING_DIGITS.fullmatch(fields[number - 1])
+        )
+        if divided:
+            joined[-1] += field.strip()
+            pairs += 1
+        else:
+            joined.append(field.strip())
+    return joined if pairs and pairs == surplus else None
 
 
 def _text(cells: Sequence[str], index: int) -> str | None:

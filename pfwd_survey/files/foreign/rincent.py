@@ -358,7 +358,7 @@ def compare_peaks(
     if len(drops) != len(stored):
         return [f"{where}: peaks of {len(stored)} drops, {len(drops)} drops in the {what}"]
     found = []
-    if len(drops) > 1 and all(_same_traces(drop, drops[0]) for drop in drops[1:]):
+    if len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:]):
         found.append(
             f"{where}: the {what} of all {len(drops)} drops are the same, number for number: one "
             "drop was stored in place of each"
@@ -446,13 +446,6 @@ def _maxima(values: Values, wanted: float) -> tuple[float, float]:
     # From the rest before the trigger, or from the first sample, which is 0 in these traces.
     found = [largest, float((values - values[0]).max()), *peaks, *(peaks - values[0])]
     return largest, float(min(found, key=lambda value: abs(value - wanted)))
-
-
-def _same_traces(first: Drop, second: Drop) -> bool:
-    pairs = zip(first.channels, second.channels, strict=True)
-    return np.array_equal(first.load, second.load) and all(
-        np.array_equal(a.values, b.values) for a, b in pairs
-    )
 
 
 def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: str) -> TracePoint:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from inversion import InversionError
-from inversion.diagnosis import Allow, LeaveOut, PointDiagnosis
+from inversion.diagnosis import Allow, Channel, LeaveOut, PointDiagnosis, largest_values
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
@@ -132,6 +132,12 @@ def diagnose_entries(
     work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
 
     def diagnosed(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
+        # Of these points alone: held-out records are in none of them.
+        completed = _with_device_largest(points)
+        found = diagnosed_as_completed(completed, without)
+        return {id(point): found[id(done)] for point, done in zip(points, completed, strict=True)}
+
+    def diagnosed_as_completed(points: Sequence[DiagnosisPoint], without: str) -> Found:
         if device:
             look = Look(device=device, spread=spread, leave_out=leave_out in TRANSFERS)
             told = Told(progress, f"each point with what is known{without}", len(points))
@@ -176,6 +182,32 @@ def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
     for point in work:
         devices.setdefault(point.device, []).append(point)
     return [devices[key] for key in sorted(devices, key=lambda key: (key is not None, key or ""))]
+
+
+def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
+    """Return the points with the largest values of each channel in the others of their device.
+
+    They refute that a channel was cut off at a lower level.
+    """
+    by_device: dict[str, dict[Channel, list[tuple[float, int]]]] = {}
+    for place, entry in enumerate(entries):
+        if entry.records and entry.device is not None:
+            of_device = by_device.setdefault(entry.device, {})
+            for channel, value in largest_values(entry.records.records).items():
+                # The second largest counts where the largest is the point's own.
+                pairs = [*of_device.get(channel, []), (value, place)]
+                of_device[channel] = sorted(pairs, reverse=True)[:2]
+    completed: list[DiagnosisPoint] = []
+    for place, entry in enumerate(entries):
+        if entry.records and entry.device is not None:
+            largest = {
+                channel: next((value for value, owner in pairs if owner != place), 0.0)
+                for channel, pairs in by_device[entry.device].items()
+            }
+            records = replace(entry.records, device_largest=largest)
+            entry = replace(entry, records=records)
+        completed.append(entry)
+    return completed
 
 
 def _number(entry: DiagnosisPoint) -> int | None:

@@ -12,6 +12,7 @@ from pfwd_survey.inverting.keeping import question_of
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import screen_point
+from pfwd_survey.inverting.screening.duplicates import duplicate_drops
 from pfwd_survey.inverting.screening.missing import whole_part
 
 
@@ -53,15 +54,19 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         device, called = _text(point.setup.device), _text(point.setup.point)
         return DiagnosisPoint(file, device, None, (), point.warnings, point, called)
     screenings = leave_out_bad_sensors(point, screen_point(point))
+    reasons = duplicate_drops(point.drops, screenings)
     chosen = [
         (whole_part(drop)[0], found)
-        for drop, found in zip(point.drops, screenings, strict=True)
-        if found.status == "measured"
+        for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+        if found.status == "measured" and index not in reasons
     ]
-    rejected = tuple(
-        f"drop {drop.number}: {found.reason}"
-        for drop, found in zip(point.drops, screenings, strict=True)
+    reasons |= {
+        index: str(found.reason)
+        for index, found in enumerate(screenings)
         if found.status == "rejected"
+    }
+    rejected = tuple(
+        f"drop {point.drops[index].number}: {reason}" for index, reason in sorted(reasons.items())
     )
     # A bad sensor is the same in every drop: said once.
     every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
@@ -96,8 +101,8 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         basis=basis_of(point.setup),
         left_out=tuple(
             drop.number
-            for drop, found in zip(point.drops, screenings, strict=True)
-            if found.status != "measured"
+            for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+            if found.status != "measured" or index in reasons
         ),
         question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
         last=kept[-1] if kept else None,

@@ -16,9 +16,15 @@ from numpy.typing import NDArray
 from pfwd_device import Channel, Drop
 from pfwd_survey.files.header import STIFFNESS_TEST, PointSetup
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.screening.centre_sensor import Response, centre_sensor_fault
 from pfwd_survey.inverting.screening.clipping import clipped_samples
 from pfwd_survey.inverting.screening.missing import whole_part
-from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_survey.inverting.screening.signals import (
+    channels_outward,
+    displacement_of,
+    quiet_samples,
+    remove_offset,
+)
 
 DropStatus = Literal["measured", "seating", "rejected"]
 
@@ -70,6 +76,9 @@ SUSPECT_DEFLECTION = 0.02
 
 SUSPECT_LOAD = 500e3
 """N; the heaviest falling weights reach some 300 kN."""
+
+CLIPPING_SCATTER = 0.01
+"""Part of a level of clipping by which drops may differ, because their offsets were taken off."""
 
 REBOUND_OVER_LARGEST = 0.2
 """Peak load over the largest of the point. The lowest of several drop heights in use gives a
@@ -136,7 +145,11 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     if reason:
         return Screening("rejected", reason)
     pulse = _find_pulse(drop)
-    reason = _load_fault(pulse, drop) or _centre_fault(pulse, drop)
+    reason = (
+        _load_fault(pulse, drop)
+        or _centre_fault(pulse, drop)
+        or _centre_motion_fault(pulse, drop, setup)
+    )
     if reason:
         return Screening("rejected", reason)
     status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
@@ -187,6 +200,7 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
         In the order of the drops.
     """
     found = [screen(drop, point.setup) for drop in point.drops]
+    found = _without_refuted_clipping(point.drops, found)
     peaks = [
         0.0 if screening.status == "rejected" else pulse_peak(drop)
         for drop, screening in zip(point.drops, found, strict=True)
@@ -356,6 +370,27 @@ def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
     return None
 
 
+def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
+    """Return why the centre sensor's motion is not that of the plate."""
+    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
+    response = None
+    if frequency is not None and damping is not None:
+        response = Response(frequency, damping)
+    # Some devices store a last sample of 0, which is no measurement.
+    time = drop.time[:-1]
+    outward = channels_outward(drop)
+    neighbours = [
+        displacement_of(channel, drop.time)[:-1] for channel in outward if not _is_centre(channel)
+    ][:2]
+    for channel in outward:
+        if _is_centre(channel):
+            centre = displacement_of(channel, drop.time)[:-1]
+            fault = centre_sensor_fault(time, pulse.load, centre, neighbours, response)
+            if fault:
+                return f"centre sensor cannot be believed: {fault}"
+    return None
+
+
 def _is_centre(channel: Channel) -> bool:
     return abs(channel.offset) < CENTRE
 
@@ -376,17 +411,59 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
 
 
 def _clipped(drop: Drop, dead: Sequence[float]) -> list[str]:
+    return [text for text, _, _ in _clipped_channels(drop, dead)]
+
+
+def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[str, str, float]]:
+    """Warning, name of the channel, and signed level of each channel with a flat top."""
     found = []
-    count = clipped_samples(drop.load[:-1])
+    load = drop.load[:-1]
+    count = clipped_samples(load)
     if count:
-        found.append(f"clipped samples: load, {count} in a flat top")
+        text = f"clipped samples: load, {count} in a flat top"
+        found.append((text, "load", float(load.max())))
     for channel in drop.channels:
         values = channel.values[:-1]
-        count = clipped_samples(values) + clipped_samples(-values)
-        if count and channel.offset not in dead:
+        above, below = clipped_samples(values), clipped_samples(-values)
+        if above + below and channel.offset not in dead:
             name = f"{channel.quantity} at {channel.offset:g} m"
-            found.append(f"clipped samples: {name}, {count} in flat tops")
+            text = f"clipped samples: {name}, {above + below} in flat tops"
+            found.append((text, name, float(values.max() if above else values.min())))
     return found
+
+
+def _without_refuted_clipping(drops: Sequence[Drop], found: Sequence[Screening]) -> list[Screening]:
+    """Screenings without flat tops at a level that another drop of the point exceeds.
+
+    The level at which a channel is clipped is a property of the device.
+    """
+    recorded = [drop for drop in drops if drop.only_peaks is None]
+    result = []
+    for drop, screening in zip(drops, found, strict=True):
+        if screening.clipped:
+            channels = _clipped_channels(whole_part(drop)[0], screening.left_out)
+            refuted = {
+                text
+                for text, name, level in channels
+                if any(_exceeds(other, name, level) for other in recorded if other is not drop)
+            }
+            screening = dataclasses.replace(
+                screening,
+                warnings=tuple(text for text in screening.warnings if text not in refuted),
+                clipped=len(refuted) < len(channels),
+            )
+        result.append(screening)
+    return result
+
+
+def _exceeds(drop: Drop, name: str, level: float) -> bool:
+    """Return whether a channel of a drop goes beyond a signed level."""
+    recorded = {"load": drop.load}
+    recorded |= {f"{c.quantity} at {c.offset:g} m": c.values for c in drop.channels}
+    if name not in recorded:
+        return False
+    signed = np.sign(level) * recorded[name]
+    return bool(np.nanmax(signed) > (1.0 + CLIPPING_SCATTER) * abs(level))
 
 
 def _warnings(pulse: _Pulse, drop: Drop) -> list[str]:

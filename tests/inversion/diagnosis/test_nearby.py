@@ -38,14 +38,21 @@ BENT: Any = [
 Active = Sequence[tuple[Effect, dict[str, float]]]
 
 
-def clipped(drop: Record) -> Record:
-    """With flat tops in the load and in every velocity."""
-    sensors = tuple(
-        Sensor(s.offset, s.quantity, np.clip(s.values, -level, level))
-        for s in drop.sensors
-        for level in [0.7 * float(np.abs(s.values).max())]
+def clipped(drops: tuple[Record, ...]) -> tuple[Record, ...]:
+    """With flat tops in the load and in every velocity, at levels that are those of the device."""
+    lowest = drops[0]
+    levels = [0.7 * float(np.abs(sensor.values).max()) for sensor in lowest.sensors]
+    return tuple(
+        replace(
+            drop,
+            sensors=tuple(
+                Sensor(s.offset, s.quantity, np.clip(s.values, -level, level))
+                for s, level in zip(drop.sensors, levels, strict=True)
+            ),
+            load=np.minimum(drop.load, 0.85 * lowest.load.max()),
+        )
+        for drop in drops
     )
-    return replace(drop, sensors=sensors, load=np.minimum(drop.load, 0.85 * drop.load.max()))
 
 
 def made(library: SurrogateLibrary, offsets: tuple[float, ...], effect: Effect) -> DropModel:
@@ -55,12 +62,15 @@ def made(library: SurrogateLibrary, offsets: tuple[float, ...], effect: Effect) 
         record(library, Scene(quantity, peak=peak, offsets=offsets)) for peak in (6000.0, 8000.0)
     )
     if effect.name == "saturation":
-        drops = tuple(map(clipped, drops))
+        drops = clipped(drops)
     if effect.name == "load_shape":
         drops = tuple(
             replace(drop, load=drop.load * (drop.load / drop.load.max()) ** 0.5) for drop in drops
         )
-    options = {"elastic": effect.name == "viscosity", "half_sine": effect.name == "load_shape"}
+    options: dict[str, Any] = {
+        "elastic": effect.name == "viscosity",
+        "half_sine": effect.name == "load_shape",
+    }
     return Point(PointRecords("a", drops, (1, 2), **options), library).drops[0]
 
 

@@ -169,12 +169,104 @@ def test_units_of_a_pddx(read: Reader) -> None:
 def test_an_f25_without_si_units_is_refused(read: Reader) -> None:
     with pytest.raises(TraceError, match=r"line 2: expected units SI \(25SI\), came '25US'"):
         read("a.f25", f25(places(), "25US"))
-    with pytest.raises(TraceError, match="a drop with 11 deflections"):
-        read("a.f25", ALL["a.F25"].replace("  99,", "  99,  1.0,", 1))
     with pytest.raises(TraceError, match="a line 5020 with plate and sensors"):
         read("a.f25", "5001,25.60,1\r\n")
     with pytest.raises(TraceError, match="drops with a load and deflections"):
         read("a.f25", "\r\n".join(ALL["a.F25"].split("\r\n")[:10]))
+
+
+def basin_row(number: int, count: int, centre: str = " 400.0") -> str:
+    """A drop of an F25: a pressure of 700 kPa and deflections that fall from the plate outward."""
+    falling = "".join(f",{100 - 10 * sensor:6.1f}" for sensor in range(1, count))
+    return f"{number:4d},   700,{centre}{falling}"
+
+
+def f25_of(*rows: str, positions: str = "0,   300,   600") -> str:
+    """An F25 of one station with lines of our own after its heading; drops are lines 5 and on."""
+    heading = [
+        '5001,25.60,1,40, 3, 1,"Prog    "',
+        '5002,"25SI  ","8002-000","CP15-000"',
+        f"5020,   150,{positions},N0    ,N0    ",
+        "5301,0,1,3,3,  12.000,1,1,NA      ,2024,05,06,07,30",
+    ]
+    return "\r\n".join([*heading, *rows]) + "\r\n"
+
+
+def test_an_f25_drop_with_surplus_deflections_is_read_with_a_remark(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 4), basin_row(3, 4)))
+    expected = {0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6}
+    assert [moved for _, moved in numbers([point])] == [pytest.approx(expected)] * 3
+    assert (
+        "a.f25, line 6: 4 deflections, 3 positions in line 5020: deflection 4 was left out; "
+        "1 more of that kind"
+    ) in point.warnings
+
+
+def test_an_f25_drop_with_fewer_deflections_is_read_with_a_remark(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 2), basin_row(3, 2)))
+    assert [list(moved) for _, moved in numbers([point])] == [[0.0, 0.3, 0.6], [0.0, 0.3], [0, 0.3]]
+    assert any("line 6: 2 deflections, 3 positions in line 5020" in w for w in point.warnings)
+
+
+def test_an_f25_that_is_cut_off_within_a_drop(read: Reader) -> None:
+    """The last number may have lost digits."""
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3)[:-9]))
+    assert len(point.drops) == 1
+    assert any("line 6: the file is cut off within this drop" in w for w in point.warnings)
+
+
+def test_columns_of_an_f25_that_cannot_match_the_positions_are_left_out(read: Reader) -> None:
+    shifted = basin_row(2, 3).replace("700,", "700,  49.5,")
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), shifted))
+    assert len(point.drops) == 1
+    expected = "line 6: 4 deflections, 3 positions in line 5020, and the largest deflection is not"
+    assert any(expected in w for w in point.warnings)
+    with pytest.raises(TraceError, match="drops with a load and deflections, came none"):
+        read("b.f25", f25_of(shifted))
+
+
+def test_a_position_of_an_f25_may_be_missing_between_others(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), positions="0,N0    ,   600"))
+    assert numbers([point])[0][1] == pytest.approx({0.0: 400e-6, 0.6: 80e-6})
+    assert any("deflection 2 was left out" in w for w in point.warnings)
+
+
+def test_sensors_of_an_f25_that_change_within_the_file(read: Reader) -> None:
+    """A deflection belongs to the positions of the last line 5020 before it."""
+    later = [
+        "5020,   150,   300,     0,   900,  1200,N0    ,N0    ",
+        "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
+        "   1,   700,  90.0, 400.0,  50.0,  30.0",
+    ]
+    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    assert numbers([first])[0][1] == pytest.approx({0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6})
+    expected = {0.0: 400e-6, 0.3: 90e-6, 0.9: 50e-6, 1.2: 30e-6}
+    assert numbers([second])[0][1] == pytest.approx(expected)
+    assert not any("line 5020" in w for point in (first, second) for w in point.warnings)
+
+
+def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
+    later = [
+        "5020,   225,     0,   300,   600,N0    ,N0    ",
+        "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
+        basin_row(1, 3),
+    ]
+    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    assert (first.setup.plate_radius, second.setup.plate_radius) == (0.15, 0.225)
+    loads = [load for load, _ in numbers([first, second])]
+    assert loads[1] == pytest.approx(2.25 * loads[0])
+    assert any("radius 0.15 or 0.225 m" in w for w in first.warnings)
+    with pytest.raises(TraceError, match="line 7: expected one plate at a station, of radius 150"):
+        read("b.f25", f25_of(basin_row(1, 3), later[0], basin_row(2, 3)))
+
+
+def test_commas_between_the_thousands_of_an_f25(read: Reader) -> None:
+    """Four fields of three numbers: the deflection at the plate is 1607 um, not 1 um."""
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3, "1,607.0")))
+    assert [moved[0.0] for _, moved in numbers([point])] == pytest.approx([400e-6, 1607e-6])
+    assert any("line 6: numbers with a comma between the thousands" in w for w in point.warnings)
+    (same,) = read("b.f25", f25_of(basin_row(1, 3, " 1,607")))
+    assert numbers([same])[0][1] == pytest.approx({0.0: 1607e-6, 0.3: 90e-6, 0.6: 80e-6})
 
 
 def test_a_sensor_that_gave_nothing_is_left_out(read: Reader) -> None:

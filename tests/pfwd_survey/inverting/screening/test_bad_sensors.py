@@ -39,7 +39,7 @@ def loose(drop: Drop, place: float = -0.6) -> Drop:
 @pytest.fixture
 def point(make_drop: Make) -> TracePoint:
     """Three drops, in the second of which a sensor is loose."""
-    first, second, third = (make_drop(number=n, offsets=PLACES) for n in (1, 2, 3))
+    first, second, third = (make_drop(number=n, peak=8000.0 + n, offsets=PLACES) for n in (1, 2, 3))
     return TracePoint("f", PointSetup(plate_radius=0.15), (first, loose(second), third))
 
 

@@ -226,12 +226,60 @@ def test_a_far_sensor_that_moves_late_is_not_dead(make_drop: MakeDrop) -> None:
     assert warned(drop) == ()
 
 
-def test_a_reversed_centre_sensor_is_warned_of(make_drop: MakeDrop) -> None:
-    (warning,) = warned(changed(make_drop(), centre=lambda v: -v))
-    assert warning == "polarity suspect: displacement at 0 m moves upward under the load"
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
+def test_a_reversed_centre_sensor_is_rejected(make_drop: MakeDrop, quantity: str) -> None:
+    assert rejected(changed(make_drop(quantity=quantity), centre=lambda v: -v)) == (
+        "centre sensor cannot be believed: wrong polarity: it moves upward under the load, "
+        "downward is positive"
+    )
 
 
 # A drop among others
+
+
+def test_a_flat_top_below_what_the_channel_shows_elsewhere_is_not_clipped(
+    make_drop: MakeDrop,
+) -> None:
+    """Levels of clipping belong to the device: one that another drop exceeds is none."""
+    cut = changed(make_drop(), load=lambda v: np.minimum(v, 7000.0))
+    higher = make_drop(number=2)
+
+    def found(*drops: Drop) -> list[bool]:
+        point = TracePoint("made up", SETUP, drops)
+        screenings = screen_point(point)
+        for screening in screenings:
+            assert screening.clipped == any("clipped" in text for text in screening.warnings)
+        return [screening.clipped for screening in screenings]
+
+    assert found(cut) == [True]
+    assert found(cut, dataclasses.replace(cut, number=2)) == [True, True]
+    assert found(cut, higher) == [False, False]
+    lower = dataclasses.replace(make_drop(peak=6000.0), number=2)
+    assert found(cut, lower) == [True, False]
+
+
+def test_one_refuted_channel_does_not_clear_another(make_drop: MakeDrop) -> None:
+    drop = make_drop(quantity="velocity")
+    limit = 0.6 * drop.channels[0].values.max()
+    both = changed(
+        drop, load=lambda v: np.minimum(v, 7000.0), centre=lambda v: np.minimum(v, limit)
+    )
+    load_only = changed(dataclasses.replace(drop, number=2), centre=lambda v: np.minimum(v, limit))
+    first, _ = screen_point(TracePoint("made up", SETUP, (both, load_only)))
+    assert first.clipped
+    assert [text.partition(",")[0] for text in first.warnings] == [
+        "clipped samples: velocity at 0 m"
+    ]
+
+
+def test_a_clipped_trough_is_compared_with_troughs(make_drop: MakeDrop) -> None:
+    drop = make_drop(quantity="velocity")
+    lowest = 0.6 * drop.channels[0].values.min()
+    cut = changed(drop, centre=lambda v: np.maximum(v, lowest))
+    first, _ = screen_point(
+        TracePoint("made up", SETUP, (cut, dataclasses.replace(drop, number=2)))
+    )
+    assert not first.clipped
 
 
 def point_of(make_drop: MakeDrop, *peaks: float, seating: int = 0) -> TracePoint:
