@@ -19,6 +19,7 @@ from typing import Any
 from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
+from pfwd_survey.files.output_path import refuse_inside_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.judging import Job, job_of
@@ -213,6 +214,8 @@ def _writer(
     if output is None:
         yield None
         return
+    if not is_survey(output):
+        refuse_inside_survey(output, "--output")
     with SurveyWriter.open(output, spare=spare_folder(spare)) as writer:
         yield writer
 
