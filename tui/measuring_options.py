@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
+from pfwd_survey.files.output_path import refuse_inside_survey
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.judging import Job, JobRequest, target_si
 from pfwd_survey.judging.contents import job_of_folder
@@ -88,12 +89,13 @@ def try_output(survey: str | os.PathLike[str]) -> None:
 
     Raises
     ------
-    SurveyError
+    OptionError, SurveyError
         With what stands in the way.
     """
     path = Path(survey)
     if is_survey(path):
         return  # its own lock and journal tell
+    refuse_inside_survey(path, "--output")
     expected = "a folder that can be written"
     if path.exists() and not path.is_dir():
         raise SurveyError(refusal(os.fspath(path), expected, "a file"))

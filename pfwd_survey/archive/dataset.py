@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
+from pfwd_survey.files.output_path import refuse_inside_survey
 from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER, layer_cells
 
 if TYPE_CHECKING:
@@ -247,6 +248,7 @@ class Dataset:
                 _publish(described, json.dumps({"run": key, **identity}, indent=1).encode())
 
     def _claim(self) -> None:
+        refuse_inside_survey(self.folder, "--archive")
         mark = self.folder / "archive.json"
         if mark.exists():
             return

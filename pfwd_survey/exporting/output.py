@@ -24,7 +24,11 @@ from filelock import FileLock, Timeout
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
-from pfwd_survey.files.output_path import require_writable
+from pfwd_survey.files.output_path import (
+    refuse_inside_survey,
+    refuse_special_file,
+    require_writable,
+)
 
 
 @contextlib.contextmanager
@@ -59,6 +63,7 @@ def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
 def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Iterator[Path]:
     """As :func:`new_file`, for a folder; a replaced one may only hold files of this suffix."""
     target = Path(path)
+    refuse_inside_survey(target, "--output")
     clear_leftovers(target)
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # nothing is replaced
@@ -152,6 +157,7 @@ def refuse_taken(path: str | os.PathLike[str], *, force: bool) -> None:
     OptionError
     """
     target = Path(path)
+    refuse_inside_survey(target, "--output")
     if target.is_dir() and not any(target.iterdir()):
         return  # for a format that makes a folder; for others said when it is written
     _check(target, force=force)
@@ -162,6 +168,8 @@ def refuse_taken(path: str | os.PathLike[str], *, force: bool) -> None:
 def _check(target: Path, *, force: bool) -> None:
     if not target.name:
         raise OptionError(refusal(str(target), "the name of a file or folder", "none"))
+    refuse_inside_survey(target, "--output")
+    refuse_special_file(target, "--output")
     if not target.parent.is_dir():
         hint = "make it first"
         raise OptionError(refusal(str(target), f"the folder {target.parent}", "none", hint))

@@ -19,10 +19,12 @@ from pfwd_device.recording.record import point_name
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import LONGEST_TEXT, clean
 from pfwd_survey.errors import SurveyError, quote, refusal
+from pfwd_survey.files.folders import is_survey
 from pfwd_survey.files.foreign.common import Channels
 from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.imported import Imported, kind_of, remarks_of
 from pfwd_survey.files.importing_survey import import_survey, read_exported
+from pfwd_survey.files.output_path import refuse_inside_survey
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import is_survey_file
@@ -60,9 +62,11 @@ def import_files(
 
     Raises
     ------
-    RecordingError
+    OptionError, RecordingError
         If the survey cannot be written.
     """
+    if not is_survey(survey):
+        refuse_inside_survey(survey, "--output")
     with contextlib.ExitStack() as stack:
         writer: SurveyWriter | None = None
         before: dict[int, int] = {}

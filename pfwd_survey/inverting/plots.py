@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd_survey.digits import with_ends
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.outcome import FileOutcome
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.matplotlib_start import start_matplotlib
@@ -54,6 +55,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
     target = Path(path)
     if not shown:
         raise OptionError(refusal("--plot", "at least one inverted drop", "none"))
+    require_writable(target, "--plot")
     try:
         if target.suffix.lower() == ".pdf":
             _write_pages(shown, target)
@@ -61,6 +63,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
         written = []
         for number, begin in enumerate(range(0, len(shown), MOST_IN_PICTURE), 1):
             file = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
+            require_writable(file, "--plot")
             _figure(shown[begin : begin + MOST_IN_PICTURE]).savefig(file, dpi=130)
             written.append(file)
     except OSError as error:

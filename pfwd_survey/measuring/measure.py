@@ -20,6 +20,7 @@ from typing import Any
 from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.folders import is_survey
+from pfwd_survey.files.output_path import refuse_inside_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.judging import Job, job_of
@@ -99,6 +100,8 @@ def _open_survey(
 ) -> Iterator[SurveyWriter]:
     """A survey that is written; what its end finds of its files is told too."""
     with contextlib.ExitStack() as ends:
+        if not is_survey(folder):
+            refuse_inside_survey(folder, "--output")
         writer = SurveyWriter.open(folder, spare=spare_folder(spare))
         ends.callback(tell_reports, writer, listener)
         ends.enter_context(writer)

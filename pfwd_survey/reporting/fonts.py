@@ -95,6 +95,10 @@ class Letters:
         self.missing = 0
         """How many letters were replaced."""
 
+    def __reduce__(self) -> tuple[type["Letters"], tuple[()]]:
+        """Pickle nothing: faces of FreeType cannot be, and another process has the same fonts."""
+        return Letters, ()
+
     def drawable(self, text: object) -> str:
         """The text with every letter that no font has replaced by a question mark."""
         shown = []

@@ -89,10 +89,10 @@ def data_addresses(
 
 
 def _made(future: Future[str]) -> str | None:
-    """What the second process has drawn; None: it has ended."""
+    """Return what the second process has drawn; None: it has ended, or could not draw it."""
     try:
         return future.result()
-    except BrokenProcessPool:
+    except Exception:  # of any kind, pickling included: this process draws it, or raises the same
         return None
 
 

@@ -114,21 +114,32 @@ QUICK = ("--method", "least-squares", "--sensors", "centre", "--bedrock-depth", 
     [
         ("check", "."),
         ("import", "traces/p1.csv", "-o", "."),
-        ("replay", ".", "-o", "again", "--no-invert"),
+        ("replay", ".", "-o", "../again", "--no-invert"),
         ("replay", "."),
         ("invert", "traces/p1.csv", "traces/p2.csv", "--jobs", "2", *QUICK),
         ("invert", "traces", "--archive", "out", "--jobs", "2", *QUICK),
-        ("invert", "traces/p1.csv", "--plot", "plot.png", *QUICK),
-        ("invert", "traces/p1.csv", "--plot", "plot.pdf", *QUICK),
-        ("report", ".", "-o", "report.html"),
-        ("report", ".", "-o", "report.pdf"),
-        ("export", ".", "--format", "parquet", "-o", "out.parquet"),
-        ("export", ".", "--format", "h5", "-o", "out.h5"),
-        ("export", ".", "--format", "csv", "-o", "out"),
+        ("invert", "traces/p1.csv", "--plot", "../plot.png", *QUICK),
+        ("invert", "traces/p1.csv", "--plot", "../plot.pdf", *QUICK),
+        ("report", ".", "-o", "../report.html"),
+        ("report", ".", "-o", "../report.pdf"),
+        ("export", ".", "--format", "parquet", "-o", "../out.parquet"),
+        ("export", ".", "--format", "h5", "-o", "../out.h5"),
+        ("export", ".", "--format", "csv", "-o", "../out"),
         ("edit", ".", "--note", "seen"),
         ("procedures",),
         ("ports", "--no-probe"),
-        ("demo", "--drops", "1", "--rate", "20", "--json", "-o", "demo", "--plot", "plot.png"),
+        (
+            "demo",
+            "--drops",
+            "1",
+            "--rate",
+            "20",
+            "--json",
+            "-o",
+            "../demo",
+            "--plot",
+            "../plot.png",
+        ),
         ("simulate", "--drops", "1", "--rate", "0", "--listen", "tcp://127.0.0.1:0", "--help"),
     ],
     ids=lambda arguments: " ".join(arguments[:5]),
@@ -145,13 +156,15 @@ def test_recovery_publishes_and_runs_nothing_of_the_folder(planted: Path) -> Non
 
 def test_logging_publishes_and_runs_nothing_of_the_folder(planted: Path) -> None:
     with serve(PLAIN, drops=1, rate=RATE) as instrument:
-        run_clean(planted, "log", instrument.url, "-o", "new", "--drops", 1)
-    assert (planted / "new" / "drops" / "drop-000001.h5").is_file()
+        run_clean(planted, "log", instrument.url, "-o", "../new", "--drops", 1)
+    assert (planted.parent / "new" / "drops" / "drop-000001.h5").is_file()
 
 
 @pytest.mark.slow
 def test_a_diagnosis_by_processes_runs_nothing_of_the_folder(planted: Path) -> None:
-    run_clean(planted, "diagnose", "traces/p1.csv", "traces/p2.csv", "--jobs", 2, "--plot", "p.png")
+    run_clean(
+        planted, "diagnose", "traces/p1.csv", "traces/p2.csv", "--jobs", 2, "--plot", "../p.png"
+    )
 
 
 def test_the_benchmarks_run_nothing_of_the_folder(planted: Path) -> None:

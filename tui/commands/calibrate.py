@@ -5,6 +5,7 @@ import os
 
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.files.output_path import require_writable
 from tui.output import clean, say
 
 
@@ -14,6 +15,8 @@ def run(args: argparse.Namespace) -> int:
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.stiffness is not None and not args.stiffness > 0:
         raise OptionError(refusal("--stiffness", "a number > 0, in N/m", f"{args.stiffness:g}"))
+    if args.output is not None:
+        require_writable(args.output, "--output")
     from pfwd_survey.inverting.calibrating import calibrate_files, write_calibration
 
     found = calibrate_files(

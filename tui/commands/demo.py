@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pfwd_survey.files.folders import is_survey
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.judging import JobRequest
 from pfwd_survey.measuring.measure import measure, stopped_by_signals
@@ -21,6 +22,7 @@ from simulators.instrument import SimulatedInstrument, serve
 from simulators.mesh import SimulationError
 from tui.commands.log import STATUS_OF_ENDING
 from tui.log_file import close_log, open_log
+from tui.measuring_options import try_output
 from tui.output import next_commands, on_terminal, say
 from tui.session_lines import SessionLines
 
@@ -40,8 +42,12 @@ def run(args: argparse.Namespace) -> int:
     if args.play and not args.firmware:
         say("demo: --play: expected with --firmware, whose core plays the file, came without")
         return 2
+    if args.output:
+        try_output(args.output)
     if not (args.json or args.lines or args.play) and on_terminal():
         return _on_screen(args)
+    if args.plot:
+        require_writable(args.plot, "--plot")
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     say(f"recording into {folder}")
     scenario = _scenario(args)

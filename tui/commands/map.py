@@ -18,7 +18,7 @@ ROLES = ("time", "load", "sensor", "drop", "none")
 def run(args: argparse.Namespace) -> int:
     """Write the map; 1 when something in it is still to be said."""
     target = args.output or os.path.splitext(args.file)[0] + ".map.toml"
-    require_writable(target, "--output")
+    require_writable(target, "--output", streams=True)
     if os.path.exists(target) and not args.force:
         hint = "--force writes over it, -o names another one"
         raise OptionError(refusal(target, "a name that is free", "one that is taken", hint))

@@ -42,7 +42,7 @@ def _serve(args: argparse.Namespace) -> int:
     from tui.screen.opened.serving import SurveyServer, parse_place
 
     host, port = parse_place(args.serve)
-    with SurveyServer(OpenedSurvey(args.survey), host, port) as server:
+    with SurveyServer(OpenedSurvey(args.survey), host, port, say) as server:
         say(f"{args.survey} at {server.url}, read only; ctrl+c ends it")
         if server.needs_code:
             say(f"code, for one browser: {server.code}")

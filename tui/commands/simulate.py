@@ -3,6 +3,7 @@
 import argparse
 
 from pfwd_survey.exporting.json_text import json_text
+from pfwd_survey.files.output_path import require_writable
 from simulators.instrument import SimulateOptions, simulate
 from simulators.mesh import SimulationError
 from tui.output import say
@@ -10,6 +11,8 @@ from tui.output import say
 
 def run(args: argparse.Namespace) -> int:
     """Serve a simulated instrument; the first line on standard output is its URL."""
+    if args.truth is not None:
+        require_writable(args.truth, "--truth", streams=True)
     options = SimulateOptions(
         listen=args.listen,
         scenario=args.scenario,

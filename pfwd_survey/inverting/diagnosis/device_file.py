@@ -10,6 +10,7 @@ from typing import NamedTuple
 from inversion.diagnosis import FoundEffect
 from inversion.effects import BY_NAME
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.files.toml import toml_line
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.inverting.diagnosis.points import DeviceValues
@@ -77,9 +78,10 @@ def write_effects(
 
     Raises
     ------
-    OSError
+    OptionError, OSError
         If the file cannot be written.
     """
+    require_writable(path, "device file")
     lines = [
         toml_line("device", device or ""),
         toml_line("date", datetime.date.today().isoformat()),

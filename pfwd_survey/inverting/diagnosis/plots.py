@@ -13,6 +13,7 @@ import numpy as np
 from inversion.diagnosis import ModelState
 from pfwd_survey.digits import rounded, significant, with_ends
 from pfwd_survey.errors import SurveyError, refusal
+from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.matplotlib_start import start_matplotlib
 
@@ -35,7 +36,7 @@ def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> 
     Raises
     ------
     SurveyError
-        If there is nothing to draw.
+        If there is nothing to draw, or no file can be written there.
     """
     start_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -52,7 +53,7 @@ def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> 
         _draw_residual(row[1], diagnosed)
         _draw_spectrum(row[2], diagnosed)
         _draw_ladder(row[3], diagnosed)
-    target = Path(path)
+    target = require_writable(path, "--plot")
     figure.savefig(target, dpi=110)
     return target
 

@@ -1,20 +1,32 @@
 """Pictures as SVG, by one process and by two."""
 
 import base64
+import pickle
+from collections.abc import Sequence
+from concurrent.futures import Future, wait
+from functools import partial
 from operator import methodcaller
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pfwd_device.recording.layout import Layout
 from pfwd_survey.reporting import pictures_as_svg
 from pfwd_survey.reporting.blocks import Picture
+from pfwd_survey.reporting.composing import compose
+from pfwd_survey.reporting.fonts import Letters
+from pfwd_survey.reporting.gathering import gather
+from pfwd_survey.reporting.html_file import _flat
 from pfwd_survey.reporting.pictures_as_svg import (
     MANY_DROPS,
     SecondDrawer,
+    data_address,
     data_addresses,
     second_drawer,
 )
+from pfwd_survey.reporting.report import ReportOptions, write_report
+from pfwd_survey.reporting.texts import load_texts
 
 PICTURES = [
     Picture(methodcaller("suptitle", text), 40.0, "caption", "alternative") for text in "ABCDEF"
@@ -46,6 +58,66 @@ def test_a_second_process_that_has_ended_leaves_the_pictures_to_this_one() -> No
         assert list(data_addresses(PICTURES[:2], second)) == list(data_addresses(PICTURES[:2]))
     finally:
         second.close()
+
+
+class DoneFirst(SecondDrawer):
+    """A second process that is done with all pictures before this one begins."""
+
+    def ask(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
+        futures = super().ask(pictures)
+        wait(future for future in futures if future is not None)
+        return futures
+
+
+def test_a_picture_that_cannot_be_pickled_is_drawn_by_this_process() -> None:
+    only_here = Picture(lambda figure: figure.suptitle("G"), 40.0, "caption", "alternative")
+    pictures = [*PICTURES[:2], only_here, *PICTURES[2:]]
+    second = DoneFirst()
+    try:
+        assert list(data_addresses(pictures, second)) == list(data_addresses(pictures))
+    finally:
+        second.close()
+
+
+def test_an_error_of_drawing_is_that_of_this_process() -> None:
+    wrong = Picture(methodcaller("no_such_method"), 40.0, "caption", "alternative")
+    second = DoneFirst()
+    try:
+        with pytest.raises(AttributeError, match="no_such_method"):
+            list(data_addresses([*PICTURES[:2], wrong], second))
+    finally:
+        second.close()
+
+
+def title_of_known_letters(figure: Any, letters: Letters) -> None:
+    figure.suptitle(letters.drawable(f"H \N{GREEK SMALL LETTER MU} {letters.width('H', 9):.3f}"))
+
+
+def test_the_second_process_draws_pictures_that_measure_letters() -> None:
+    draw = partial(title_of_known_letters, letters=Letters())
+    picture = Picture(draw, 40.0, "caption", "alternative")
+    second = SecondDrawer()
+    try:
+        (future,) = second.ask([picture])
+        assert future is not None
+        assert future.result() == data_address(picture)
+    finally:
+        second.close()
+
+
+def test_all_pictures_of_a_report_reach_the_second_process(made: Path, tmp_path: Path) -> None:
+    report = gather(made, ReportOptions(store=False))
+    blocks = compose(report, load_texts("en"), Letters())
+    pictures = [block for block in _flat(blocks) if isinstance(block, Picture)]
+    captions = [picture.caption for picture in pictures if pickle.dumps(picture)]
+    assert len(captions) == len(pictures) > 2
+    second = DoneFirst()
+    try:
+        write_report(made, tmp_path / "report.html", ReportOptions(store=False), second=second)
+    finally:
+        second.close()
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert text.count('src="data:image/svg+xml;base64,') == len(pictures)
 
 
 def survey_of(folder: Path, size: int) -> str:

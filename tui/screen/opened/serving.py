@@ -2,17 +2,27 @@
 
 Nothing but one page, its data and nothing of the disk. Away from this computer only who knows the
 code is let in, once: the browser that used it keeps a cookie, and the code is void from then on.
+
+A page of another site may send requests from the reader's own browser. On this computer, where no
+code is needed, only requests to a name of this computer are answered (the site may have its name
+lead here), and everywhere only those that no page of another origin has sent.
 """
 
 import hmac
 import html
 import json
+import os
+import re
 import secrets
+import socket
+import sys
 import threading
+from collections import Counter
+from collections.abc import Callable
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from ipaddress import ip_address
+from ipaddress import IPv6Address, ip_address
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -27,7 +37,12 @@ CODE_DIGITS = 8
 """A hundred million of them, and `MOST_WRONG` may be tried."""
 
 MOST_WRONG = 10
-"""Wrong codes until nobody is let in any more."""
+"""Wrong codes of one client until it is let in no more; the others still are."""
+
+MOST_WRONG_IN_ALL = 1000
+"""Wrong codes of all clients until no one is let in any more: one in 100,000 guesses so many."""
+
+_PLACE = re.compile(r"(?:\[(?P<six>[^\[\]]+)\]|(?P<name>[^:\[\]]*))(?::(?P<port>[0-9]{1,5}))?")
 
 _COLOURS = {"PASS": "#004d12", "FAIL": "#8f0000", "UNDECIDED": "#6b3d00"}
 
@@ -41,12 +56,25 @@ def parse_place(text: str | None) -> tuple[str, int]:
     """
     if not text:
         return HOST, PORT
-    host, sign, port = text.rpartition(":")
-    if not sign:
-        host, port = (HOST, text) if text.isdigit() else (text, str(PORT))
-    if not port.isdigit() or int(port) > 65_535:
-        raise OptionError(refusal("--serve", "HOST:PORT, as 0.0.0.0:8765", repr(text)))
-    return host.strip("[]") or HOST, int(port)
+    if text.isascii() and text.isdigit():
+        text = f":{text}"
+    elif _is_ipv6(text):
+        text = f"[{text}]"
+    parts = _PLACE.fullmatch(text)
+    port = PORT if parts is None or parts["port"] is None else int(parts["port"])
+    if parts is None or port > 65_535 or (parts["six"] and not _is_ipv6(parts["six"])):
+        raise OptionError(
+            refusal("--serve", "HOST:PORT, as 0.0.0.0:8765 or [::1]:8765", repr(text))
+        )
+    return parts["six"] or parts["name"] or HOST, port
+
+
+def _is_ipv6(text: str) -> bool:
+    try:
+        IPv6Address(text)
+    except ValueError:
+        return False
+    return True
 
 
 def is_here(host: str) -> bool:
@@ -54,7 +82,7 @@ def is_here(host: str) -> bool:
     try:
         return ip_address(host).is_loopback
     except ValueError:
-        return host == "localhost"
+        return host.lower() == "localhost"
 
 
 def _code() -> str:
@@ -70,19 +98,44 @@ class SurveyServer(ThreadingHTTPServer):
     host : str
     port : int
         0: a free one.
+    tell : callable, optional
+        Receives one line for the owner when a client is refused or a request fails.
+
+    Raises
+    ------
+    SurveyError
+        If the address cannot be used.
     """
 
     daemon_threads = True
+    # On Windows a second program could then take a port that is in use.
+    allow_reuse_address = os.name != "nt"
 
-    def __init__(self, survey: OpenedSurvey, host: str, port: int) -> None:
+    def __init__(
+        self,
+        survey: OpenedSurvey,
+        host: str,
+        port: int,
+        tell: Callable[[str], None] = lambda _text: None,
+    ) -> None:
         self.survey = survey
+        self._tell = tell
         self.code = "" if is_here(host) else _code()
         """Lets one browser in; empty: none is needed, or it was used."""
         self.needs_code = bool(self.code)
+        self.only_here = is_here(host)
         self._token = ""
-        self._wrong = 0
+        self._wrong: Counter[str] = Counter()
         self._lock = threading.Lock()
-        super().__init__((host, port), _Handler)
+        if ":" in host:
+            self.address_family = socket.AF_INET6
+        try:
+            super().__init__((host, port), _Handler)
+        except OSError as err:
+            where = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+            reason = err.strerror or str(err)
+            hint = "Choose another port, or an address of this computer"
+            raise SurveyError(f"--serve {where}: {reason}. {hint}") from err
 
     @property
     def url(self) -> str:
@@ -91,16 +144,49 @@ class SurveyServer(ThreadingHTTPServer):
         shown = str(host)
         return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
 
-    def let_in(self, code: str) -> str | None:
-        """The token for who has said the code; None: it is wrong, or was used."""
+    def let_in(self, code: str, client: str) -> str | None:
+        """Return the token for a client that sends the code; None: it is wrong, or was used.
+
+        Parameters
+        ----------
+        code : str
+        client : str
+            Its address. Wrong codes are counted for each, of IPv6 for each network of 64 bits.
+        """
         with self._lock:
-            if not self.code or self._wrong >= MOST_WRONG:
+            network = _network(client)
+            if not self.code or self.is_locked(client):
                 return None
-            if not hmac.compare_digest(code.encode(), self.code.encode()):
-                self._wrong += 1
-                return None
-            self.code, self._token = "", secrets.token_urlsafe(32)
-            return self._token
+            if hmac.compare_digest(code.encode(), self.code.encode()):
+                self.code, self._token = "", secrets.token_urlsafe(32)
+                return self._token
+            self._wrong[network] += 1
+            if self._wrong.total() >= MOST_WRONG_IN_ALL:
+                self._tell(
+                    f"{MOST_WRONG_IN_ALL} wrong codes, the last of {client}: no browser is let in "
+                    "any more. End with ctrl+c and start again for a new code"
+                )
+            elif self._wrong[network] >= MOST_WRONG:
+                self._tell(
+                    f"client {client}: {MOST_WRONG} wrong codes, it is let in no more; others are. "
+                    "If it is yours, end with ctrl+c and start again"
+                )
+            return None
+
+    def is_locked(self, client: str) -> bool:
+        """Whether a client is let in no more, for its wrong codes or for those of all."""
+        wrong = self._wrong
+        return wrong[_network(client)] >= MOST_WRONG or wrong.total() >= MOST_WRONG_IN_ALL
+
+    def answers_to(self, host: str) -> bool:
+        """Whether a request to this name, a ``Host`` header, may be answered."""
+        return not self.only_here or is_here(_host_name(host))
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Tell the owner in one line what a request failed of; one that was cut says nothing."""
+        error = sys.exception()
+        if not isinstance(error, OSError):
+            self._tell(f"request of {client_address[0]}: {type(error).__name__}: {error}")
 
     def knows(self, token: str) -> bool:
         """Whether a browser was let in."""
@@ -116,6 +202,23 @@ class SurveyServer(ThreadingHTTPServer):
             return list(self.survey.rows)
 
 
+def _network(client: str) -> str:
+    """Return what wrong codes are counted for: an address, or the 64 bits of a network of IPv6."""
+    try:
+        address = ip_address(client.partition("%")[0])
+    except ValueError:
+        return client
+    if isinstance(address, IPv6Address) and address.ipv4_mapped is None:
+        return address.exploded[:19]
+    return str(getattr(address, "ipv4_mapped", None) or address)
+
+
+def _host_name(host: str) -> str:
+    """Return the name of a ``Host`` header, without port and brackets; empty: it is none."""
+    parts = _PLACE.fullmatch(host)
+    return "" if parts is None else parts["six"] or parts["name"]
+
+
 class _Handler(BaseHTTPRequestHandler):
     server: SurveyServer
     server_version, sys_version = "pfwd", ""
@@ -123,12 +226,24 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """The page, or its data."""
-        where = urlsplit(self.path)
+        try:
+            where = urlsplit(self.path)
+        except ValueError:
+            self._answer(HTTPStatus.BAD_REQUEST, "not an address", "text/plain")
+            return
+        if not self._is_own():
+            self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
+            return
         if self.server.needs_code and not self._is_known():
             code = (parse_qs(where.query).get("code") or [""])[0]
-            token = self.server.let_in(code) if code else None
+            client = str(self.client_address[0])
+            token = self.server.let_in(code, client) if code else None
             if token is None:
-                self._answer(HTTPStatus.FORBIDDEN, _FORM, "text/html")
+                if self.server.is_locked(client):
+                    text = "Too many wrong codes. Whoever started this page sees what to do."
+                    self._answer(HTTPStatus.TOO_MANY_REQUESTS, text, "text/plain")
+                else:
+                    self._answer(HTTPStatus.FORBIDDEN, _FORM, "text/html")
                 return
             self.send_response(HTTPStatus.SEE_OTHER)
             self.send_header("Set-Cookie", f"pfwd={token}; HttpOnly; SameSite=Strict; Path=/")
@@ -154,6 +269,11 @@ class _Handler(BaseHTTPRequestHandler):
     def do_HEAD(self) -> None:
         """The same without its text."""
         self.do_GET()
+
+    def _is_own(self) -> bool:
+        """Whether it is sent to this server by its reader, and by no page of another site."""
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        return self.server.answers_to(host) and origin in (None, f"http://{host}")
 
     def _is_known(self) -> bool:
         try:

@@ -1,0 +1,177 @@
+"""No command writes a file into a survey, or in place of what is no file."""
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pfwd_device import Drop
+from pfwd_device.recording import DropRecord, SurveyWriter
+from pfwd_device.recording.publishing import InlinePublisher
+from pfwd_device.recording.storage import Storage
+from tests.pfwd_survey.files.trace_lines import HEADER, NAMES, rows
+from tests.tui.console import pfwd
+from tui.cli import main
+
+JOURNAL, LEDGER, DROP = "journal/0001.pfwdj", "acknowledged.txt", "drops/drop-000001.h5"
+
+
+@pytest.fixture
+def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
+    folder = tmp_path / "survey"
+    with SurveyWriter.open(folder, publisher=InlinePublisher(Storage())) as writer:
+        declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35}
+        writer.publish(writer.save_drop(DropRecord("A", make_drop(), None, declared)))
+    return folder
+
+
+def write_trace(path: Path) -> Path:
+    path.write_text("\n".join([*HEADER, NAMES, *rows()]) + "\n", encoding="utf-8")
+    return path
+
+
+def content(folder: Path) -> dict[str, bytes | None]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+COMMANDS = {
+    "export": ("export", "{s}", "--format", "jsonl", "--force", "-o", "{}"),
+    "map": ("map", "{t}", "--force", "--no-questions", "-o", "{}"),
+    "calibrate": ("calibrate", "{t}", "--stiffness", "1e6", "-o", "{}"),
+    "write-device": ("diagnose", "{t}", "--write-device", "{}"),
+    "truth": ("simulate", "--drops", "1", "--rate", "20", "--truth", "{}"),
+}
+"""Commands that write one file, of any name."""
+
+
+@pytest.mark.parametrize("name", [JOURNAL, LEDGER, DROP, "new"])
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+def test_no_file_of_a_survey_is_a_place_for_an_output(
+    command: tuple[str, ...],
+    name: str,
+    survey: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert_refused(command, survey / name, survey, tmp_path, capsys)
+
+
+def assert_refused(
+    command: tuple[str, ...],
+    target: Path,
+    survey: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    trace = write_trace(tmp_path / "trace.csv")
+    before = content(survey)
+    given = [
+        part.replace("{s}", str(survey)).replace("{t}", str(trace)).replace("{}", str(target))
+        for part in command
+    ]
+    assert main(given) == 2
+    output = capsys.readouterr()
+    assert f"inside the survey {survey.resolve()}" in output.err
+    assert "Name a place outside of it" in output.err
+    assert len(output.err.splitlines()) == 1
+    assert content(survey) == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("export", "{s}", "--format", "csv", "-o", "{}"),
+        ("log", "nowhere", "-o", "{}"),
+        ("live", "nowhere", "-o", "{}", "--json"),
+        ("demo", "--lines", "--drops", "1", "-o", "{}"),
+        ("import", "{t}", "-o", "{}"),
+        ("replay", "{s}", "-o", "{}"),
+        ("invert", "{t}", "--archive", "{}"),
+        ("diagnose", "{t}", "--archive", "{}"),
+    ],
+    ids=lambda command: command[0],
+)
+@pytest.mark.parametrize("name", ["captures", "new"])
+def test_no_folder_of_a_survey_is_a_place_for_an_output(
+    command: tuple[str, ...],
+    name: str,
+    survey: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert_refused(command, survey / name, survey, tmp_path, capsys)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("report", "{s}", "-o", "{}.html"),
+        ("report", "{s}", "-o", "{}.pdf"),
+        ("invert", "{t}", "--plot", "{}.png"),
+        ("diagnose", "{t}", "--plot", "{}.svg"),
+        ("demo", "--lines", "--drops", "1", "--plot", "{}.pdf"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_no_picture_or_report_goes_into_a_survey_though_a_link_leads_there(
+    command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert_refused(command, survey / "new", survey, tmp_path, capsys)
+    link = tmp_path / f"link{command[-1].removeprefix('{}')}"
+    link.symlink_to(survey / JOURNAL)
+    assert_refused((*command[:-1], str(link)), link, survey, tmp_path, capsys)
+    assert link.is_symlink()
+
+
+@pytest.mark.posix
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+def test_a_named_pipe_is_not_replaced_and_not_waited_for(
+    command: tuple[str, ...], survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    trace = write_trace(tmp_path / "trace.csv")
+    given = [
+        part.replace("{s}", str(survey)).replace("{t}", str(trace)).replace("{}", str(pipe))
+        for part in command
+    ]
+    assert main(given) == 2
+    assert f"{pipe}: this is a named pipe and no file. Name another file" in capsys.readouterr().err
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.posix
+def test_a_device_is_no_place_for_an_output(
+    survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "report.html"
+    link.symlink_to("/dev/null")
+    assert main(["report", str(survey), "-o", str(link)]) == 2
+    assert f"{link}: this is a device and no file" in capsys.readouterr().err
+    assert link.is_symlink()
+
+
+@pytest.mark.posix
+def test_a_map_still_goes_to_standard_output(tmp_path: Path) -> None:
+    trace = write_trace(tmp_path / "trace.csv")
+    done = pfwd("map", trace, "--no-questions", "--force", "-o", "/dev/stdout")
+    assert "delimiter" in done.stdout, done.stderr
+
+
+def test_a_survey_inside_another_is_still_continued(
+    survey: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inner = survey / "inner"
+    survey.rename(tmp_path / "moved")
+    survey.mkdir()
+    (tmp_path / "moved").rename(inner)
+    with SurveyWriter.open(survey, publish=False) as writer:
+        assert writer.folder == survey
+    (survey / LEDGER).touch()
+    trace = write_trace(tmp_path / "trace.csv")
+    assert main(["import", str(trace), "-o", str(inner)]) == 0, capsys.readouterr().err
