@@ -46,8 +46,9 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
     if args.scheduler is not None:
-        from pfwd_survey.archive.cluster import ClusterWorkers, unprotected
+        from pfwd_survey.archive.cluster import ClusterWorkers, check_address, unprotected
 
+        check_address(args.scheduler)
         remark = unprotected(args.scheduler)
         if remark is not None:
             say(remark)

@@ -3,6 +3,8 @@
 import logging
 import logging.handlers
 import time
+from collections import deque
+from io import TextIOWrapper
 from pathlib import Path
 
 from pfwd_survey.files.upkeep import refuse_links_in
@@ -12,6 +14,8 @@ LARGEST = 1_000_000
 """Bytes, then a new file is begun."""
 KEPT = 5
 """Older files that are kept."""
+MOST_WAITING = 100
+"""Records that wait for the folder of a survey, the last ones."""
 
 
 class _OneLineEach(logging.Formatter):
@@ -24,6 +28,27 @@ class _OneLineEach(logging.Formatter):
         return "\n".join([clean(first), *(f"    {clean(line)}" for line in more)])
 
 
+class _SurveyLog(logging.handlers.RotatingFileHandler):
+    """The log of a survey; what is logged before its folder exists waits for it."""
+
+    def __init__(self, folder: Path) -> None:
+        file = folder / "log" / "pfwd.log"
+        super().__init__(file, maxBytes=LARGEST, backupCount=KEPT, encoding="utf-8", delay=True)
+        self._survey = folder
+        self._waiting: deque[logging.LogRecord] = deque(maxlen=MOST_WAITING)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record, after those that waited."""
+        self._waiting.append(record)
+        if self._survey.is_dir():
+            while self._waiting:
+                super().emit(self._waiting.popleft())
+
+    def _open(self) -> TextIOWrapper:
+        Path(self.baseFilename).parent.mkdir(exist_ok=True)
+        return super()._open()
+
+
 def open_log(folder: str | Path) -> logging.Handler:
     """Let everything that is logged go into ``pfwd.log`` of a folder; close what is returned.
 
@@ -33,11 +58,7 @@ def open_log(folder: str | Path) -> logging.Handler:
         If the folder, a stranger's survey perhaps, holds a link: the log could go anywhere.
     """
     refuse_links_in(folder)
-    target = Path(folder) / "log"
-    target.mkdir(parents=True, exist_ok=True)
-    handler = logging.handlers.RotatingFileHandler(
-        target / "pfwd.log", maxBytes=LARGEST, backupCount=KEPT, encoding="utf-8", delay=True
-    )
+    handler = _SurveyLog(Path(folder))
     form = _OneLineEach(
         "%(asctime)s.%(msecs)03dZ %(levelname)s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S"
     )

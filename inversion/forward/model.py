@@ -19,6 +19,9 @@ from inversion.errors import ModelError
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.surrogate import Surrogate
 
+SMALLEST_RADIUS = 0.01
+"""m; no plate is as small, and its pressure would be that of a needle."""
+
 LARGEST_RADIUS = 10.0
 """m; no plate is nearly as large, and no surrogate reaches so far."""
 
@@ -47,6 +50,10 @@ class Instrument:
     def __post_init__(self) -> None:
         if not self.plate_radius > 0.0:
             raise ModelError(f"plate radius: expected a value > 0 m, got {self.plate_radius:g}")
+        if self.plate_radius < SMALLEST_RADIUS:
+            raise ModelError(
+                f"plate radius: expected at least {SMALLEST_RADIUS:g} m, got {self.plate_radius:g}"
+            )
         if self.plate_radius > LARGEST_RADIUS:
             raise ModelError(
                 f"plate radius: expected at most {LARGEST_RADIUS:g} m, got {self.plate_radius:g} "

@@ -122,6 +122,8 @@ class Driver:
         self._link = Link(
             self._open_port, self._queue, self.counters, capture=capture, silence=silence
         )
+        self._open_transport: Transport | None = None
+        """Of a port that nobody reads yet."""
         self._transport: Transport | None = None
         self._identity: Identity | None = None
         self._items: deque[Item] = deque()
@@ -180,6 +182,17 @@ class Driver:
         than real time. None: not known yet."""
         return self._decoder.clock.speed
 
+    def open_port(self) -> None:
+        """Open the port alone; nothing is read from it or sent to it before `open`.
+
+        Raises
+        ------
+        PortError
+            If the port cannot be opened.
+        """
+        if not (self._opened or self._closed) and self._open_transport is None:
+            self._open_transport = self._open_port()
+
     def open(self, *, wait: bool = False) -> Self:
         """Open the port and begin; done by the first `next` if nobody else does it.
 
@@ -200,12 +213,12 @@ class Driver:
         """
         if self._opened or self._closed:
             return self
-        transport = None
         try:
-            transport = self._open_port()
+            self.open_port()
         except PortError:
             if not wait:
                 raise
+        transport, self._open_transport = self._open_transport, None
         self._opened = True
         self._lost_since = time.monotonic()
         self._link.start(transport)
@@ -224,6 +237,8 @@ class Driver:
             self._say(transport, Stop())
         if self._opened:
             self._link.close()
+        elif self._open_transport is not None:
+            self._open_transport.close()
         self._queue.put(WakeUp())
 
     def start(self) -> None:

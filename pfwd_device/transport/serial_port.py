@@ -10,6 +10,10 @@ import serial
 
 from pfwd_device.errors import DeviceLost, PortError
 from pfwd_device.transport.base import PORT_ERRORS, SLICE, WRITE_TIMEOUT, LockedTransport
+from pfwd_device.transport.ports import list_ports
+
+MOST_PORTS_SHOWN = 8
+"""In a message; `pfwd ports` lists all."""
 
 _NO_SUCH = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _IN_USE = {errno.EAGAIN, errno.EBUSY}
@@ -125,15 +129,26 @@ def _open_when_free(port: Any) -> None:
 
 def port_error(url: str, cause: Exception) -> PortError:
     """What to tell of a port that could not be opened."""
+    if getattr(cause, "errno", None) in _NO_SUCH or "FileNotFoundError" in str(cause):
+        return PortError(_not_found(url))
     came, hint = _explain(cause)
     return PortError(f"{url}: expected a free serial port, came {came}; {hint}")
+
+
+def _not_found(url: str) -> str:
+    found = list_ports()
+    shown = [
+        port.url if port.description == port.url else f"{port.url} ({port.description})"
+        for port in found[:MOST_PORTS_SHOWN]
+    ]
+    more = ", ..." if len(found) > len(shown) else ""
+    ports = f"Connected ports: {', '.join(shown)}{more}" if found else "No port is connected"
+    return f"port {url}: not found. {ports}. Check the cable or choose another port"
 
 
 def _explain(cause: Exception) -> tuple[str, str]:
     number, text = getattr(cause, "errno", None), str(cause)
     # On Windows the reason is inside of the text only, and a port in use is "Access is denied".
-    if number in _NO_SUCH or "FileNotFoundError" in text:
-        return "no such port", "`pfwd ports` lists those there are"
     if number in _IN_USE or "PermissionError" in text:
         return _BUSY, "end that program"
     if number in _NOT_ALLOWED:

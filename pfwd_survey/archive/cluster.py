@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import re
+import socket
 import ssl
 from collections.abc import Iterator
 from importlib import import_module
@@ -29,6 +31,14 @@ _FIRST_WORKER_S = 60.0
 _AHEAD = 2
 """Batches under way for each thread of the cluster: one is worked on, one lies ready."""
 
+
+_ADDRESS = re.compile(
+    r"(?:(?P<protocol>[a-z]+)://)?(?:\[(?P<six>[0-9a-fA-F:.%\w]+)\]|(?P<name>[^\s:/\[\]]+))"
+    r":(?P<port>[0-9]{1,6})/?"
+)
+
+_PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
+"""Protocols of dask between computers."""
 
 _PROTECTED = ("tls", "wss", "inproc")
 """Protocols of dask that ask for certificates, or do not leave the program."""
@@ -70,6 +80,34 @@ def _is_here(host: str) -> bool:
         return host.lower() == "localhost"
 
 
+def check_address(scheduler: str) -> None:
+    """Refuse at once what is no address of a scheduler, and a host that is not known.
+
+    dask itself tries for most of a minute and prints a traceback at the end.
+
+    Raises
+    ------
+    OptionError
+    """
+    where = f"--scheduler {scheduler}"
+    if scheduler.startswith("inproc://"):  # of this program, by a script
+        return
+    parts = _ADDRESS.fullmatch(scheduler)
+    known = parts is not None and parts["protocol"] in (None, *_PROTOCOLS)
+    if parts is None or not known or not 0 < int(parts["port"]) <= 65_535:
+        expected = "an address like tcp://host:8786"
+        hint = "the scheduler prints its own when it starts"
+        raise OptionError(refusal(where, expected, "something else", hint))
+    host = parts["six"] or parts["name"]
+    try:
+        socket.getaddrinfo(host, int(parts["port"]), type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as err:
+        raise OptionError(
+            f"{where}: host {host}: not found ({getattr(err, 'strerror', None) or err}). Check the "
+            "name and the network, or give its IP address"
+        ) from err
+
+
 class ClusterWorkers:
     """A cluster that inverts batches; what a lost worker had is done again by another one.
 
@@ -100,6 +138,7 @@ class ClusterWorkers:
             raise OptionError(
                 refusal("--scheduler", "the package distributed", "none", hint)
             ) from err
+        check_address(scheduler)
         self._options = options
         self._where = f"--scheduler {scheduler}"
         security = distributed.Security()  # as dask is configured
@@ -108,7 +147,7 @@ class ClusterWorkers:
             self._client: Any = distributed.Client(
                 scheduler, timeout=_CONNECT_S, set_as_default=False, security=security
             )
-        except (ValueError, RuntimeError) as err:  # the second: dask is told to require tls
+        except (ValueError, RuntimeError) as err:
             expected = "an address like tcp://host:8786"
             raise OptionError(refusal(self._where, expected, str(err))) from err
         except (OSError, TimeoutError) as err:
@@ -176,8 +215,12 @@ class ClusterWorkers:
             self._client.close(timeout=5.0)
 
     def _check_certificates(self, security: Any, scheduler: str) -> None:
-        """Refuse a protected address without certificates, in words of ours."""
+        """Refuse a protected address without certificates, and a plain one where none may be."""
         if not scheduler.startswith(("tls://", "wss://")):
+            if security.require_encryption and not scheduler.startswith("inproc://"):
+                expected = "an address like tls://host:8786"
+                hint = "dask is configured to require encryption"
+                raise OptionError(refusal(self._where, expected, "a plain one", hint))
             return
         try:
             found = security.get_connection_args("client").get("ssl_context")

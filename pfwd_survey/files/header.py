@@ -28,6 +28,12 @@ STIFFNESS_TEST = "stiffness test: the weight fell on a rig of springs, so there 
 LONGEST_REMARK = 300
 """Characters of such a remark."""
 
+SMALLEST_PLATE_RADIUS = 0.01
+"""m; a smaller plate is a mistake of units: the smallest of a light device has 0.05 m."""
+
+SHALLOWEST_BEDROCK, DEEPEST_BEDROCK = 0.01, 10_000.0
+"""m; shallower than a plate feels, and far deeper than one does: then it is a half-space."""
+
 LARGEST_PLATE_RADIUS = 1.0
 """m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
 
@@ -177,7 +183,11 @@ def _free_rule(attribute: str) -> HeaderKey:
 
 
 KEYS: dict[str, HeaderKey] = {
-    "plate_radius_m": HeaderKey("plate_radius", "a number > 0, in m", _positive),
+    "plate_radius_m": HeaderKey(
+        "plate_radius",
+        f"a number >= {SMALLEST_PLATE_RADIUS:g}, in m",
+        _number(lambda value: SMALLEST_PLATE_RADIUS <= value < math.inf),
+    ),
     "plate_mass_kg": HeaderKey("plate_mass", "a number >= 0, in kg", _not_negative),
     "poisson_ratio": HeaderKey(
         "poisson_ratio",
@@ -189,8 +199,8 @@ KEYS: dict[str, HeaderKey] = {
     "density_kg_m3": HeaderKey("density", "a number > 0, in kg/m3", _positive),
     "bedrock_depth_m": HeaderKey(
         "bedrock_depth",
-        "a number > 0, in m, or inf for none",
-        _number(lambda value: value > 0),
+        f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or inf for none",
+        _number(lambda value: SHALLOWEST_BEDROCK <= value <= DEEPEST_BEDROCK or value == math.inf),
     ),
     "centre_sensor": HeaderKey(
         "centre_sensor",
@@ -422,7 +432,10 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
     if known.get("test") == "stiffness" or "rig_stiffness" in known:
         known.setdefault("plate_radius", 0.0)
     if "plate_radius" not in known:
-        hint = "declare it in the header or give --plate-radius"
+        hint = (
+            f"declare it there, or write {RADIUS} = 0.15 (in m) into a TOML file and give it with "
+            "--header; invert and diagnose take --plate-radius 0.15 as well"
+        )
         if extra:
             hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
         raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))

@@ -79,6 +79,8 @@ def import_files(
                 else:
                     points = read_points(file, header, column_map=column_map, channels=channels)
                 names = [_name_of(point, file) for point in points]
+                if exported is None and not any(point.drops for point in points):
+                    raise SurveyError(refusal(file, "at least one drop", "none"))
             except SurveyError as err:
                 yield Imported(file, error=str(err))
                 continue

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from pfwd_survey.errors import OptionError, TraceError, refusal
-from pfwd_survey.files.header import check_value
+from pfwd_survey.files.header import DEEPEST_BEDROCK, SHALLOWEST_BEDROCK, check_value
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.results import DropResult
@@ -115,8 +114,13 @@ class AnalysisOptions:
             except TraceError as err:
                 raise OptionError(str(err)) from err
         depth = self.bedrock_depth
-        if not isinstance(depth, str | None) and not 0 < depth < math.inf:
-            expected = "a number > 0, in m, or unknown or none"
+        if not isinstance(depth, str | None) and not (
+            SHALLOWEST_BEDROCK <= depth <= DEEPEST_BEDROCK
+        ):
+            expected = (
+                f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or unknown or "
+                "none"
+            )
             raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
         if self.seed < 0:
             raise OptionError(refusal("--seed", "a whole number >= 0", str(self.seed)))
@@ -131,8 +135,9 @@ class AnalysisOptions:
         if self.thickness is None or self.thickness == "unknown":
             return
         said = ",".join(f"{value:g}" for value in self.thickness)
-        if not all(0.0 < value < math.inf for value in self.thickness):
-            raise OptionError(refusal("--thickness", "numbers > 0, in m, or unknown", said))
+        if not all(0.0 < value <= DEEPEST_BEDROCK for value in self.thickness):
+            expected = f"numbers > 0 up to {DEEPEST_BEDROCK:g}, in m, or unknown"
+            raise OptionError(refusal("--thickness", expected, said))
         wanted = None if layers == "auto" else (layers or 1) - 1
         if wanted is None or len(self.thickness) != wanted:
             expected = "a value for each layer but the lowest, from the top, with --layers"

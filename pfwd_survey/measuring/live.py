@@ -27,8 +27,8 @@ class LiveFeed:
         Port of the instrument.
     setup : MeasuringSetup
         Says its language.
-    capture : CaptureWriter, optional
-        Keeps every byte.
+    capture : bool
+        Keep every byte in `captured`, which is set before `open`.
     first_stream : int, optional
         Number of the first run of a sampler that does not number its runs; at random otherwise.
     """
@@ -39,22 +39,32 @@ class LiveFeed:
         self,
         url: str,
         setup: MeasuringSetup,
-        capture: CaptureWriter | None = None,
+        *,
+        capture: bool = False,
         first_stream: int | None = None,
     ) -> None:
         device = setup.device
-        self._capture = capture
+        self.captured: CaptureWriter | None = None
         self._driver = Driver(
             url,
             device.make_dialect(random_stream() if first_stream is None else first_stream),
             sampling_rate=device.sampling_rate,
-            capture=self._keep if capture is not None else None,
+            capture=self._keep if capture else None,
             baud_rate=device.baud_rate,
             trigger=lambda identity: trigger_for(setup.identity_with(identity), device.detection),
         )
 
+    def open_port(self) -> None:
+        """Open the port alone; nothing is read before `open`.
+
+        Raises
+        ------
+        PortError
+        """
+        self._driver.open_port()
+
     def open(self) -> None:
-        """Open the port; done by `next` otherwise.
+        """Begin, with the port opened unless it is; done by `next` otherwise.
 
         Raises
         ------
@@ -100,8 +110,8 @@ class LiveFeed:
     def _keep(
         self, _ns: int, _utc: datetime.datetime, direction: Literal["from", "to"], data: bytes
     ) -> None:
-        assert self._capture is not None
-        self._capture.write(direction, data)
+        assert self.captured is not None
+        self.captured.write(direction, data)
 
 
 def random_stream() -> int:

@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -74,24 +74,28 @@ def measure(
         If port, survey or setup cannot be used; what was acknowledged is safe.
     """
     plan = plan or SessionPlan()
-    with _open_survey(survey, spare, listener) as writer:
-        _tell_recovery(writer, listener)
-        writer.check_room()
-        stream = random_stream()
-        setup = agreed_job(plan, writer.contents()).setup
-        captured = _open_capture(writer, url, setup, stream) if capture else None
-        feed = LiveFeed(url, plan.setup, captured, stream)
-        try:
-            feed.open()
-            session = Session(feed, listener, plan, writer)
-            with control(session):
-                return session.run()
-        finally:
-            feed.close()
-            if captured is not None:
-                captured.close()
-                if captured.failure:
-                    listener(Notice(f"the capture is incomplete: {captured.failure}", True))
+    stream = random_stream()
+    with closing(LiveFeed(url, plan.setup, capture=capture, first_stream=stream)) as feed:
+        if not is_survey(survey):
+            feed.open_port()  # a port that cannot be opened leaves no survey behind
+        with _open_survey(survey, spare, listener) as writer:
+            _tell_recovery(writer, listener)
+            writer.check_room()
+            if capture:
+                setup = agreed_job(plan, writer.contents()).setup
+                feed.captured = _open_capture(writer, url, setup, stream)
+            try:
+                feed.open()
+                session = Session(feed, listener, plan, writer)
+                with control(session):
+                    return session.run()
+            finally:
+                feed.close()
+                if feed.captured is not None:
+                    feed.captured.close()
+                    if feed.captured.failure:
+                        text = f"the capture is incomplete: {feed.captured.failure}"
+                        listener(Notice(text, True))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import Any
 
 from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, Role
 from pfwd_device.recording.record import point_name
 from pfwd_device.setup import (
     CHANNEL_KEYS,
@@ -42,6 +42,9 @@ LARGEST_FILE = 100_000
 
 PROCEDURE_KEY = "procedure"
 _PROCEDURE_KEYS = ("name", "file", "enforce_unverified")
+
+FULL_SCALE = 1e-9, 1e12
+"""N, m/s or m; far beyond what any converter and sensor of an instrument measure at most."""
 
 RESPONSE_TOLERANCE = 0.05
 """Of natural frequency and damping; makers match geophones to this, and it moves a modulus by less
@@ -70,12 +73,16 @@ class MeasuringSetup:
         Raises
         ------
         SetupError
-            If the file does not fit the instrument; the message names the file.
+            If the file does not fit the instrument, or a channel could measure nothing; the
+            message names the file.
         """
         try:
-            return self.device.apply(identity)
+            effective = self.device.apply(identity)
+            for channel in effective.channels:
+                _refuse_scale(channel, effective.adc_range)
         except SetupError as err:
             raise SetupError(f"{self.file}: {err}" if self.file else str(err)) from err
+        return effective
 
     def declared_with(self, identity: Identity) -> dict[str, Any]:
         """What is declared of a point measured with an instrument; the file wins.
@@ -123,6 +130,20 @@ class MeasuringSetup:
             rate = identity.sampling_rate
             lines.append(f"sampling_rate_hz = {asked:g} was asked for, the instrument has {rate:g}")
         return lines
+
+
+def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
+    """Refuse a sensitivity with which no load and no motion of the ground can be measured."""
+    full_scale = adc_range / abs(channel.sensitivity)
+    least, most = FULL_SCALE
+    if channel.role is not Role.UNUSED and not least <= full_scale <= most:
+        unit = UNIT_OF_ROLE[channel.role]
+        raise SetupError(
+            f"channel {channel.name!r}: sensitivity: expected one with a full scale from "
+            f"{least:g} to {most:g} {unit}, got {channel.sensitivity:g} V per {unit} and "
+            f"{adc_range:g} V, which is {full_scale:g} {unit}. Nothing is armed: correct the "
+            "calibration of the instrument, or write sensitivity into the setup file"
+        )
 
 
 def _otherwise(

@@ -1,5 +1,6 @@
 """``pfwd log`` with a simulated instrument: signals, losses, setups, refusals, what is loaded."""
 
+import logging as logging_of_python
 import signal
 import subprocess
 import sys
@@ -28,6 +29,7 @@ from tests.tui.console import (
     records,
     wait_for_line,
 )
+from tui.log_file import close_log, open_log
 
 
 def test_a_survey_and_a_point_are_continued(tmp_path: Path) -> None:
@@ -191,6 +193,48 @@ def test_what_cannot_be_done_is_said_in_one_line(
     assert message in output.err.splitlines()[-1]
     assert "Traceback" not in output.err
     assert "unexpected error" not in output.err
+
+
+@pytest.mark.parametrize("more", [(), ("--capture",), ("--no-invert",)])
+@pytest.mark.parametrize("command", ["log", "live"])
+def test_a_port_that_is_not_there_leaves_nothing_behind(
+    command: str, more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tui.cli import main
+
+    port = str(tmp_path / "ttyUSB9")
+    options = ("--json",) if command == "live" else more
+    assert main([command, port, "-o", str(tmp_path / "s"), *options]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{port}: not found." in line
+    assert line.endswith("Check the cable or choose another port")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("sensitivity", [1e300, -1e300, 1e-300])
+def test_a_sensitivity_that_measures_nothing_is_refused(sensitivity: float, tmp_path: Path) -> None:
+    channels = [CHANNELS[0], {**CHANNELS[1], "sensitivity": sensitivity}]
+    with serve({"base": "default", "device": {"channels": channels}}, drops=1) as instrument:
+        done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--drops", 1)
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert "channel 'centre': sensitivity: expected one with a full scale from" in line
+    assert f"got {sensitivity:g} V per m/s" in line
+    assert "Nothing is armed" in line
+
+
+def test_the_log_waits_for_the_folder_of_the_survey(tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    handler = open_log(survey)
+    try:
+        logging_of_python.getLogger("pfwd").warning("before")
+        assert not survey.exists()
+        survey.mkdir()
+        logging_of_python.getLogger("pfwd").warning("after")
+    finally:
+        close_log(handler)
+    lines = (survey / "log" / "pfwd.log").read_text(encoding="utf-8").splitlines()
+    assert [line.rpartition(": ")[2] for line in lines] == ["before", "after"]
 
 
 def test_the_log_file_is_bounded_and_harmless(tmp_path: Path) -> None:

@@ -192,6 +192,8 @@ def test_load_cell_behind_a_low_pass(oscillator: Surrogate) -> None:
 def test_declared_values_out_of_range_are_named() -> None:
     with pytest.raises(ModelError, match="plate radius: expected a value > 0 m, got 0"):
         Instrument(0.0)
+    with pytest.raises(ModelError, match=r"plate radius: expected at least 0\.01 m, got 1e-09"):
+        Instrument(plate_radius=1e-9)
     with pytest.raises(ModelError, match=r"expected at most 10 m, got 150 \(in millimetres"):
         Instrument(150.0)
     with pytest.raises(ModelError, match="plate radius: expected a value > 0 m, got nan"):

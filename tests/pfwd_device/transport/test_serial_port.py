@@ -18,8 +18,10 @@ import pytest
 import serial
 
 from pfwd_device.errors import DeviceError, DeviceLost, PortError
+from pfwd_device.transport import serial_port
 from pfwd_device.transport.base import PORT_ERRORS
 from pfwd_device.transport.opening import open_transport
+from pfwd_device.transport.ports import Adapter, Port
 from pfwd_device.transport.serial_port import SerialTransport, port_error
 
 LONG = 10.0
@@ -236,9 +238,22 @@ def test_a_second_open_is_refused(pty: Pty) -> None:
 
 
 @pytest.mark.posix
-def test_a_port_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(PortError, match=r"no such port.*pfwd ports"):
-        open_transport(str(tmp_path / "ttyUSB9"))
+def test_a_port_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    adapters = [
+        Port("/dev/ttyUSB0", "USB2.0-Serial", Adapter(0x1A86, 0x7523, None)),
+        Port("/dev/ttyS0", "/dev/ttyS0"),
+    ]
+    monkeypatch.setattr(serial_port, "list_ports", lambda: adapters)
+    name = str(tmp_path / "ttyUSB9")
+    with pytest.raises(PortError) as missing:
+        open_transport(name)
+    assert str(missing.value) == (
+        f"port {name}: not found. Connected ports: /dev/ttyUSB0 (USB2.0-Serial), /dev/ttyS0. "
+        "Check the cable or choose another port"
+    )
+    monkeypatch.setattr(serial_port, "list_ports", list)
+    with pytest.raises(PortError, match=r"not found\. No port is connected\. Check the cable"):
+        open_transport(name)
 
 
 @pytest.mark.posix
@@ -263,7 +278,7 @@ def test_what_is_no_url() -> None:
     [
         (serial.SerialException(errno.EACCES, "Permission denied"), "this user may not open"),
         (serial.SerialException("could not open port 'COM3': FileNotFoundError(2, '', None, 2)"),
-         "no such port"),
+         "port COM3: not found"),
         (serial.SerialException("could not open port 'COM3': PermissionError(13, '', None, 5)"),
          "in use"),
         (serial.SerialException(errno.EIO, "Input/output error"), "plug it in again"),

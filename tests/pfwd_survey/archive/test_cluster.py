@@ -11,12 +11,13 @@ import pytest
 
 from pfwd_survey.archive import cluster
 from pfwd_survey.archive import run as running
-from pfwd_survey.archive.cluster import ClusterWorkers
+from pfwd_survey.archive.cluster import ClusterWorkers, check_address
 from pfwd_survey.archive.local import LocalWorkers
 from pfwd_survey.archive.run import Summary, invert_archive, invert_stream
 from pfwd_survey.archive.work import Failure
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.inverting.options import AnalysisOptions
+from tui.cli import main
 
 OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
 
@@ -107,8 +108,36 @@ def test_where_no_scheduler_answers_one_line_says_so(monkeypatch: pytest.MonkeyP
 
 def test_an_address_that_is_none_is_wrong_usage() -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    with pytest.raises(OptionError, match="expected an address like tcp://host:8786"):
-        ClusterWorkers(OPTIONS, "nowhere://x")
+    for address in ("nowhere://x", "nonsense", "foo://127.0.0.1:8786", "tcp://127.0.0.1:99999"):
+        with pytest.raises(OptionError, match="expected an address like tcp://host:8786"):
+            ClusterWorkers(OPTIONS, address)
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "nonsense.invalid:8786", "foo://127.0.0.1:8786", "tcp://", "tcp://:1"]
+)
+def test_a_wrong_address_is_one_line_at_once(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+
+    def refuse(*_: object, **_more: object) -> None:
+        raise AssertionError("no client is made, for it would try for most of a minute")
+
+    monkeypatch.setattr("distributed.Client", refuse)
+    (tmp_path / "a.csv").write_text("")
+    assert main(["invert", str(tmp_path / "a.csv"), "--scheduler", address]) == 2
+    output = capfd.readouterr()
+    assert output.out == ""
+    assert f"--scheduler {address}: " in output.err
+    assert len(output.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:8786", "tcp://localhost:1", "tls://[::1]:8786", "inproc://x/1/1"]
+)
+def test_addresses_of_dask_are_accepted(address: str) -> None:
+    check_address(address)
 
 
 def test_without_distributed_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,8 @@ from tests.pfwd_survey.files.trace_lines import HEADER, NAMES, Write, rows
         ("density_kg_m3 = 0", "expected density_kg_m3: a number > 0, in kg/m3, came 0"),
         ("density_kg_m3 = inf", "came inf"),
         ("density_kg_m3 = 1" + 400 * "0", r"came 10+\.\.\."),
-        ("bedrock_depth_m = 0", "expected bedrock_depth_m: a number > 0, in m, or inf"),
+        ("bedrock_depth_m = 0", "expected bedrock_depth_m: a number from 0.01 to 10000, in m, or"),
+        ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, came 1e\\+300"),
         ("bedrock_depth_m = -inf", "came -inf"),
         ('centre_sensor = "hole"', 'expected centre_sensor: "plate" or "ground", came \'hole\''),
         ("geophone_damping = 0", "expected geophone_damping: a number > 0, came 0"),
@@ -56,7 +57,7 @@ def test_a_bad_header_line_is_refused_with_its_number(
 @pytest.mark.parametrize("radius", ["0", "-0.15", "inf", "nan", "true", '"0.15"'])
 def test_a_bad_plate_radius_is_refused(write: Write, radius: str) -> None:
     lines = ["# pfwd-traces = 1", f"# plate_radius_m = {radius}", NAMES, *rows()]
-    with pytest.raises(TraceError, match="line 2: expected plate_radius_m: a number > 0, in m"):
+    with pytest.raises(TraceError, match=r"line 2: expected plate_radius_m: a number >= 0\.01"):
         read_traces(write(lines))
 
 

@@ -22,11 +22,14 @@ from pfwd_survey.inverting.results import DropResult, LayerResult
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"plate_radius": 0.0}, "--plate-radius: expected plate_radius_m: a number > 0"),
+        ({"plate_radius": 0.0}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
+        ({"plate_radius": 1e-9}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
         ({"poisson_ratio": 0.5}, "--poisson-ratio: .* came 0.5; 0.5 is an incompressible"),
         ({"density": -1.0}, "--density: expected density_kg_m3"),
         ({"plate_mass": float("nan")}, "--plate-mass: expected plate_mass_kg"),
-        ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number > 0, .* came 0"),
+        ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number from 0.01 .* came 0"),
+        ({"bedrock_depth": 1e300}, r"--bedrock-depth: expected .* to 10000, .* came 1e\+300"),
+        ({"layers": 2, "thickness": (1e300,)}, "--thickness: expected numbers > 0 up to 10000"),
         ({"bedrock_depth": float("nan")}, "--bedrock-depth"),
         ({"seed": -1}, "--seed: expected a whole number >= 0, came -1"),
         ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, came 0"),
@@ -34,7 +37,7 @@ from pfwd_survey.inverting.results import DropResult, LayerResult
         ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, came many"),
         (
             {"layers": 2, "thickness": (0.0,)},
-            "--thickness: expected numbers > 0, in m, or unknown, came 0",
+            "--thickness: expected numbers > 0 up to 10000, in m, or unknown, came 0",
         ),
         ({"layers": 2, "thickness": (float("nan"),)}, "--thickness: expected numbers > 0"),
         ({"layers": 2, "thickness": (float("inf"),)}, "--thickness: expected numbers > 0"),

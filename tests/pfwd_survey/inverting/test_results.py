@@ -235,6 +235,8 @@ def test_a_diagnosis_of_the_version_before_is_read_whole() -> None:
     assert found.verdict == "explained"
     assert [effect.name for effect in found.effects or ()][:1] == ["bedrock"]
     again = found.to_json()
+    derived = {key: again.pop(key) for key in DiagnosisResult.DERIVED}
+    assert derived["use"] == found.use
     assert again == said
     assert list(again) == list(said)
     assert [list(effect) for effect in again["effects"]] == [list(e) for e in said["effects"]]
