@@ -351,6 +351,8 @@ def drop(
     plate_mass: float | None = None,
     poisson_ratio: float | None = None,
     density: float | None = None,
+    geophone_natural_frequency: float | None = None,
+    geophone_damping: float | None = None,
 ) -> Drop:
     """A drop from arrays.
 
@@ -366,6 +368,8 @@ def drop(
     plate_mass : float, kg, between load cell and ground; not said: 0, with a warning
     poisson_ratio : float; not said: 0.35
     density : float, kg/m3; not said: fitted
+    geophone_natural_frequency, geophone_damping : float, Hz and -, response that velocities still
+        carry; 0 Hz: corrected; not said: none, with a warning
 
     Returns
     -------
@@ -399,6 +403,8 @@ def drop(
         plate_mass=options.plate_mass,
         poisson_ratio=options.poisson_ratio,
         density=options.density,
+        geophone_natural_frequency=geophone_natural_frequency,
+        geophone_damping=geophone_damping,
     )
     sensors = (Channel(r, quantity, row) for r, row in zip(places, table, strict=True))
     return Drop(_with_warnings(setup, DeviceDrop(1, axis, force, tuple(sensors))), 0)
@@ -429,7 +435,7 @@ def time_and_load(
 def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:
     from pfwd_survey.files.header import setup_warnings
 
-    return TracePoint(FROM_ARRAYS, setup, (drop,), setup_warnings(setup))
+    return TracePoint(FROM_ARRAYS, setup, (drop,), setup_warnings(setup, [drop]))
 
 
 def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[float]:

@@ -162,6 +162,8 @@ def write_traces(
     if recording.geophone is not None:
         header["geophone_natural_frequency_hz"] = recording.geophone.natural_frequency
         header["geophone_damping"] = recording.geophone.damping
+    elif recording.quantity == "velocity":
+        header["geophone_natural_frequency_hz"] = 0.0  # corrected
     header.update(declared or {})
     unit = "velocity_m_s" if recording.quantity == "velocity" else "displacement_m"
     columns = ["drop", "time_s", "load_N", *(f"{unit}@{r:.4f}" for r in drops[0].offsets)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.fitting.misfit import Misfit, WeightedDrop
-from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace
+from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace, on_bound
 from inversion.fitting.published_fitness import published_fitness
 from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
 from inversion.search.least_squares import fit_batch
@@ -23,6 +23,8 @@ _FULL_SAMPLES = 400
 # Depths, in steps of the unit box, at which the other parameters are fitted on their own: the
 # misfit has a minimum of its own for every few of them, shallow ones above all.
 _PROFILE_DEPTHS = 14
+# Distances from a bound, in units of the box, at which the other parameters are fitted again.
+_OFF_BOUND = np.array([0.03, 0.1, 0.25, 0.5, 1.0])
 # Minima closer than this, in units of the box, are one.
 _SAME_PLACE = 0.02
 # Depths so far apart, in units of the box, are not one minimum; of grounds with other depths that
@@ -70,6 +72,8 @@ class GroundFit:
     best : Minimum, at the full band
     others : tuple of Minimum, further minima, best first
     profile : tuple of Minimum, best fits at given depths; empty where the depth is not fitted
+    off_bounds : tuple of Minimum, best fits with a parameter that ended on a bound held away from
+        it, as far as the data do not tell them from the best
     converged : bool
     solves : int, forward solves, everything included
     misfit : Misfit at the full band
@@ -83,6 +87,7 @@ class GroundFit:
     solves: int
     misfit: Misfit
     drops: tuple[WeightedDrop, ...]
+    off_bounds: tuple[Minimum, ...] = ()
 
 
 def allowed_cost(fit: GroundFit) -> float:
@@ -106,7 +111,36 @@ def fit_ground(
     if method == "published":
         return _fit_published(drops, space, rng)
     found = _fit_free(drops, space, method, rng)
-    return _natural(found) if priors and space.index(DEPTH) is not None else found
+    if priors and space.index(DEPTH) is not None:
+        found = _natural(found)
+    return _profiled_off_bounds(found)
+
+
+def _profiled_off_bounds(fit: GroundFit) -> GroundFit:
+    """The fit with a profile over each parameter that ended on a bound, the modulus excepted.
+
+    There the misfit still falls towards the bound, so its curvature says little of how far inside
+    the parameter may lie.
+    """
+    misfit, best = fit.misfit, fit.best.point
+    space = misfit.space
+    limit = allowed_cost(fit) - fit.best.cost
+    kept: list[Minimum] = []
+    solves = misfit.solves
+    for column in np.flatnonzero(on_bound(best)):
+        if space.names[column] == MODULUS:
+            continue
+        starts = np.repeat(best[None], _OFF_BOUND.size, axis=0)
+        starts[:, column] = np.abs(np.round(best[column]) - _OFF_BOUND)
+        held = fit_batch(misfit.linearise, starts, iterations=7, tolerance=1e-3, frozen=int(column))
+        rise = held.cost - misfit.objective(best[None])[0]
+        kept += [
+            Minimum(point, fit.best.cost + float(more))
+            for point, more in zip(held.points, rise, strict=True)
+            if more <= limit
+        ]
+    solves = fit.solves + misfit.solves - solves
+    return replace(fit, off_bounds=tuple(kept), solves=solves)
 
 
 @dataclass(frozen=True, eq=False)

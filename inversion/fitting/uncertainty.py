@@ -179,6 +179,6 @@ def _depth_interval(
 
 
 def _equivalent(fit: GroundFit) -> list[Minimum]:
-    """Other minima, and points of the depth profile, that the data do not tell from the best."""
+    """Other minima, and points of profiles, that the data do not tell from the best."""
     allowed = allowed_cost(fit)
-    return [m for m in (*fit.others, *fit.profile) if m.cost <= allowed]
+    return [m for m in (*fit.others, *fit.profile, *fit.off_bounds) if m.cost <= allowed]

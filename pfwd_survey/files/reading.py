@@ -171,4 +171,4 @@ def _point(file: str, title: str, records: list[DropRecord], said: Declarations)
     known = {key: Declaration(value, where) for key, value in declared.items()}
     setup = setup_from(known | said, where)
     drops = tuple(record.drop for record in records)
-    return TracePoint(file, setup, drops, setup_warnings(setup))
+    return TracePoint(file, setup, drops, setup_warnings(setup, drops))

@@ -121,7 +121,8 @@ def read_traces(
             raise
         reason = getattr(err, "strerror", None) or str(err)
         raise TraceError(refusal(file, "a readable trace file", reason)) from err
-    return TracePoint(file, setup, _split(table, file, top), setup_warnings(setup))
+    drops = _split(table, file, top)
+    return TracePoint(file, setup, drops, setup_warnings(setup, drops))
 
 
 def is_trace_file(path: str | os.PathLike[str]) -> bool:

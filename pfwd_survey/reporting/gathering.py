@@ -424,7 +424,7 @@ class _Gatherer:
         progress: PointProgress,
         diagnosis: DiagnosisResult | None,
     ) -> ReportPoint:
-        warnings = list(setup_warnings(setup))
+        warnings = list(setup_warnings(setup, [record.drop for _, record in drops]))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
         warnings += _said_of_layers(found, self.job.procedure_in_force)

@@ -229,7 +229,7 @@ def point_of(
         said[IMPORTED] = kept
     declared = {key: Declaration(value, where) for key, value in said.items()} | request.said
     setup = setup_from(declared, where)
-    return TracePoint(file, setup, tuple(drops), setup_warnings(setup))
+    return TracePoint(file, setup, tuple(drops), setup_warnings(setup, drops))
 
 
 def short_text(value: object, limit: int = LONGEST_TEXT) -> str | None:

@@ -65,10 +65,6 @@ SMOOTHING_HZ, SMOOTHING_POLES = 320.0, 6
 """Of the filter of Minidyn's software: with it 45 drops of a rig have its peak loads within 0.01 %
 and its peak deflections within 0.03 %; without, both are up to 1.6 % off."""
 
-RAW_REMARK = (
-    "raw channels: the response of the geophone is not in the file; declare "
-    "geophone_natural_frequency_hz and geophone_damping where they are known"
-)
 STORED_REMARK = "load and displacement as the maker's software processed and stored them"
 
 
@@ -179,7 +175,7 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
         by_point[drop.point].append(drop)
     known = {point.identity: point for point in facts.points}
     peaks = project.stored_peaks()
-    source = _Source(project.file, facts, request, "raw", (RAW_REMARK, *project.remarks))
+    source = _Source(project.file, facts, request, "raw", project.remarks)
     rate = project.rate or facts.rate
     found = []
     for identity, raw in by_point.items():

@@ -42,6 +42,12 @@ SHORTEST_PULSE = 2e-3
 """s at half the peak; a weight on a spring gives 5 to 15 ms, a hammer on steel or an electric spike
 less than this."""
 
+SHORT_PULSE = 1e-2
+SMALL_PLATE = 0.1
+"""s, of the half-sine with the same peak and impulse, and m of radius. Portable and heavy devices
+load plates of this radius and more for 10.9 to 29 ms; a shorter pulse is most likely one whose time
+axis is wrong."""
+
 SECOND_PULSE = 0.5
 PULSE_GAP = 0.25
 """Parts of the peak. A second pulse above the first, after a gap below the second, is no drop: to
@@ -156,7 +162,7 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
     warnings = [incomplete] if incomplete else []
     clipped = _clipped(drop, dead)
-    said = (*warnings, *clipped, *_warnings(pulse, drop))
+    said = (*warnings, *clipped, *_warnings(pulse, drop, setup))
     return Screening(status, None, said, dead, clipped=bool(clipped))
 
 
@@ -466,8 +472,15 @@ def _exceeds(drop: Drop, name: str, level: float) -> bool:
     return bool(np.nanmax(signed) > (1.0 + CLIPPING_SCATTER) * abs(level))
 
 
-def _warnings(pulse: _Pulse, drop: Drop) -> list[str]:
+def _warnings(pulse: _Pulse, drop: Drop, setup: PointSetup) -> list[str]:
     found = []
+    impulse = float(pulse.load[pulse.start : pulse.end].sum()) / drop.sampling_rate
+    duration = np.pi / 2 * impulse / pulse.peak
+    if duration < SHORT_PULSE and setup.plate_radius >= SMALL_PLATE:
+        found.append(
+            f"time axis suspect: the pulse lasts {duration * 1e3:.2g} ms, on a plate of radius "
+            f"{setup.plate_radius:g} m usually 11 to 30 ms; check the sampling rate"
+        )
     if pulse.peak > SUSPECT_LOAD:
         found.append(f"units suspect: peak load {_kilonewton(pulse.peak)} (in N?)")
     for channel in drop.channels:

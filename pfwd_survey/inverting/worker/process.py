@@ -97,7 +97,7 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
         found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
-        result = drop_result(task.file, found, setup_warnings(task.setup))
+        result = drop_result(task.file, found, setup_warnings(task.setup, [task.drop]))
         return TaskOutcome(result, _curves_of(found))
     except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"

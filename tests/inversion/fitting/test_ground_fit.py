@@ -13,9 +13,18 @@ import pytest
 
 from inversion import SurrogateLibrary
 from inversion.fitting import ground_fit as module
-from inversion.fitting.ground_fit import GroundFit, Method, Minimum, fit_ground
+from inversion.fitting.ground_fit import GroundFit, Method, Minimum, allowed_cost, fit_ground
 from inversion.fitting.misfit import Misfit, WeightedDrop
-from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace, parameter_space
+from inversion.fitting.parameters import (
+    DENSITY,
+    DEPTH,
+    MODULUS,
+    VISCOSITY,
+    ParameterSpace,
+    parameter_space,
+)
+from inversion.fitting.uncertainty import estimate_uncertainty
+from inversion.measured.record import prepare
 from inversion.search.least_squares import fit_batch
 from tests.inversion.synthetic import (
     RADIUS,
@@ -513,3 +522,32 @@ def test_the_best_ground_is_not_among_the_others(library: SurrogateLibrary, meth
     longer = found.drops[0].drop
     assert longer.window_end == longer.with_tail().window_end, "the tail is taken in"
     assert all(not np.array_equal(other.point, found.best.point) for other in found.others)
+
+
+def test_a_parameter_on_a_bound_is_held_inside_as_far_as_the_data_allow(
+    library: SurrogateLibrary,
+) -> None:
+    """The ground is denser than any that is searched, so the density ends on its bound."""
+    drop = record(library, Scene())
+    dense_space = parameter_space(40e6, RADIUS, None, TRUTH[DEPTH], elastic=False)
+    dense = replace(drop, load=1.6 * drop.load)
+    rough = replace(dense, model_floor=0.02 * float(prepare(dense).peak_displacement[0]))
+    fit = fit_ground(
+        (weighted(library, rough),), dense_space, "least-squares", np.random.default_rng(0)
+    )
+    column = dense_space.index(DENSITY)
+    assert column is not None
+    assert fit.best.point[column] == pytest.approx(1.0, abs=1e-3)
+    held = [minimum.point[column] for minimum in fit.off_bounds]
+    assert held[0] == pytest.approx(0.97)
+    assert all(minimum.cost <= allowed_cost(fit) for minimum in fit.off_bounds)
+    wide = estimate_uncertainty(fit).modulus_interval
+    narrow = estimate_uncertainty(replace(fit, off_bounds=())).modulus_interval
+    assert wide[0] < narrow[0] or wide[1] > narrow[1]
+    assert wide[0] <= narrow[0]
+    assert wide[1] >= narrow[1]
+
+
+def test_without_a_bound_nothing_is_held(library: SurrogateLibrary) -> None:
+    fit = fitted(library)
+    assert fit.off_bounds == ()

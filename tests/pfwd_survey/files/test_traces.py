@@ -167,7 +167,7 @@ texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 free_values = st.one_of(texts, st.integers(-(10**9), 10**9), finite)
 VALUES = {
-    "plate_radius": st.floats(1e-3, 10),
+    "plate_radius": st.floats(1e-2, 10),
     "plate_mass": st.floats(0, 1e3),
     "poisson_ratio": st.floats(0, 0.5, exclude_max=True),
     "density": st.floats(1, 1e4),

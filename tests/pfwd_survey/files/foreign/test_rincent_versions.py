@@ -44,7 +44,7 @@ def member(database: dict[str, Any], traces: bytes) -> bytes:
 
 
 def remarks(point: TracePoint) -> list[str]:
-    return list(point.setup.extra["imported"]["remarks"])
+    return list(point.setup.extra["imported"].get("remarks", ()))
 
 
 @pytest.mark.parametrize(
