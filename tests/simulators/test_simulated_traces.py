@@ -46,6 +46,7 @@ def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: 
         "plate_radius_m": PLATE.radius,
         "plate_mass_kg": PLATE.mass,
         "poisson_ratio": 0.35,
+        "geophone_natural_frequency_hz": 0.0,  # the simulated sensor has no response of its own
         **declared,
     }
     sensors = ["velocity_m_s@0.0000", "velocity_m_s@0.3000"]
