@@ -417,7 +417,12 @@ class SurveyWriter:
         return int(free // max(size_estimate or self._drop_bytes, 1))
 
     def scarce_drops(self) -> int | None:
-        """How many more drops the disk takes when it is filling, below 200 MB or 500 drops."""
+        """How many more drops the disk takes when it is filling, below 200 MB or 500 drops.
+
+        None: it has room, or the folder is not there.
+        """
+        if not self.folder.is_dir():  # gone, which is reported as what it is
+            return None
         drops = self.free_drops()
         if drops * self._drop_bytes >= WARN_BYTES and drops >= WARN_DROPS:
             return None

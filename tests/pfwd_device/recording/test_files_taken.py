@@ -567,6 +567,7 @@ def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
         expected = {number: save(writer, number) for number in (1, 2)}
         writer.expect_end()
         survey.rename(tmp_path / "moved")
+        assert writer.scarce_drops() is None  # a folder that is gone is no full disk
         if last_check:
             writer.look_after()
             writer.look_after()
