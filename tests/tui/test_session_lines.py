@@ -249,7 +249,10 @@ def test_nothing_in_the_log_moves_a_cursor_or_forges_a_line(log: Path) -> None:
 def test_a_folder_of_the_log_that_goes_costs_nothing(log: Path) -> None:
     import shutil
 
-    shutil.rmtree(log, ignore_errors=True)  # it is made with the first line
+    shutil.rmtree(log.parent)
     logging.getLogger("pfwd.test").info("one")
+    assert not log.parent.exists()
+    log.parent.mkdir()
     log.write_text("a file now")
     logging.getLogger("pfwd.test").info("two")
+    assert log.read_text() == "a file now"

@@ -101,6 +101,20 @@ def test_a_whole_point_with_the_cable_pulled_in_the_middle(tmp_path: Path) -> No
     assert "drop P 7/6 saved" in log
 
 
+def test_what_is_to_be_known_of_the_options_stands_among_the_notices(tmp_path: Path) -> None:
+    (tmp_path / "lot.csv").write_text("name,lane\n12+360,left\n", encoding="utf-8")
+    with serve(PLAIN, rate=1.0) as instrument:
+        command = ("live", instrument.url, "-o", "survey", "--stations", "lot.csv")
+        with terminal(*command, "--point", "12+36", size=(120, 120)) as shown:
+            wait(shown, lambda: "READY" in text(shown))
+            shown.press("?")
+            wait(shown, lambda: "Said lately" in text(shown))
+            wait(shown, lambda: "! lot.csv: columns not used: 'lane'" in text(shown))
+            wait(shown, lambda: "! point 12+36 is new, but 12+360 exists" in text(shown))
+            shown.press("\x03")  # q belongs to the help page
+            assert ended(shown) == 0
+
+
 def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
     with serve(PLAIN, drops=2, rate=20.0) as instrument:
