@@ -23,6 +23,10 @@ FORMAT_VERSION = 1
 RADIUS = "plate_radius_m"
 RESPONSE = "geophone_natural_frequency_hz"
 
+PEAK_DEVIATIONS = "peak_deviations"
+"""Key of what an import keeps: by the number of a drop the relative difference of its peaks from
+those that its file stores."""
+
 IMPORTED = "imported"
 """Key with what the file of another program said besides the keys of this format; its ``remarks``
 are shown as warnings."""

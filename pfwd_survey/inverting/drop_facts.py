@@ -12,7 +12,7 @@ from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
-from pfwd_survey.files.header import PointSetup
+from pfwd_survey.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd_survey.inverting.results import DropResult, MeasuredFacts, fit_fault
 from pfwd_survey.inverting.screening.drops import CENTRE, Screening, pulse_peak, screen
 from pfwd_survey.inverting.screening.missing import whole_part
@@ -76,7 +76,7 @@ def point_drop(
     if centre and duration:
         facts |= _deflection(whole, centre[0], setup, start, duration)
     found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
-    return with_modulus(found, result)
+    return with_modulus(found, result, setup)
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
@@ -183,8 +183,30 @@ def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
         return None
 
 
-def with_modulus(facts: PointDrop, result: DropResult | None) -> PointDrop:
-    """Return the same drop with the modulus of a result, or without one where there is none."""
+MAX_PEAK_DEVIATION = 0.1
+"""Relative difference of a trace's peak from the stored one up to which they are one record: the
+modulus would be off as much. Filters of the makers' software change peaks by up to 2 %."""
+
+
+def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
+    noted = None if setup is None else setup.extra.get(IMPORTED)
+    deviations = noted.get(PEAK_DEVIATIONS) if isinstance(noted, Mapping) else None
+    deviation = deviations.get(str(number)) if isinstance(deviations, Mapping) else None
+    return isinstance(deviation, int | float) and deviation > MAX_PEAK_DEVIATION
+
+
+def with_modulus(
+    facts: PointDrop, result: DropResult | None, setup: PointSetup | None = None
+) -> PointDrop:
+    """Return the same drop with the modulus of a result, or without one where there is none.
+
+    Parameters
+    ----------
+    facts : PointDrop
+    result : DropResult or None
+    setup : PointSetup, optional
+        Of the drop; has how far its peaks are from those that its file stores.
+    """
     if result is None or result.modulus_pa is None:
         return dataclasses.replace(
             facts, modulus=None, modulus_interval=None, residual=None, fit_fault=None
@@ -194,7 +216,11 @@ def with_modulus(facts: PointDrop, result: DropResult | None) -> PointDrop:
         modulus=result.modulus_pa,
         modulus_interval=result.modulus_interval_pa,
         residual=result.contact_residual_rms_over_peak,
-        fit_fault=fit_fault(result),
+        fit_fault=(
+            "the record contradicts the peak that its file stores"
+            if _contradicts_its_file(facts.number, setup)
+            else fit_fault(result)
+        ),
     )
 
 

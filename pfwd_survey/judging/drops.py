@@ -37,7 +37,7 @@ class MeasuredDrop:
 
     def with_result(self, result: DropResult | None) -> "MeasuredDrop":
         """The same with the modulus of the result that counts."""
-        facts = with_modulus(self.facts, result)
+        facts = with_modulus(self.facts, result, self.setup)
         unmoved = None if self.unmoved is None else self.unmoved.with_result(result)
         if facts == self.facts and unmoved is None:
             return self

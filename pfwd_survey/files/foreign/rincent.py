@@ -47,6 +47,7 @@ from pfwd_survey.files.foreign.rincent_xml import (
     raw_drops,
     read_tables,
 )
+from pfwd_survey.files.header import PEAK_DEVIATIONS
 from pfwd_survey.files.traces import TracePoint
 
 JSON, XML, TRACES = "database.json", "database.xml", "rawdata/"
@@ -56,6 +57,9 @@ RATE = "sampling_rate_hz"
 
 RATE_TOLERANCE = 1e-6
 """Relative; two places of a file that say the sampling rate say the same one."""
+
+CENTRE = 1e-3
+"""m; a sensor nearer to the plate's centre than this is the centre sensor."""
 
 PEAK_TOLERANCE = 5e-3
 """Relative; peaks that the maker's software stored and those of the traces are then the same. It is
@@ -190,7 +194,9 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
             )
         _refuse_twins(drops, f"{project.file}, {point.name}")
         where = f"{_short(f'{project.file}, {project.json}')}"
-        compared = compare_raw_peaks(drops, peaks.get(point.name, ()), where)
+        stored = peaks.get(point.name, ())
+        compared = compare_raw_peaks(drops, stored, where)
+        point = _with_deviations(point, peak_deviations(drops, stored))
         found.append(_point(source, point, drops, *compared))
     return found
 
@@ -273,6 +279,7 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
             make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )
     remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored traces")
+    point = _with_deviations(point, peak_deviations(drops, point.peaks))
     return _point(source, point, drops, *remarks)
 
 
@@ -323,6 +330,42 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:
         f"{file}: {rate:g} Hz and {samples} samples, in {database} {said:g} Hz{count}; "
         "the traces' own were taken"
     ]
+
+
+def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Mapping[str, float]:
+    """Return how far load and centre deflection are from the stored peaks, where that is much.
+
+    Of the deflection the maximum of the trace that is nearest to the stored value counts, as the
+    maker's software takes a maximum within the pulse.
+
+    Parameters
+    ----------
+    drops : sequence of Drop
+    stored : sequence of StoredPeaks
+        In the same order.
+
+    Returns
+    -------
+    mapping of str to float
+        The larger relative difference by the number of the drop, above `PEAK_TOLERANCE`. Of copies
+        of one drop the first is compared, and its difference is that of all.
+    """
+    if len(drops) != len(stored):
+        return {}
+    found = {}
+    copies = len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:])
+    for drop, peaks in zip(drops, stored, strict=True):
+        compared = stored[0] if copies else peaks
+        deviations = [abs(trace_peaks(drop).load / compared.load - 1)] if compared.load else []
+        if len(compared.deflections) == len(drop.channels):
+            for channel, deflection in zip(drop.channels, compared.deflections, strict=True):
+                if deflection > 0 and abs(channel.offset) < CENTRE:
+                    _, nearest = _maxima(displacement_of(channel, drop.time), deflection)
+                    deviations.append(abs(nearest / deflection - 1))
+        largest = max(deviations, default=0.0)
+        if largest > PEAK_TOLERANCE:
+            found[str(drop.number)] = round(largest, 6)
+    return found
 
 
 def compare_peaks(
@@ -442,6 +485,13 @@ def _maxima(values: Values, wanted: float) -> tuple[float, float]:
     # From the rest before the trigger, or from the first sample, which is 0 in these traces.
     found = [largest, float((values - values[0]).max()), *peaks, *(peaks - values[0])]
     return largest, float(min(found, key=lambda value: abs(value - wanted)))
+
+
+def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> PointFacts:
+    """Return the point with the deviations of its peaks among what is kept of its import."""
+    if not deviations:
+        return point
+    return replace(point, noted={**point.noted, PEAK_DEVIATIONS: dict(deviations)})
 
 
 def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: str) -> TracePoint:

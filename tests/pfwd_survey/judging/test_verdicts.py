@@ -216,6 +216,22 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
     assert judge_point(job, MeasuredPoint("1", some, target=20e6)).verdict is Verdict.PASS
 
 
+@pytest.mark.parametrize(("deviation", "supported"), [(0.05, True), (0.4, False)])
+def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
+    deviation: float, supported: bool
+) -> None:
+    setup = dataclasses.replace(SETUP, extra={"imported": {"peak_deviations": {"6": deviation}}})
+    point = MeasuredPoint("1", drops(setup), target=20e6)
+    progress = judge_point(Job(procedure=plain_procedure()), point)
+    assert (progress.verdict is Verdict.PASS) == supported
+    if not supported:
+        assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+        assert (
+            "drop 6: the record contradicts the peak that its file stores"
+            in progress.verdict_reason
+        )
+
+
 def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
     some = drops()
     modest = {"at_bound": ["viscosity"], "contact_residual_rms_over_peak": 0.09}
