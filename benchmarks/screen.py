@@ -71,8 +71,10 @@ class Terminal:
 
         self.master, slave = os.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+        # A parent's size, as a runner of tests sets it, would win over that of this terminal.
+        inherited = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {
-            **os.environ,
+            **inherited,
             "TERM": "xterm-256color",
             "COLORTERM": "truecolor",
             "PFWD_SETTINGS": os.path.join(tempfile.gettempdir(), "pfwd-bench-settings.json"),

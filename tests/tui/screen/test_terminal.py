@@ -105,7 +105,7 @@ def test_what_is_to_be_known_of_the_options_stands_among_the_notices(tmp_path: P
     (tmp_path / "lot.csv").write_text("name,lane\n12+360,left\n", encoding="utf-8")
     with serve(PLAIN, rate=1.0) as instrument:
         command = ("live", instrument.url, "-o", "survey", "--stations", "lot.csv")
-        with terminal(*command, "--point", "12+36", size=(120, 120)) as shown:
+        with terminal(*command, "--point", "12+36", size=(120, 80)) as shown:
             wait(shown, lambda: "READY" in text(shown))
             shown.press("?")
             wait(shown, lambda: "Said lately" in text(shown))
