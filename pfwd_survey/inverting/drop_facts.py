@@ -207,6 +207,10 @@ def with_modulus(
     setup : PointSetup, optional
         Of the drop; has how far its peaks are from those that its file stores.
     """
+    fault = None
+    if _contradicts_its_file(facts.number, setup):
+        fault = "the record contradicts the peak that its file stores"
+    facts = dataclasses.replace(facts, record_fault=fault)
     if result is None or result.modulus_pa is None:
         return dataclasses.replace(
             facts, modulus=None, modulus_interval=None, residual=None, fit_fault=None
@@ -216,11 +220,7 @@ def with_modulus(
         modulus=result.modulus_pa,
         modulus_interval=result.modulus_interval_pa,
         residual=result.contact_residual_rms_over_peak,
-        fit_fault=(
-            "the record contradicts the peak that its file stores"
-            if _contradicts_its_file(facts.number, setup)
-            else fit_fault(result)
-        ),
+        fit_fault=fault or fit_fault(result),
     )
 
 

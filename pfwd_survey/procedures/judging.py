@@ -26,6 +26,7 @@ from pfwd_survey.procedures.valuing import (
     known,
     moduli_of,
     stress_of,
+    unsupported_records,
     value_of,
 )
 
@@ -110,14 +111,18 @@ def judge(
     sorted_drops = sort_drops(procedure, drops, notes)
     used = sorted_drops.used
     violated = [*found_before, *violated_preconditions(procedure, used, plate_radius)]
+    record_fault = unsupported_records(used)
     modulus, other_modulus = moduli_of(procedure, used, diagnosed)
+    if modulus is not None and record_fault is not None:
+        modulus = dataclasses.replace(modulus, not_supported=record_fault)
     if procedure.quantity is Quantity.MODULUS:
         if len(used) == 1 and modulus is not None and modulus.source == "fitted":
             notes.append("one drop: the scatter between drops is not in the interval")
         notes += _modulus_notes(modulus, other_modulus, diagnosed)
     value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
-    if value is not None and violated:
-        value = dataclasses.replace(value, not_supported=violated[0])
+    reason = violated[0] if violated else record_fault
+    if value is not None and reason is not None:
+        value = dataclasses.replace(value, not_supported=reason)
     scatter = _scatter(used)
     faults = _point_faults(procedure, scatter, value, notes)
     goal = _goal(procedure, target, moisture, material, notes)
@@ -286,7 +291,7 @@ def _verdict(
         text = "a measured drop lacks what is judged: discard and repeat it"
         return undecided, text, ReasonCode.VALUE_MISSING
     if value.not_supported is not None:
-        text = f"the modulus is not supported by the data: {value.not_supported}"
+        text = f"{_subject(value)} is not supported by the data: {value.not_supported}"
         return undecided, text, ReasonCode.NOT_SUPPORTED
     if faults:
         return undecided, faults[0], ReasonCode.SCATTER
@@ -302,6 +307,10 @@ def _verdict(
     if missed:
         return Verdict.FAIL, "the whole 95 % interval misses the target", ReasonCode.DECIDED
     return undecided, "the target lies within the 95 % interval", ReasonCode.INTERVAL
+
+
+def _subject(value: PointValue) -> str:
+    return "the modulus" if value.quantity is Quantity.MODULUS else str(value.quantity)
 
 
 def _too_few(value: PointValue) -> str:

@@ -44,6 +44,8 @@ class PointDrop:
     """Root mean square residual of the fit in the contact, over the peak."""
     fit_fault: str | None = None
     """Reason why the data do not support the modulus, apart from its residual."""
+    record_fault: str | None = None
+    """Reason why nothing that is read from the record is supported, its peaks included."""
     offset_over_peak: float | None = None
     """Deflection just before the drop over its peak, absolute."""
     return_over_peak: float | None = None

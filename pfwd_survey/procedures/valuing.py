@@ -216,6 +216,25 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
     return PointModulus(math.exp(average), interval, "fitted", fault)
 
 
+def unsupported_records(used: Sequence[PointDrop]) -> str | None:
+    """Return why the records of a point support no value at all; None: they do.
+
+    Drops with the same load, deflection and duration to the last digit are one drop that was stored
+    several times. Peaks without traces are rounded and may agree by chance.
+    """
+    first: dict[tuple[float | None, ...], int] = {}
+    for drop in used:
+        if drop.record_fault is not None:
+            return f"drop {drop.number}: {drop.record_fault}"
+        if drop.pulse_duration is None or drop.peak_deflection is None:
+            continue
+        peaks = drop.peak_load, drop.peak_deflection, drop.pulse_duration
+        if peaks in first:
+            return f"drop {drop.number}: its record is a copy of that of drop {first[peaks]}"
+        first[peaks] = drop.number
+    return None
+
+
 def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
     """Return the reason why the data do not support the modulus of a drop; None: they do."""
     if drop.fit_fault is not None:
