@@ -75,6 +75,7 @@ def samples(
 def drop(number: int, peak: float = 9900.0) -> Drop:
     time = np.arange(-200, 1000) / 10_000
     pulse = np.where((time > 0) & (time < 0.0133), np.sin(np.pi * time / 0.0133), 0.0)
+    pulse *= 1 + 1e-9 * number  # measured drops are never the same
     return Drop(number, time, peak * pulse, (Channel(0.0, "displacement", 6.4e-4 * pulse),))
 
 
