@@ -27,6 +27,11 @@ class Counters:
     """Blocks with another number of channels than the identity, or with an impossible index."""
     samples_recovered: int = 0
     """Samples that were lost on the way and came when they were asked for again."""
+    blocks_repeated: int = 0
+    """Blocks of buffered drops that had been received before."""
+    transfers_abandoned: int = 0
+    """Incomplete buffered drops whose blocks were discarded to make room; they stay in the
+    instrument and are transferred again."""
     drops_kept: int = 0
     """Drops that the instrument found itself and that came whole."""
     streams: int = 0

@@ -53,8 +53,17 @@ _UNSOUND = (
     "expected the checksum of its Offer, got another one {} times. The memory or the firmware of "
     "the instrument is at fault: try `pfwd conform`"
 )
-_MOST_COMING = 64
-"""Drops that have been begun; an instrument offers them one by one."""
+_MAX_OFFERED_UNDER_NAME = 64
+"""Drops of one name whose order is remembered."""
+MAX_TRANSFER_BYTES = 64_000_000
+"""Memory for incomplete drops. The largest drop of the protocol (MOST_DROP_SAMPLES of MOST_CHANNELS
+in MOST_BLOCKS) needs 25 MB of it."""
+_MIN_TRANSFER_BYTES = 1_000_000
+"""Memory that a short drop counts for: it limits the number of transfers to 64."""
+_BYTES_PER_BLOCK = 200
+"""Memory of a block beside its samples: its number, missing or received, and two objects."""
+STALLED_AFTER = 5.0
+"""s without a new block after which an incomplete drop gives way to one that has no room."""
 
 
 class DropId(NamedTuple):
@@ -80,19 +89,37 @@ class DropId(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Coming:
-    """A drop of which blocks have come."""
+class _Transfer:
+    """Transfer of one drop from the instrument, block by block."""
 
     offer: DropOffer
+    changed: float
+    """When the transfer began or a block of it was new, s."""
     blocks: dict[int, bytes] = field(default_factory=dict)
+    missing: set[int] = field(default_factory=set)
+    """Numbers of the blocks that have not been received."""
     until: int = 0
-    """Before this block ends what was asked for last."""
+    """End of the last request: the number of the first block that it does not include."""
     progress: float | None = None
-    """When the last block came or was asked for, s; None: nothing is asked for now."""
+    """When a block was last new or requested, s; None: no request is open."""
     unsound: int = 0
-    """How often all of it came with another CRC."""
+    """Times that the complete drop had another CRC than its Offer."""
     not_before: float = 0.0
-    """When it is asked for again at the earliest, s."""
+    """Time of the next request at the earliest, s."""
+
+    def __post_init__(self) -> None:
+        self.discard_blocks()
+
+    @property
+    def memory(self) -> int:
+        """Memory of the complete drop, bytes; it depends on the Offer alone."""
+        samples = 3 * self.offer.channels * self.offer.samples
+        return max(_MIN_TRANSFER_BYTES, samples + _BYTES_PER_BLOCK * self.offer.blocks)
+
+    def discard_blocks(self) -> None:
+        """Begin again with all blocks missing."""
+        self.blocks.clear()
+        self.missing = set(range(self.offer.blocks))
 
 
 @dataclass(slots=True)
@@ -119,7 +146,7 @@ class KeptDrops:
         self._counters = counters
         self.channels: int | None = None
         """How many the Identity has; None: not known yet."""
-        self._coming: OrderedDict[Name, _Coming] = OrderedDict()
+        self._transfers: OrderedDict[Name, _Transfer] = OrderedDict()
         self._handed: set[DropId] = set()
         self._names: OrderedDict[Name, _Named] = OrderedDict()
         self._refused: OrderedDict[DropId, None] = OrderedDict()
@@ -133,9 +160,9 @@ class KeptDrops:
         """Monotonic time of the next `tick`, s; None: nothing is waited for."""
         times = [self._arm_at] if self._arm_at is not None else []
         times += [
-            coming.progress + FETCH_AGAIN
-            for coming in self._coming.values()
-            if coming.progress is not None
+            transfer.progress + FETCH_AGAIN
+            for transfer in self._transfers.values()
+            if transfer.progress is not None
         ]
         return min(times, default=None)
 
@@ -154,8 +181,8 @@ class KeptDrops:
         self.outbox.clear()
         self._trigger, self._arm_at = None, None
         self._names.clear()  # what is kept still is offered again
-        for coming in self._coming.values():
-            coming.progress = None
+        for transfer in self._transfers.values():
+            transfer.progress = None
 
     def acknowledge(self, offer: DropOffer, now: float) -> None:
         """The drop of this Offer is safe: the instrument need not keep it any more.
@@ -201,9 +228,9 @@ class KeptDrops:
         if self._arm_at is not None and self._trigger is not None and now >= self._arm_at:
             self.outbox.append(Arm(self._trigger))
             self._arm_at = now + ARM_AGAIN
-        for name, coming in self._coming.items():
-            if coming.progress is not None and now >= coming.progress + FETCH_AGAIN:
-                self._fetch(name, coming, now)
+        for name, transfer in self._transfers.items():
+            if transfer.progress is not None and now >= transfer.progress + FETCH_AGAIN:
+                self._fetch(name, transfer, now)
 
     def _acknowledge(self, drop: DropId, now: float) -> None:
         """Acknowledge a safe drop, unless that could erase another one of its name.
@@ -234,7 +261,7 @@ class KeptDrops:
         if drop.name not in self._names:
             _remember(self._names, drop.name, _Named())
         offered = self._names[drop.name].offered
-        if drop not in offered and len(offered) < _MOST_COMING:
+        if drop not in offered and len(offered) < _MAX_OFFERED_UNDER_NAME:
             offered.append(drop)
 
     def _take_offer(self, offer: DropOffer, now: float) -> UnusableDrop | None:
@@ -251,64 +278,85 @@ class KeptDrops:
             _remember(self._refused, drop, None)
             channels = f"expected {self.channels} channels as in the Identity, got {offer.channels}"
             return None if told else UnusableDrop(offer, channels)
-        for other_coming in self._coming.values():
-            if DropId.of(other_coming.offer) != drop:
-                other_coming.progress = None  # the instrument does not send it now
-        coming = self._coming.get(name)
-        if coming is None or DropId.of(coming.offer) != drop:
-            coming = self._coming[name] = _Coming(offer)
-            while len(self._coming) > _MOST_COMING:
-                self._coming.popitem(last=False)
-        if coming.progress is None and now >= coming.not_before:
-            self._fetch(name, coming, now)
+        transfer = self._transfers.get(name)
+        if transfer is None or DropId.of(transfer.offer) != drop:
+            self._transfers.pop(name, None)
+            transfer = _Transfer(offer, now)
+            if not self._make_room(transfer, now):
+                return None  # offered again, as nothing of it is acknowledged
+            self._transfers[name] = transfer
+        for other in self._transfers.values():
+            if other is not transfer:
+                other.progress = None  # the instrument does not send it now
+        if transfer.progress is None and now >= transfer.not_before:
+            self._fetch(name, transfer, now)
         return None
+
+    def _make_room(self, transfer: _Transfer, now: float) -> bool:
+        """Give up stalled transfers, the oldest first, until this one fits; return whether it does.
+
+        One that still receives blocks stays: two long drops that are offered in turn would
+        otherwise discard each other's blocks for ever.
+        """
+        others = sorted(self._transfers.items(), key=lambda item: item[1].changed)
+        free = MAX_TRANSFER_BYTES - sum(other.memory for _, other in others)
+        for name, other in others:
+            if free >= transfer.memory or now < other.changed + STALLED_AFTER:
+                break
+            free += other.memory
+            del self._transfers[name]
+            self._counters.transfers_abandoned += 1
+        return free >= transfer.memory
 
     def _take_block(
         self, block: DropBlock, now: float, clock: tuple[int, datetime.datetime] | None
     ) -> KeptDrop | UnusableDrop | None:
         name = block.stream, block.first_sample
-        coming = self._coming.get(name)
-        if coming is None:
+        transfer = self._transfers.get(name)
+        if transfer is None:
             self._counters.blocks_refused += name not in self._names
             return None
-        offer = coming.offer
+        offer = transfer.offer
         if len(block.data) != _length(offer, block.number):
             self._counters.blocks_refused += 1
             return None
-        coming.blocks[block.number] = block.data
-        coming.progress = now
-        if len(coming.blocks) < offer.blocks:
-            if block.number + 1 >= coming.until:
-                self._fetch(name, coming, now)
+        if block.number not in transfer.missing:
+            # No request follows: else an instrument that repeats a block gets one for each.
+            self._counters.blocks_repeated += 1
             return None
-        data = b"".join(coming.blocks[number] for number in range(offer.blocks))
+        transfer.blocks[block.number] = block.data
+        transfer.missing.remove(block.number)
+        transfer.progress = transfer.changed = now
+        if transfer.missing:
+            if block.number + 1 >= transfer.until:
+                self._fetch(name, transfer, now)
+            return None
+        data = b"".join(transfer.blocks[number] for number in range(offer.blocks))
         if zlib.crc32(data) != offer.crc:
-            # Each block was right and the whole is not: none of them can be believed.
+            # Each block was sound and the drop is not: none of them can be believed.
             self._counters.blocks_refused += offer.blocks
-            coming.blocks.clear()
-            coming.unsound += 1
-            if coming.unsound < WHOLE_ATTEMPTS:
-                self._fetch(name, coming, now)
+            transfer.discard_blocks()
+            transfer.unsound += 1
+            if transfer.unsound < WHOLE_ATTEMPTS:
+                self._fetch(name, transfer, now)
                 return None
-            # It is offered further on, and fetched now and then; told once.
-            coming.progress, coming.not_before = None, now + UNSOUND_AGAIN
-            told = coming.unsound > WHOLE_ATTEMPTS
-            return None if told else UnusableDrop(offer, _UNSOUND.format(coming.unsound))
-        del self._coming[name]
+            # It is offered further on and fetched now and then; reported once.
+            transfer.progress, transfer.not_before = None, now + UNSOUND_AGAIN
+            reported = transfer.unsound > WHOLE_ATTEMPTS
+            return None if reported else UnusableDrop(offer, _UNSOUND.format(transfer.unsound))
+        del self._transfers[name]
         self._handed.add(DropId.of(offer))
         self._counters.drops_kept += 1
         counts = unpack_int24(data).reshape(offer.samples, offer.channels)
         return KeptDrop(offer, counts, _time_of(offer, clock), now)
 
-    def _fetch(self, name: Name, coming: _Coming, now: float) -> None:
-        """Ask for the first row of blocks that are missing."""
-        missing = [number for number in range(coming.offer.blocks) if number not in coming.blocks]
-        first = missing[0]
-        count = next(
-            (at for at, number in enumerate(missing) if number != first + at), len(missing)
-        )
-        coming.until, coming.progress = first + count, now
-        self.outbox.append(Fetch(*name, first, count))
+    def _fetch(self, name: Name, transfer: _Transfer, now: float) -> None:
+        """Request the first unbroken row of missing blocks."""
+        first = until = min(transfer.missing)
+        while until in transfer.missing:
+            until += 1
+        transfer.until, transfer.progress = until, now
+        self.outbox.append(Fetch(*name, first, until - first))
 
 
 def _remember(known: OrderedDict[_K, _V], key: _K, value: _V) -> None:

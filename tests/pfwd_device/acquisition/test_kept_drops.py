@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -12,6 +13,8 @@ from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples, Unusable
 from pfwd_device.acquisition.kept_drops import (
     ACKNOWLEDGE_AGAIN,
     FETCH_AGAIN,
+    MAX_TRANSFER_BYTES,
+    STALLED_AFTER,
     UNSOUND_AGAIN,
     WHOLE_ATTEMPTS,
     KeptDrops,
@@ -223,6 +226,70 @@ def test_a_block_of_another_length_is_refused() -> None:
     for wrong in (DropBlock(*NAME, 0, DATA[:6]), DropBlock(*NAME, 99, DATA[:6])):
         assert kept.take(wrong, 0.1, None) is None
     assert counters.blocks_refused == 2
+
+
+def test_a_repeated_block_is_counted_and_requests_nothing() -> None:
+    counters = Counters()
+    kept = KeptDrops(counters)
+    kept.take(OFFER, 0.0, None)
+    kept.take(block(9), 0.1, None)
+    said(kept)
+    for at in range(100):
+        assert kept.take(block(9), 0.2 + at / 1000, None) is None
+    assert said(kept) == []
+    assert counters.blocks_repeated == 100
+    kept.tick(0.1 + FETCH_AGAIN)  # repeated blocks do not put the next request off
+    assert said(kept) == [Fetch(*NAME, 0, 9)]
+
+
+def long_offer(number: int, blocks: int = 5000) -> DropOffer:
+    return DropOffer(7, 10_000_000 * number, None, 20, 500_000, 8, 500_000 // blocks, 1, 50_000.0)
+
+
+def test_incomplete_drops_take_a_limited_amount_of_memory() -> None:
+    counters = Counters()
+    kept = KeptDrops(counters)
+    size_of_block = 3 * 8 * 100
+    tracemalloc.start()
+    try:
+        for number in range(12):
+            now = number * 2 * STALLED_AFTER
+            offer = long_offer(number)
+            kept.take(offer, now, None)
+            for at in range(offer.blocks - 1):
+                kept.take(DropBlock(*offer_name(offer), at, bytes([0] * size_of_block)), now, None)
+            said(kept)
+        size, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert size < 1.1 * MAX_TRANSFER_BYTES
+    assert counters.transfers_abandoned == 12 - MAX_TRANSFER_BYTES // 13_000_000
+
+
+def offer_name(offer: DropOffer) -> tuple[int, int]:
+    return offer.stream, offer.first_sample
+
+
+def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None:
+    counters = Counters()
+    kept = KeptDrops(counters)
+    for number in range(1, 6):
+        kept.take(long_offer(number), 0.0, None)
+    kept.take(OFFER, 0.0, None)
+    said(kept)
+    for number in range(9):
+        kept.take(long_offer(6 + number % 2), number / 10, None)
+        assert kept.take(block(number), number / 10, None) is None
+    assert isinstance(kept.take(block(9), 1.0, None), KeptDrop)
+    assert counters.transfers_abandoned == 0
+    said(kept)
+    kept.take(long_offer(6), 1.1, None)  # no room yet: it is offered again
+    assert said(kept) == []
+    kept.take(long_offer(6), STALLED_AFTER, None)
+    assert said(kept) == [Fetch(7, 60_000_000, 0, 5000)]
+    assert counters.transfers_abandoned == 1
+    kept.take(long_offer(1), STALLED_AFTER, None)  # the one that gave way is transferred again
+    assert said(kept) == [Fetch(7, 10_000_000, 0, 5000)]
 
 
 def test_arm_is_said_until_it_is_answered() -> None:
