@@ -20,6 +20,7 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.fitting.layered.fit import CORRELATION_CONTACTS, LayeredFit
 from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
+from inversion.fitting.parameters import on_bound
 from inversion.fitting.uncertainty import NORMAL_95, sensor_noise
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import layered_transfer
@@ -31,7 +32,9 @@ CHI_SQUARE_95 = 3.84
 # Standard deviations at which a profile is computed, on each side.
 _PROFILE_STEPS = (1.0, 1.7, 2.4, 4.0, 8.0)
 _PROFILE_ITERATIONS = 5
-# A unit value this well known (natural logarithm, one standard deviation) needs no profile.
+# A unit value this well known (natural logarithm, one standard deviation) needs no profile, unless
+# an unknown of the fit ended on a bound: the misfit still falls there, so that its curvature does
+# not show how far the others follow when that unknown moves inside.
 _LINEAR = 0.02
 
 
@@ -149,7 +152,7 @@ def _interval(
     low, high = _linear(place, spread[column])
     parameter = fit.space.unknowns[column].parameter
     relative = float(parameter.slopes(place) / parameter.value(place)) * spread[column]
-    if relative > _LINEAR:
+    if relative > _LINEAR or on_bound(fit.best.point).any():
         below, above = _profile(fit, column, covariance, spread[column])
         low, high = min(low, below), max(high, above)
     for other in _equivalent(fit):

@@ -20,6 +20,7 @@ from inversion.fitting.layered.intervals import (
     layered_uncertainty,
 )
 from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from simulators.mesh import Ground
 from tests.inversion.layered_drops import (
     DEPTH,
     POISSON_RATIO,
@@ -106,6 +107,23 @@ def test_the_covariance_of_model_and_priors_by_hand() -> None:
     spread = np.sqrt(np.diag(expected))
     assert found.correlation == pytest.approx(expected / np.outer(spread, spread), abs=0.02)
     assert np.all(found.deviation < 1e-3 * of.values(np.ones((1, of.size)))[0])
+
+
+@pytest.mark.parametrize("viscosity", [0.0, 5e4])
+def test_an_unknown_on_a_bound_calls_for_profiles_of_the_others(
+    viscosity: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without viscosity the relaxation time ends at zero; the modulus is well known in both."""
+    of = space(media=1, density=2000.0)
+    fit = fitted(of, ground=Ground.uniform(6.0e7, viscosity, 2000.0, POISSON_RATIO, DEPTH))
+    monkeypatch.setattr(module, "_profile", lambda *_: (0.25, 0.75))
+    modulus = of.index("modulus", 0)
+    assert modulus is not None
+    assert layered_uncertainty(fit).whole_deviation[modulus] < 0.01
+    low, high = layered_uncertainty(fit).intervals[modulus]
+    values = of.unknowns[modulus].parameter.value
+    is_profile = (low, high) == pytest.approx((float(values(0.25)), float(values(0.75))))
+    assert is_profile == (viscosity == 0.0)
 
 
 def test_two_alike_drops_halve_the_variance() -> None:
