@@ -29,6 +29,7 @@ from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.files.survey_file import is_survey_file
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
 
 
 def import_files(
@@ -89,6 +90,9 @@ def import_files(
                 opened = SurveyWriter.open(survey, spare=spare_folder(), fall_back=False)
                 writer = stack.enter_context(opened)
                 before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
+                if not before and exported is None:
+                    # An exported survey brings its own events along.
+                    writer.note_event(RULES_EVENT, {"version": RULES_VERSION})
             if exported is not None:
                 yield from import_survey(writer, file, exported, before)
             for point, name in zip(points, names, strict=True):

@@ -2,7 +2,7 @@
 
 Surveys do not store verdicts. So that nobody is surprised by one that changed, a survey that was
 last recorded under the earlier rules is judged by both, and the differences are reported. A session
-of this version writes an event with its rules; from then on nothing is compared.
+or an import that begins a survey writes an event with its rules; then nothing is compared.
 """
 
 import math
@@ -21,15 +21,10 @@ from pfwd_survey.judging.verdicts import (
     plate_of_point,
 )
 from pfwd_survey.procedures import PointDrop, PointProgress, PointValue, Quantity, Verdict
+from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd_survey.procedures.moduli import e_lwd, e_vd, half_width_95, mean
 from pfwd_survey.procedures.point import ReasonCode
 from pfwd_survey.procedures.valuing import known
-
-RULES_EVENT = "verdict_rules"
-"""Name of the event; its detail ``version`` is the number of the rules."""
-
-RULES_VERSION = 2
-"""1: version 0.1, which compared no load, took every fit and spread intervals evenly."""
 
 
 def changed_verdicts(survey: SurveyContent, job: Job) -> Iterator[str]:

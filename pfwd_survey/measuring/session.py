@@ -47,7 +47,7 @@ from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest
-from pfwd_survey.judging.earlier_rules import RULES_EVENT, RULES_VERSION, changed_verdicts
+from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.calibration_change import (
     calibration_changes,
@@ -77,6 +77,7 @@ from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.sensor_check import SensorChecker
 from pfwd_survey.measuring.setup_file import response_warnings, setup_of
 from pfwd_survey.measuring.survey_job import agreed_job, instrument_request, known_point
+from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
 
 __all__ = ["Ending", "Listener", "Session", "SessionPlan"]
 

@@ -30,6 +30,12 @@ from pfwd_survey.procedures.valuing import (
     value_of,
 )
 
+RULES_EVENT = "verdict_rules"
+"""Event of a survey that names the rules its verdicts were first made by, in ``version``."""
+
+RULES_VERSION = 2
+"""1: version 0.1, which compared no load, took every fit and spread intervals evenly."""
+
 LARGEST_DEFLECTION = 1.0
 """m; what is larger is a modulus in Pa."""
 

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.files.header import PointSetup, declared_values
+from pfwd_survey.files.importing import import_files
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point
 from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
-from pfwd_survey.judging.earlier_rules import (
-    RULES_EVENT,
-    RULES_VERSION,
-    changed_verdicts,
-    earlier_verdict,
-)
+from pfwd_survey.judging.earlier_rules import changed_verdicts, earlier_verdict
 from pfwd_survey.procedures import Kind, PointDrop, Verdict, find_procedure, plain_procedure
+from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
 from tests.pfwd_survey.reporting.surveys import half_sine_drop, result_of
 
 SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
@@ -104,6 +102,21 @@ def test_the_survey_names_its_changed_points_until_it_has_the_rules(tmp_path: Pa
     event = (RULES_EVENT, {"version": RULES_VERSION})
     new = read_survey(recorded(tmp_path / "new", 5100.0, event))
     assert list(changed_verdicts(new, job_of(new))) == []
+
+
+def test_an_import_begins_a_survey_with_the_rules(tmp_path: Path) -> None:
+    old = recorded(tmp_path / "old", 5100.0)
+    export_survey(old, "csv", tmp_path / "traces")
+    export_survey(old, "h5", tmp_path / "old.h5")
+    traces = [str(path) for path in (tmp_path / "traces").iterdir()]
+    list(import_files(traces, tmp_path / "new"))
+    new = read_survey(tmp_path / "new")
+    assert list(changed_verdicts(new, job_of(new))) == []
+    # A copy of an old survey has its rules: its verdicts were made by them.
+    list(import_files([str(tmp_path / "old.h5")], tmp_path / "copy"))
+    list(import_files(traces, tmp_path / "copy"))
+    copy = read_survey(tmp_path / "copy")
+    assert len(list(changed_verdicts(copy, job_of(copy)))) == 1
 
 
 def test_sound_points_keep_their_verdict() -> None:
