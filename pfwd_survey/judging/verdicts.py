@@ -15,10 +15,10 @@ from pfwd_survey.procedures import (
     PointModulus,
     PointProgress,
     PointValue,
-    Procedure,
     Verdict,
     judge,
 )
+from pfwd_survey.procedures.judging import is_for
 from pfwd_survey.procedures.point import in_force_as_dict
 from pfwd_survey.procedures.profile import OUR_TOLERANCES
 from pfwd_survey.procedures.valuing import moduli_of, residual_fault, value_of
@@ -189,16 +189,9 @@ def target_of(
     known = [(value, source) for value, source in said if value is not None]
     if not known:
         return None, ""
-    fitting = [pair for pair in known if is_target_for(job.procedure_in_force, pair[0])]
+    fitting = [pair for pair in known if is_for(job.procedure_in_force, pair[0])]
     # One of another quantity is handed on, so that the judgement can say that it does not count.
     return (fitting or known)[0]
-
-
-def is_target_for(procedure: Procedure, target: float) -> bool:
-    """Whether a number can be a target of the quantity that a procedure judges."""
-    from pfwd_survey.procedures.judging import is_for
-
-    return is_for(procedure, target)
 
 
 class PointPlate(NamedTuple):

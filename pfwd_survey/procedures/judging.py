@@ -256,7 +256,10 @@ def _goal(
 ) -> _Goal:
     """The target of the point where it is of the quantity that is judged, or the procedure's."""
     if given is not None and not is_for(procedure, given):
-        notes.append("the target is a modulus, the procedure judges a deflection: not compared")
+        judged, other = "a deflection", "a modulus"
+        if procedure.quantity is not Quantity.DEFLECTION:
+            judged, other = other, judged
+        notes.append(f"the target is {other}, the procedure judges {judged}: not compared")
         given = None
     if given is not None:
         return _Goal(given, "of the point")
@@ -267,7 +270,7 @@ def _goal(
 def is_for(procedure: Procedure, target: float) -> bool:
     """Whether a target is of the quantity that is judged: moduli begin at 100 kPa, deflections
     end at a plate's radius."""
-    return procedure.quantity is not Quantity.DEFLECTION or target < LARGEST_DEFLECTION
+    return (procedure.quantity is Quantity.DEFLECTION) == (target < LARGEST_DEFLECTION)
 
 
 def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str]) -> None:
