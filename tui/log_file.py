@@ -2,6 +2,7 @@
 
 import logging
 import logging.handlers
+import os
 import time
 from collections import deque
 from io import TextIOWrapper
@@ -40,7 +41,8 @@ class _SurveyLog(logging.handlers.RotatingFileHandler):
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record, after those that waited."""
         self._waiting.append(record)
-        if self._survey.is_dir():
+        # Unlike Path.is_dir, no error of a failing disk comes out of a line that is logged.
+        if os.path.isdir(self._survey):
             while self._waiting:
                 super().emit(self._waiting.popleft())
 
