@@ -36,6 +36,7 @@ from inversion.arrays import FloatArray
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.measured.record import CONTACT_END_FRACTION
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
@@ -260,16 +261,18 @@ def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Cover
 
 
 def _outcome(case: Case, result: InversionResult, own: ModelDifference) -> CoverageResult:
+    low, high = known(result.modulus_interval_pa)
+    depth, warnings = result.bedrock_depth_m, result.warnings or ()
     return CoverageResult(
         case=case,
-        modulus=result.subgrade.modulus.value,
-        low=result.modulus_interval[0],
-        high=result.modulus_interval[1],
-        depth=result.subgrade.bedrock_depth.value,
-        explained=result.explained,
-        at_bound=result.at_bound,
-        depth_not_unique=any(text.startswith("depth not unique") for text in result.warnings),
-        window_residual=result.window_residual_rms_over_peak,
+        modulus=known(result.modulus_pa),
+        low=low,
+        high=high,
+        depth=math.inf if depth is None else depth,
+        explained=bool(result.explained),
+        at_bound=result.at_bound or (),
+        depth_not_unique=any(text.startswith("depth not unique") for text in warnings),
+        window_residual=known(result.window_residual_rms_over_peak),
         model_error=own,
     )
 

@@ -29,6 +29,7 @@ from platformdirs import user_cache_path
 
 from benchmarks.output import Reporter
 from inversion import SurrogateLibrary
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd_survey import AnalysisOptions, analyse_point, read_traces
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
@@ -235,9 +236,9 @@ def read(case: Case) -> Reading:
     if result is None:
         nan = math.nan
         return Reading(case, nan, nan, nan, nan, False)
-    low, high = result.modulus_interval
-    modulus = result.subgrade.modulus.value
-    return Reading(case, result.peak.modulus, modulus, low, high, result.explained)
+    low, high = known(result.modulus_interval_pa)
+    peak, modulus = known(result.peak_modulus_pa), known(result.modulus_pa)
+    return Reading(case, peak, modulus, low, high, bool(result.explained))
 
 
 def run(arguments: list[str]) -> int:

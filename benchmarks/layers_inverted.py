@@ -20,6 +20,7 @@ import numpy as np
 from benchmarks.output import Reporter
 from inversion import Instrument, Record, Settings, invert
 from inversion.measured.record import Sensor
+from inversion.records import known
 from inversion.result import InversionResult
 from pfwd_survey import read_traces, record_of
 from pfwd_survey.spawning import worker_pool
@@ -136,22 +137,21 @@ def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> N
     for what, place in (("subgrade", -1), ("top", 0)):
         errors, inside, widths, alone = [], [], [], []
         for case, every, centre, _ in solved:
-            truth, found = case.moduli[place], every.layers[place]
-            errors.append(abs(found.modulus.value / truth - 1.0))
-            low, high = found.modulus_interval
+            truth, found = case.moduli[place], known(every.layers)[place]
+            errors.append(abs(known(found.modulus_pa) / truth - 1.0))
+            low, high = known(found.modulus_interval_pa)
             inside.append(low <= truth <= high)
             widths.append(0.5 * math.log(high / low))
-            low, high = centre.layers[place].modulus_interval
+            low, high = known(known(centre.layers)[place].modulus_interval_pa)
             alone.append(low <= truth <= high)
         report.record(
             what=what, **_summary(errors, inside, widths), centre_alone=100 * _share(alone)
         )
     errors, inside, widths = [], [], []
     for case, every, _, _ in solved:
-        for layer, found in zip(case.layers[:-1], every.layers[:-1], strict=True):
-            errors.append(abs(found.thickness.value / layer.thickness - 1.0))
-            assert found.thickness_interval is not None
-            low, high = found.thickness_interval
+        for layer, found in zip(case.layers[:-1], known(every.layers)[:-1], strict=True):
+            errors.append(abs(known(found.thickness_m) / layer.thickness - 1.0))
+            low, high = known(found.thickness_interval_m)
             inside.append(low <= layer.thickness <= high)
             widths.append(0.5 * math.log(high / low))
     report.record(what="thickness", **_summary(errors, inside, widths))
@@ -218,13 +218,15 @@ def records(report: Reporter, folder: Path) -> None:
         record = replace(record, bedrock_depth=math.inf if depth is None else depth)
         found = invert(record, Settings(layers=len(truth["layers"])))
         values: dict[str, Any] = {}
-        for number, (layer, true) in enumerate(zip(found.layers, truth["layers"], strict=True), 1):
+        for number, (layer, true) in enumerate(
+            zip(known(found.layers), truth["layers"], strict=True), 1
+        ):
             modulus = 1e6 * true["modulus_MPa"]
-            low, high = layer.modulus_interval
-            values[f"modulus_{number}"] = 100 * (layer.modulus.value / modulus - 1.0)
+            low, high = known(layer.modulus_interval_pa)
+            values[f"modulus_{number}"] = 100 * (known(layer.modulus_pa) / modulus - 1.0)
             values[f"holds_{number}"] = low <= modulus <= high
         for number, (layer, true) in enumerate(
-            zip(found.layers, truth["thickness_m"], strict=False), 1
+            zip(known(found.layers), truth["thickness_m"], strict=False), 1
         ):
-            values[f"thickness_{number}"] = 100 * (layer.thickness.value / true - 1.0)
+            values[f"thickness_{number}"] = 100 * (known(layer.thickness_m) / true - 1.0)
         report.record(drop=name, kind=truth["kind"], sensors=len(record.sensors), **values)

@@ -14,6 +14,7 @@ from inversion.forward.laplace import SEARCH_BAND_HZ
 from inversion.forward.model import ForwardModel
 from inversion.forward.published import published_displacement
 from inversion.measured.record import prepare
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
 
@@ -68,7 +69,8 @@ def _analysis_time(
     record: Record, settings: Settings, library: SurrogateLibrary
 ) -> tuple[float, int]:
     results = [invert(record, settings, library) for _ in range(8)]
-    return statistics.median(r.elapsed for r in results[1:]), results[-1].forward_solves
+    elapsed = statistics.median(known(result.elapsed_s) for result in results[1:])
+    return elapsed, known(results[-1].forward_solves)
 
 
 def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:

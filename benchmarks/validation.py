@@ -27,6 +27,7 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
+from inversion.records import known as known_value
 from inversion.threads import single_threaded_blas
 from pfwd_survey import read_traces, record_of
 from pfwd_survey.inverting.analysis import settings_of
@@ -149,7 +150,7 @@ def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseR
     unknown = _invert(case, drop, library, AnalysisOptions(bedrock_depth="unknown"), case.depth)
     results |= {KNOWN: known, UNKNOWN: unknown}
     methods = {name: _finding(case, result) for name, result in results.items()}
-    peak = known.peak.modulus
+    peak = known_value(known.peak_modulus_pa)
     methods[PEAK] = Finding(peak, peak / case.modulus - 1.0, None, None)
     rungs = [results[PUBLISHED], *_steps(case, drop, library), known]
     area = math.pi * PLATE.radius**2
@@ -209,8 +210,8 @@ def _through_file(
 
 
 def _finding(case: Case, result: InversionResult) -> Finding:
-    modulus = result.subgrade.modulus.value
-    low, high = result.modulus_interval
+    modulus = known_value(result.modulus_pa)
+    low, high = known_value(result.modulus_interval_pa)
     return Finding(
         modulus, modulus / case.modulus - 1.0, result.r_squared, low <= case.modulus <= high
     )
@@ -397,12 +398,12 @@ def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
     figure = Figure(figsize=(9, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     for method, result in shown.items():
-        history, colour = result.history, _STYLES[method][0]
-        modulus = result.subgrade.modulus.value / 1e6
+        history, colour = known_value(result.history), _STYLES[method][0]
+        modulus = known_value(result.modulus_pa) / 1e6
         time = 1e3 * history.time
         upper.plot(time, 1e6 * history.predicted[0], color=colour, label=f"{method}: {modulus:.1f}")
         lower.plot(time, 1e6 * history.residual[0], color=colour)
-    first = shown[KNOWN].history
+    first = known_value(shown[KNOWN].history)
     upper.plot(
         1e3 * first.time, 1e6 * first.observed[0], "k.", ms=3, label="finite elements: 40 MPa"
     )

@@ -4,24 +4,29 @@ The public names, usable on plain arrays::
 
     record = Record(time, load, (Sensor(0.0, "displacement", w),), Instrument(plate_radius=0.15))
     result = invert(record)
-    result.subgrade.modulus.value        # Pa
-    result.modulus_interval              # Pa, 95 %, the model's own error included
+    result.modulus_pa                    # Pa; None: the record leaves it open
+    result.modulus_interval_pa           # Pa, 95 %, the model's own error included
+
+Each name is loaded when it is first used, so that a stored result is read without the solvers.
 """
 
-from inversion.errors import InversionError, ModelError, RecordError
-from inversion.forward.contact import PLATE_MODELS, PlateProblem, plate_compliance
-from inversion.forward.library import SurrogateLibrary
-from inversion.forward.model import ForwardModel, Grounds, Instrument
-from inversion.invert import Settings, invert, invert_joint
-from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
-from inversion.measured.peak_method import (
-    PLATE_FACTORS,
-    PeakModulus,
-    dynamic_modulus_evd,
-    peak_modulus,
-)
-from inversion.measured.record import Record, Sensor
-from inversion.result import InversionResult, Subgrade, TimeHistories, Value
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inversion.drop_inversion import Settings, invert, invert_joint
+    from inversion.errors import InversionError, ModelError, RecordError
+    from inversion.forward.contact import PLATE_MODELS, PlateProblem, plate_compliance
+    from inversion.forward.library import SurrogateLibrary
+    from inversion.forward.model import ForwardModel, Grounds, Instrument
+    from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
+    from inversion.measured.peak_method import (
+        PLATE_FACTORS,
+        PeakModulus,
+        dynamic_modulus_evd,
+        peak_modulus,
+    )
+    from inversion.measured.record import Record, Sensor
+    from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
 
 __all__ = [
     "PLATE_FACTORS",
@@ -29,9 +34,11 @@ __all__ = [
     "ForwardModel",
     "Grounds",
     "HalfSineFit",
+    "HalfSinePulse",
     "Instrument",
     "InversionError",
     "InversionResult",
+    "LayerResult",
     "ModelError",
     "PeakModulus",
     "PlateProblem",
@@ -39,10 +46,8 @@ __all__ = [
     "RecordError",
     "Sensor",
     "Settings",
-    "Subgrade",
     "SurrogateLibrary",
     "TimeHistories",
-    "Value",
     "dynamic_modulus_evd",
     "fit_half_sine",
     "fit_half_sine_equal_area",
@@ -51,3 +56,46 @@ __all__ = [
     "peak_modulus",
     "plate_compliance",
 ]
+
+_HOMES = {
+    "ForwardModel": "inversion.forward.model",
+    "Grounds": "inversion.forward.model",
+    "HalfSineFit": "inversion.measured.half_sine",
+    "HalfSinePulse": "inversion.result",
+    "Instrument": "inversion.forward.model",
+    "InversionError": "inversion.errors",
+    "InversionResult": "inversion.result",
+    "LayerResult": "inversion.result",
+    "ModelError": "inversion.errors",
+    "PLATE_FACTORS": "inversion.measured.peak_method",
+    "PLATE_MODELS": "inversion.forward.contact",
+    "PeakModulus": "inversion.measured.peak_method",
+    "PlateProblem": "inversion.forward.contact",
+    "Record": "inversion.measured.record",
+    "RecordError": "inversion.errors",
+    "Sensor": "inversion.measured.record",
+    "Settings": "inversion.drop_inversion",
+    "SurrogateLibrary": "inversion.forward.library",
+    "TimeHistories": "inversion.result",
+    "dynamic_modulus_evd": "inversion.measured.peak_method",
+    "fit_half_sine": "inversion.measured.half_sine",
+    "fit_half_sine_equal_area": "inversion.measured.half_sine",
+    "invert": "inversion.drop_inversion",
+    "invert_joint": "inversion.drop_inversion",
+    "peak_modulus": "inversion.measured.peak_method",
+    "plate_compliance": "inversion.forward.contact",
+}
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

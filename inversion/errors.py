@@ -11,3 +11,7 @@ class ModelError(InversionError, ValueError):
 
 class RecordError(InversionError, ValueError):
     """The arrays of a record do not fit together or hold no usable drop."""
+
+
+class RecordFormatError(InversionError, ValueError):
+    """Stored JSON is no record; the message names the file and what was found."""

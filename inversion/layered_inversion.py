@@ -29,16 +29,30 @@ from inversion.fitting.layered.parameters import LayeredSpace, layered_space
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
-from inversion.result import Effective, LayerValue, Value
+from inversion.result import OPEN_FACTOR, LayerResult
 
-# An interval wider than this factor is no value.
-OPEN_FACTOR = 10.0
 # Mean square residual over which, times that of one medium, a layer does not fit as well.
 _FITS_AS_WELL = 1.2
 # Media with which it is decided which part of the record is explained.
 _WINDOW_LAYERS = 3
 # Step of the unit values in the derivatives of the effective modulus.
 _STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Effective:
+    """One modulus for all media.
+
+    Parameters
+    ----------
+    modulus : float, Pa, of one medium that the plate at rest would press in as far
+    interval : (float, float), Pa, 95 %
+    depth : float, m, above which 90 % of that deflection arises
+    """
+
+    modulus: float
+    interval: tuple[float, float]
+    depth: float
 
 
 @dataclass(frozen=True)
@@ -92,10 +106,11 @@ class LayeredInversion:
     ----------
     fit : LayeredFit
     ground : LayeredGround
-    layers : tuple of LayerValue, from the top
+    layers : tuple of LayerResult, from the top
     effective : Effective
     modulus_known : bool, whether the lowest medium's modulus is known within a factor of ten
-    bedrock_depth : Value and its interval, or None
+    bedrock_depth, depth_deviation : float, m, or None: no rock; given, not fitted
+    depth_interval : (float, float), m, or None: given, not fitted
     uncertainty : LayeredUncertainty
     considered : tuple of Considered, numbers of media that were tried
     remarks : tuple of str, what should be known
@@ -105,10 +120,11 @@ class LayeredInversion:
 
     fit: LayeredFit
     ground: LayeredGround
-    layers: tuple[LayerValue, ...]
+    layers: tuple[LayerResult, ...]
     effective: Effective
     modulus_known: bool
-    bedrock_depth: Value
+    bedrock_depth: float | None
+    depth_deviation: float | None
     depth_interval: tuple[float, float] | None
     uncertainty: LayeredUncertainty
     considered: tuple[Considered, ...]
@@ -164,7 +180,7 @@ def _with_layers_that_fit_as_well(
 
     (only,) = one.layers
     below = layered.layers[-1]
-    interval = joined(only.modulus_interval, below.modulus_interval)
+    interval = joined(_interval_of(only), _interval_of(below))
     effective = replace(
         one.effective, interval=joined(one.effective.interval, layered.effective.interval)
     )
@@ -175,7 +191,7 @@ def _with_layers_that_fit_as_well(
     )
     return replace(
         one,
-        layers=(replace(only, modulus_interval=interval),),
+        layers=(replace(only, modulus_interval_pa=interval),),
         effective=effective,
         modulus_known=high <= OPEN_FACTOR * low,
         remarks=(*one.remarks, said),
@@ -266,9 +282,9 @@ def _described(
     ground = _ground(fit.space, fit.best.point)
     layers = tuple(_layer(fit, uncertainty, ground, j) for j in range(fit.space.media))
     effective = _effective(fit, request, uncertainty, ground)
-    low, high = layers[-1].modulus_interval
+    low, high = _interval_of(layers[-1])
     known = high <= OPEN_FACTOR * low
-    depth, depth_interval = _rock(fit, uncertainty, ground)
+    depth, depth_deviation, depth_interval = _rock(fit, uncertainty, ground)
     return LayeredInversion(
         fit,
         ground,
@@ -276,6 +292,7 @@ def _described(
         effective,
         known,
         depth,
+        depth_deviation,
         depth_interval,
         uncertainty,
         tried,
@@ -323,43 +340,47 @@ def _ground(space: LayeredSpace, point: FloatArray) -> LayeredGround:
 
 def _layer(
     fit: LayeredFit, uncertainty: LayeredUncertainty, ground: LayeredGround, j: int
-) -> LayerValue:
+) -> LayerResult:
     space, medium = fit.space, ground.media[j]
     column = space.index("modulus", j)
     assert column is not None
     thickness = space.index("thickness", j) if j < space.media - 1 or space.rock else None
-    fitted = thickness is not None and space.unknowns[thickness].place == j
-    return LayerValue(
-        modulus=Value(medium.modulus, float(uncertainty.deviation[column])),
-        modulus_interval=uncertainty.intervals[column],
+    if thickness is not None and space.unknowns[thickness].place != j:
+        thickness = None  # given, not fitted
+    return LayerResult(
+        modulus_pa=medium.modulus,
+        modulus_sd_pa=float(uncertainty.deviation[column]),
+        modulus_interval_pa=uncertainty.intervals[column],
         modulus_open=uncertainty.open_ends[column],
-        thickness=Value(
-            medium.thickness,
-            float(uncertainty.deviation[thickness]) if fitted and thickness is not None else None,
-        ),
-        thickness_interval=(
-            uncertainty.intervals[thickness] if fitted and thickness is not None else None
-        ),
-        viscosity=medium.viscosity,
-        density=medium.density,
+        thickness_m=medium.thickness if math.isfinite(medium.thickness) else None,
+        thickness_sd_m=None if thickness is None else float(uncertainty.deviation[thickness]),
+        thickness_interval_m=None if thickness is None else uncertainty.intervals[thickness],
+        viscosity_pa_s=medium.viscosity,
+        density_kg_m3=medium.density,
         poisson_ratio=medium.poisson_ratio,
     )
 
 
+def _interval_of(layer: LayerResult) -> tuple[float, float]:
+    """Return the interval of a fitted modulus, Pa."""
+    assert layer.modulus_interval_pa is not None
+    return layer.modulus_interval_pa
+
+
 def _rock(
     fit: LayeredFit, uncertainty: LayeredUncertainty, ground: LayeredGround
-) -> tuple[Value, tuple[float, float] | None]:
-    """Depth of the rock below the surface, and its interval where it was fitted."""
+) -> tuple[float | None, float | None, tuple[float, float] | None]:
+    """Return the depth of the rock below the surface, its deviation and interval where fitted."""
     depth = ground.rock_depth
     if not fit.space.rock:
-        return Value(math.inf, None), None
+        return None, None, None
     column = fit.space.index("thickness", fit.space.media - 1)
     if column is None or fit.space.rock_depth is not None:
-        return Value(depth, None), None
+        return depth, None, None
     above = depth - ground.media[-1].thickness
     low, high = uncertainty.intervals[column]
     deviation = float(uncertainty.deviation[column])
-    return Value(depth, deviation), (above + low, above + high)
+    return depth, deviation, (above + low, above + high)
 
 
 def _effective(
@@ -390,13 +411,13 @@ def _effective(
 
 def _remarks(
     fit: LayeredFit,
-    layers: tuple[LayerValue, ...],
+    layers: tuple[LayerResult, ...],
     known: bool,
     effective: Effective,
     tried: tuple[Considered, ...],
 ) -> tuple[str, ...]:
     said = []
-    low, high = layers[-1].modulus_interval
+    low, high = _interval_of(layers[-1])
     if not known:
         said.append(
             f"modulus of the subgrade not known: {_megapascals(low, high)} fit as "
@@ -404,7 +425,7 @@ def _remarks(
             f"upper {effective.depth:.2g} m; sensors further out tell the layers apart"
         )
     for number, layer in enumerate(layers[:-1], 1):
-        low, high = layer.modulus_interval
+        low, high = _interval_of(layer)
         if high > OPEN_FACTOR * low:
             said.append(
                 f"modulus of layer {number} not known: {_megapascals(low, high)} fit as well"

@@ -1,89 +1,86 @@
-"""What an inversion returns."""
+"""The result of an inversion: the record that is computed, stored, shown and exported.
+
+A new number in a result is one field here, with its meaning and unit, and its value where it is
+computed: JSON, tables, workbooks, Python and reports take it from the field.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
-from inversion.arrays import FloatArray
-from inversion.measured.half_sine import HalfSineFit
-from inversion.measured.peak_method import PeakModulus
+from inversion.records import Interval, JsonRecord, not_stored, quantity
 
+if TYPE_CHECKING:
+    # A result is read and shown without loading what computed it.
+    import numpy as np
+    from numpy.typing import NDArray
 
-@dataclass(frozen=True)
-class Value:
-    """A parameter of the ground.
+    FloatArray = NDArray[np.float64]
 
-    Parameters
-    ----------
-    value : float, SI; for the bedrock depth inf means none in the model
-    deviation : float, SI, standard deviation from the noise; None: given, not fitted
-    """
-
-    value: float
-    deviation: float | None
+OPEN_FACTOR = 10.0
+"""Upper over lower end of an interval from which on it leaves the value open."""
 
 
-@dataclass(frozen=True)
-class Subgrade:
-    """The ground that was found.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HalfSinePulse(JsonRecord):
+    """Half-sine in place of the measured load."""
 
-    Parameters
-    ----------
-    modulus : Value, Pa
-    viscosity : Value, Pa s
-    density : Value, kg/m3
-    bedrock_depth : Value, m; inf: half-space
-    """
-
-    modulus: Value
-    viscosity: Value
-    density: Value
-    bedrock_depth: Value
+    peak_pressure_pa: float | None = quantity(
+        "Mean contact pressure at its peak", "Pa", column="established"
+    )
+    duration_s: float | None = quantity("Duration", "s", column="established")
+    rms_over_peak: float | None = quantity(
+        "Rms deviation of the load over its peak", column="established"
+    )
+    start_s: float | None = not_stored()
+    """Start on the time axis of the histories, s."""
 
 
-@dataclass(frozen=True)
-class LayerValue:
-    """One medium of layered ground as it was found.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerResult(JsonRecord):
+    """One medium of layered ground, counted from the surface down."""
 
-    Parameters
-    ----------
-    modulus : Value, Pa
-    modulus_interval : (float, float), Pa, 95 %
-    modulus_open : (bool, bool), whether an end is that of the search, for want of data
-    thickness : Value, m; inf: without end
-    thickness_interval : (float, float), m, or None where it was not fitted
-    viscosity, density, poisson_ratio : float, Pa s, kg/m3 and -
-    """
+    modulus_pa: float | None = quantity(
+        "Young's modulus; none: not known within a factor of ten", "Pa", column="layers"
+    )
+    modulus_sd_pa: float | None = quantity(
+        "Standard deviation of the modulus from the noise", "Pa", column=None
+    )
+    modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of the modulus", "Pa", column="layers"
+    )
+    thickness_m: float | None = quantity("Thickness; none: without end", "m", column="layers")
+    thickness_sd_m: float | None = quantity(
+        "Standard deviation of the thickness; none: given, not fitted", "m", column=None
+    )
+    thickness_interval_m: Interval | None = quantity(
+        "95 % interval of the thickness; none: given, not fitted", "m", column="layers"
+    )
+    viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column=None)
+    density_kg_m3: float | None = quantity("Density", "kg/m3", column=None)
+    poisson_ratio: float | None = quantity("Poisson's ratio", column=None)
+    modulus_open: tuple[bool, bool] = not_stored((False, False))
+    """Whether an end of the interval is a bound of the search, for want of data."""
 
-    modulus: Value
-    modulus_interval: tuple[float, float]
-    modulus_open: tuple[bool, bool]
-    thickness: Value
-    thickness_interval: tuple[float, float] | None
-    viscosity: float
-    density: float
-    poisson_ratio: float
+    @property
+    def modulus_known(self) -> bool:
+        """Whether there is a modulus that the record does not leave open.
+
+        Examples
+        --------
+        >>> LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.1e8)).modulus_known
+        False
+        """
+        if self.modulus_pa is None:
+            return False
+        low, high = self.modulus_interval_pa or (1.0, 1.0)
+        return high <= OPEN_FACTOR * low
 
 
-@dataclass(frozen=True)
-class Effective:
-    """One modulus for all media.
-
-    Parameters
-    ----------
-    modulus : float, Pa, of one medium that the plate at rest would press in as far
-    interval : (float, float), Pa, 95 %
-    depth : float, m, above which 90 % of that deflection arises
-    """
-
-    modulus: float
-    interval: tuple[float, float]
-    depth: float
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class TimeHistories:
-    """What was measured and what the model says, for plots.
+    """Measured and modelled histories of one drop, for plots.
 
     Parameters
     ----------
@@ -111,65 +108,113 @@ class TimeHistories:
         return self.predicted - self.observed
 
 
-@dataclass(frozen=True, eq=False)
-class InversionResult:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InversionResult(JsonRecord):
     """Modulus of the ground under one drop with its conditions.
 
-    Parameters
-    ----------
-    subgrade : Subgrade
-    modulus_interval : (float, float), Pa, 95 %, the model's own error included
-    depth_interval : (float, float), m, or None where the depth was not fitted
-    modulus_depth_correlation : float, or None where the depth was not fitted
-    method, model, plate, load : str, settings as in :class:`Settings`
-    poisson_ratio, plate_radius : float, - and m
-    half_sine, half_sine_equal_area : HalfSineFit by least squares and as the paper defines it
-    peak : PeakModulus
-    r_squared : float, over the window of the fit
-    noise_rms : float, m, of the plate's sensor: noise, quantisation or model floor, the largest
-    residual_rms_over_peak, contact_residual_rms_over_peak, window_residual_rms_over_peak : float
-        From the trigger to the end of the record, to the end of the contact, over the fit.
-    explained : bool, whether the residual of the fit is within the noise
-    converged : bool
-    at_bound : tuple of parameter names
-    forward_solves : int
-    elapsed : float, s, of the analysis
-    seed : int
-    warnings : tuple of str
-    history : TimeHistories
-    layers : tuple of LayerValue, every medium from the surface down; one for homogeneous ground
-    effective : Effective
-    modulus_known : bool, whether the subgrade's modulus is known within a factor of ten
-    priors : bool, whether what nature gives decided between grounds that fit alike
+    A standard deviation that is None while its value is not: the value was given, not fitted. A
+    value that is None: not in the model, or not known.
     """
 
-    subgrade: Subgrade
-    modulus_interval: tuple[float, float]
-    depth_interval: tuple[float, float] | None
-    modulus_depth_correlation: float | None
-    method: str
-    model: str
-    plate: str
-    load: str
-    poisson_ratio: float
-    plate_radius: float
-    half_sine: HalfSineFit
-    half_sine_equal_area: HalfSineFit
-    peak: PeakModulus
-    r_squared: float
-    noise_rms: float
-    residual_rms_over_peak: float
-    contact_residual_rms_over_peak: float
-    window_residual_rms_over_peak: float
-    explained: bool
-    converged: bool
-    at_bound: tuple[str, ...]
-    forward_solves: int
-    elapsed: float
-    seed: int
-    warnings: tuple[str, ...]
-    history: TimeHistories = field(repr=False)
-    layers: tuple[LayerValue, ...]
-    effective: Effective
-    modulus_known: bool = True
-    priors: bool = True
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset()
+
+    method: str | None = quantity("Search: mpga, least-squares or published", column="established")
+    model: str | None = quantity("layer (on rock) or half-space", column="established")
+    modulus_pa: float | None = quantity(
+        "Young's modulus; of layers that of the lowest", "Pa", column="established"
+    )
+    modulus_sd_pa: float | None = quantity(
+        "Standard deviation of the modulus from the noise", "Pa", column="established"
+    )
+    viscosity_pa_s: float | None = quantity("Viscosity", "Pa s", column="established")
+    viscosity_sd_pa_s: float | None = quantity(
+        "Standard deviation of the viscosity", "Pa s", column="established"
+    )
+    density_kg_m3: float | None = quantity("Density", "kg/m3", column="established")
+    density_sd_kg_m3: float | None = quantity(
+        "Standard deviation of the density; none: given, not fitted", "kg/m3", column="established"
+    )
+    bedrock_depth_m: float | None = quantity(
+        "Depth of the bedrock; none: not in the model", "m", column="established"
+    )
+    bedrock_depth_sd_m: float | None = quantity(
+        "Standard deviation of the depth; none: given, not fitted", "m", column="established"
+    )
+    modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of the modulus, model error included", "Pa", column="established"
+    )
+    bedrock_depth_interval_m: Interval | None = quantity(
+        "95 % interval of the depth", "m", column="established"
+    )
+    modulus_depth_correlation: float | None = quantity(
+        "Correlation of modulus and depth as fitted", column="established"
+    )
+    layers: tuple[LayerResult, ...] | None = quantity(
+        "Media from the surface down", column="layers"
+    )
+    effective_modulus_pa: float | None = quantity(
+        "Modulus of one medium that the plate at rest deflects alike", "Pa", column="layers"
+    )
+    effective_modulus_interval_pa: Interval | None = quantity(
+        "95 % interval of the effective modulus", "Pa", column="layers"
+    )
+    effective_depth_m: float | None = quantity(
+        "Depth above which 90 % of that deflection arises", "m", column="layers"
+    )
+    poisson_ratio: float | None = quantity(
+        "Poisson's ratio of the ground; given", column="established"
+    )
+    plate_radius_m: float | None = quantity("Radius of the plate", "m", column="established")
+    plate: str | None = quantity(
+        "Contact of plate and ground: rigid-rough, rigid-smooth, uniform or published",
+        column="established",
+    )
+    load: str | None = quantity("Load of the model: measured, or half-sine", column="established")
+    half_sine: HalfSinePulse | None = quantity("Half-sine by least squares", column="established")
+    half_sine_equal_area: HalfSinePulse | None = quantity(
+        "Half-sine with the measured peak and area", column=None
+    )
+    peak_modulus_pa: float | None = quantity(
+        "Modulus of the peak method, for comparison", "Pa", column="established"
+    )
+    peak_factor: float | None = quantity("Shape factor of the peak method", column="established")
+    r_squared: float | None = quantity(
+        "Coefficient of determination over the fit", column="established"
+    )
+    noise_rms_m: float | None = quantity(
+        "Noise, quantisation or model error, the largest", "m", column="established"
+    )
+    residual_rms_over_peak: float | None = quantity(
+        "Rms residual over the peak, from the trigger to the end of the record",
+        column="established",
+    )
+    contact_residual_rms_over_peak: float | None = quantity(
+        "The same to the end of the contact", column="established"
+    )
+    contact_end_s: float | None = quantity("End of the contact after the trigger", "s", column=None)
+    window_end_s: float | None = quantity(
+        "Last sample of the fit after the trigger", "s", column=None
+    )
+    priors: bool | None = quantity(
+        "Whether natural values decided between grounds that fit alike", column=None
+    )
+    explained: bool | None = quantity(
+        "Whether the residual is within noise and model error; not if clipped",
+        column="established",
+    )
+    converged: bool | None = quantity("Whether the search converged", column="established")
+    at_bound: tuple[str, ...] | None = quantity(
+        "Parameters on a bound of the search", column="established"
+    )
+    forward_solves: int | None = quantity("Forward solves", column=None)
+    elapsed_s: float | None = quantity(
+        "Duration of the analysis without the start of the program", "s", column=None
+    )
+    seed: int | None = quantity("Random seed of the search", column="established")
+    warnings: tuple[str, ...] | None = quantity(
+        "Remarks on the result; none: the record does not say", column="established"
+    )
+    window_residual_rms_over_peak: float | None = not_stored()
+    """Rms residual over the peak, over the fit."""
+    history: TimeHistories | None = not_stored(repr=False)
+    """Histories of the fit; None: of a stored result, which has none."""

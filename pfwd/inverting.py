@@ -201,7 +201,7 @@ def _result(point: TracePoint, found: DropAnalysis) -> Result:
     from pfwd_survey.inverting.results import drop_result
 
     record = drop_result(point.file, found, point.warnings, point.setup.point)
-    return Result(record.to_json(), found.result)
+    return Result(record.to_json(), record.history)
 
 
 @functools.cache

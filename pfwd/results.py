@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from inversion.result import InversionResult, TimeHistories
+    from inversion.result import TimeHistories
 
 
 class Result(Shown):
@@ -34,11 +34,11 @@ class Result(Shown):
     Its keys are those of ``pfwd invert --json``: ``result["viscosity_pa_s"]``.
     """
 
-    __slots__ = ("_inversion", "_record")
+    __slots__ = ("_history", "_record")
 
-    def __init__(self, record: Mapping[str, Any], inversion: InversionResult | None = None) -> None:
+    def __init__(self, record: Mapping[str, Any], history: TimeHistories | None = None) -> None:
         self._record: dict[str, Any] = without_nan(record)
-        self._inversion = inversion
+        self._history = history
 
     @property
     def file(self) -> str:
@@ -125,11 +125,11 @@ class Result(Shown):
         SurveyError
             If the drop was rejected, or the result was stored, which holds no arrays.
         """
-        if self._inversion is None:
+        if self._history is None:
             hint = self.reason or "pfwd.invert makes a new one"
             expected = "a result with its time histories"
             raise SurveyError(refusal(f"drop {self.number}", expected, "one without", hint))
-        return self._inversion.history
+        return self._history
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._record:

@@ -40,7 +40,11 @@ def test_what_the_document_names_exists(name: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["pfwd_device.wire.no_such", "pfwd_device.no_such.binary", "inversion.invert.invert.no_such"],
+    [
+        "pfwd_device.wire.no_such",
+        "pfwd_device.no_such.binary",
+        "inversion.result.no_such",
+    ],
 )
 def test_what_is_not_there_is_noticed(name: str) -> None:
     with pytest.raises(AttributeError):

@@ -200,7 +200,7 @@ class Point:
 
 def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
     """Return the surrogate for the plate, the sensors and the declared depth of a record."""
-    from inversion.invert import Settings, surrogate_request
+    from inversion.drop_inversion import Settings, surrogate_request
 
     # A declared half-space may be wrong: rock is offered there too.
     open_below = record.bedrock_depth is None or np.isinf(record.bedrock_depth)

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
 from pfwd_survey.files.output_path import refuse_inside_survey
-from pfwd_survey.inverting.layer_columns import LAYER_COLUMNS, NUMBER, layer_cells
+from pfwd_survey.inverting.result_columns import nested_cells, result_columns
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
@@ -99,8 +99,10 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("longitude", "float64"),
     ("warnings", "strings"),
     # Behind all others: parts of before end here.
-    (NUMBER.name, "int64"),
-    *((column.name, "float64") for column in LAYER_COLUMNS),
+    *(
+        (column.name, "int64" if column.kind == "whole" else "float64")
+        for column in result_columns("layers")
+    ),
     ("deflection_recorded_m", "float64"),
     ("deflection_corrected_m", "float64"),
 )
@@ -127,7 +129,7 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
 )
 """``same_as``: the file with the same content that has the rows."""
 
-EARLIER_COLUMNS = (48, 49 + len(LAYER_COLUMNS))
+EARLIER_COLUMNS = (48, 48 + len(result_columns("layers")))
 """Of a result in parts that were written before there were layers, and before there were
 deflections; the others are null in them."""
 
@@ -168,25 +170,13 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
 _COLUMNS = dict(
     zip(TABLES, (RESULT_COLUMNS, DIAGNOSIS_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True)
 )
-_PAIRS = {
-    "modulus_interval_pa": ("modulus_interval_low_pa", "modulus_interval_high_pa"),
-    "bedrock_depth_interval_m": (
-        "bedrock_depth_interval_low_m",
-        "bedrock_depth_interval_high_m",
-    ),
-}
-
 Row = Mapping[str, Any]
 
 
 def result_row(result: DropResult, digest: str) -> dict[str, Any]:
     """One result as a row."""
     flat = result.to_json() | {"source_sha256": digest}
-    for key, names in _PAIRS.items():
-        flat |= dict(zip(names, flat.get(key) or (None, None), strict=True))
-    fit = flat.get("half_sine") or {}
-    flat |= {f"half_sine_{key}": value for key, value in fit.items()}
-    flat |= layer_cells(result)
+    flat |= nested_cells(result)
     return {name: _fitting(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
 
 
@@ -197,7 +187,7 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
     flat |= flat.get("after") or {}
     ends = flat.get("modulus_interval_pa") or (None, None)
-    flat |= dict(zip(_PAIRS["modulus_interval_pa"], ends, strict=True))
+    flat["modulus_interval_low_pa"], flat["modulus_interval_high_pa"] = ends
     flat["effects"] = [str(effect.name) for effect in result.effects or ()]
     return {name: _fitting(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from pfwd_device.recording.survey_content import SurveyPoint
 from pfwd_device.text import clean
-from pfwd_survey.exporting.columns import ResultColumn
 from pfwd_survey.exporting.places import Place, number
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
 from pfwd_survey.exporting.standing import Standing, standing_of
+from pfwd_survey.inverting.result_columns import ResultColumn
 from pfwd_survey.judging import Job
 from pfwd_survey.judging.stations import chainage_of
 from pfwd_survey.procedures import Quantity

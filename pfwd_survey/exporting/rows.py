@@ -13,13 +13,13 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
 from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.exporting.columns import COLUMNS, Kind
+from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.exporting.places import Place, local_of, number, place_of, utc_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
-from pfwd_survey.inverting.layer_columns import NUMBER, layer_cells
+from pfwd_survey.inverting.result_columns import N_LAYERS, Kind, nested_cells, result_columns
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
 from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_point
@@ -384,23 +384,10 @@ def _facts(
 def _result(result: DropResult, point: SurveyPoint, record: DropFacts | None) -> dict[str, Any]:
     """The result as columns; a modulus is left out when what belongs to it is missing."""
     found = _cells(result)
-    for key, unit, ends in (
-        ("modulus_interval", "pa", result.modulus_interval_pa),
-        ("bedrock_depth_interval", "m", result.bedrock_depth_interval_m),
-    ):
-        low, high = (None, None) if ends is None else map(number, ends)
-        found[f"{key}_low_{unit}"], found[f"{key}_high_{unit}"] = low, high
-    pulse = result.half_sine
-    if pulse is not None:
-        found["half_sine_peak_pressure_pa"] = number(pulse.peak_pressure_pa)
-        found["half_sine_duration_s"] = number(pulse.duration_s)
-        found["half_sine_rms_over_peak"] = number(pulse.rms_over_peak)
-    cells = layer_cells(result)
-    layers = {
-        name: None if value is None else number(value)  # most results have one layer
-        for name, value in cells.items()
+    nested = {
+        name: value if value is None or name == N_LAYERS else number(value)
+        for name, value in nested_cells(result).items()
     }
-    layers[NUMBER.name] = cells[NUMBER.name]
     warnings = found.get("warnings") or []
     warnings += _stale(result, point, record)
     missing = missing_parts(result)
@@ -408,7 +395,9 @@ def _result(result: DropResult, point: SurveyPoint, record: DropFacts | None) ->
         found["modulus_pa"] = found["peak_modulus_pa"] = None
         warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
     found["warnings"] = warnings
-    return found | (dict.fromkeys(layers) if missing else layers)
+    if missing:
+        nested |= dict.fromkeys(_WITHHELD)
+    return found | nested
 
 
 def _cells(result: DropResult) -> dict[str, Any]:
@@ -503,8 +492,9 @@ _OF_KIND: Mapping[Kind, Callable[[Any], Any]] = {
 }
 """How the value of a result becomes that of a column."""
 
-# Layers are records of their own; their columns are filled from `layer_cells`.
-_FIELDS = [f.name for f in fields(DropResult) if f.name in _KEYS and f.name != NUMBER.name]
+# Nested records have columns of their own, see `nested_cells`.
+_FIELDS = [f.name for f in fields(DropResult) if f.name in _KEYS and f.name != N_LAYERS]
+_WITHHELD = [column.name for column in result_columns("layers")]
 _NUMBER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] == "number")
 _NUMBER_VALUES = attrgetter(*_NUMBER_NAMES)
 _OTHER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] != "number")

@@ -16,11 +16,12 @@ from openpyxl.utils import get_column_letter
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import clean
-from pfwd_survey.exporting.columns import COLUMNS, ResultColumn
+from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.output import new_file
 from pfwd_survey.exporting.point_rows import POINT_COLUMNS, PointRow, point_rows
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
 from pfwd_survey.exporting.tables import FORMULA
+from pfwd_survey.inverting.result_columns import ResultColumn
 
 _DATE = "yyyy-mm-dd hh:mm:ss"
 _FORMATS = {

@@ -18,9 +18,9 @@ from inversion import (
     SurrogateLibrary,
     invert_joint,
 )
+from inversion.drop_inversion import surrogate_request
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
-from inversion.invert import surrogate_request
 from inversion.measured.record import Sensor
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
@@ -225,20 +225,18 @@ def analyse_file(
 ) -> FileOutcome:
     """Results of one file or survey; a refused one comes back with the reason."""
     results: list[DropResult] = []
-    inversions: list[InversionResult | None] = []
     numbers: list[int | None] = []
     try:
         for point in _read(path, options):
             found = analyse_point(point, options, library, use_kept=use_kept)
             results += [drop_result(path, it, point.warnings, point.setup.point) for it in found]
-            inversions += [analysis.result for analysis in found]
             kept: Sequence[SurveyDrop | None] = point.kept or [None] * len(found)
             numbers += [None if drop is None else drop.number for drop in kept]
     except SurveyError as error:
         return FileOutcome(path, error=str(error))
     except InversionError as error:
         return FileOutcome(path, error=f"{path}: {error}")
-    return FileOutcome(path, results=results, inversions=inversions, numbers=numbers)
+    return FileOutcome(path, results=results, numbers=numbers)
 
 
 def rehearse(

@@ -9,7 +9,6 @@ from pfwd_survey.inverting.results import DropResult
 
 if TYPE_CHECKING:
     # Only for the annotation: a file can be refused without loading the inversion.
-    from inversion import InversionResult
     from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 
 
@@ -22,10 +21,7 @@ class FileOutcome:
     error: str | None = None
     """Why the file was refused, on one line; None when it was not."""
     results: list[DropResult] = field(default_factory=list)
-    """One a drop."""
-    inversions: list["InversionResult | None"] = field(default_factory=list, repr=False)
-    """The inversion of each drop with its histories, for plots; None for a rejected drop, and for
-    one whose result was kept."""
+    """One for each drop; with histories unless it was rejected or stored before."""
     numbers: list[int | None] = field(default_factory=list, repr=False)
     """Of each drop within its survey; None: it is from none."""
 

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pfwd_survey.digits import with_ends
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.output_path import require_writable
@@ -17,8 +19,6 @@ from pfwd_survey.matplotlib_start import start_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from inversion import InversionResult
 
 MOST_COLUMNS = 6
 """Drops side by side in a picture; more are rows below each other."""
@@ -47,10 +47,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
         If nothing was inverted, or a file cannot be written.
     """
     shown = [
-        (record, result)
-        for outcome in outcomes
-        for record, result in zip(outcome.results, outcome.inversions, strict=True)
-        if result is not None
+        result for outcome in outcomes for result in outcome.results if result.history is not None
     ]
     target = Path(path)
     if not shown:
@@ -71,7 +68,7 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
     return written
 
 
-def _write_pages(shown: Sequence[tuple[DropResult, InversionResult]], target: Path) -> None:
+def _write_pages(shown: Sequence[DropResult], target: Path) -> None:
     start_matplotlib()
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -80,7 +77,7 @@ def _write_pages(shown: Sequence[tuple[DropResult, InversionResult]], target: Pa
             pages.savefig(_figure([item]))
 
 
-def _figure(shown: Sequence[tuple[DropResult, InversionResult]]) -> Figure:
+def _figure(shown: Sequence[DropResult]) -> Figure:
     # Without pyplot: no window system is asked for, and figures go when they are dropped.
     start_matplotlib()
     from matplotlib.figure import Figure
@@ -92,13 +89,13 @@ def _figure(shown: Sequence[tuple[DropResult, InversionResult]]) -> Figure:
     axes = figure.subplots(
         3 * rows, columns, squeeze=False, sharex=False, height_ratios=(1.0, 1.5, 0.8) * rows
     )
-    for number, (record, result) in enumerate(shown):
+    for number, result in enumerate(shown):
         row, column = divmod(number, columns)
         three = axes[3 * row : 3 * row + 3, column]
         for axis in three[:2]:
             axis.sharex(three[2])
             axis.tick_params(labelbottom=False)
-        _draw(three, record, result)
+        _draw(three, result)
     for number in range(len(shown), rows * columns):
         row, column = divmod(number, columns)
         for axis in axes[3 * row : 3 * row + 3, column]:
@@ -106,20 +103,21 @@ def _figure(shown: Sequence[tuple[DropResult, InversionResult]]) -> Figure:
     return figure
 
 
-def _draw(axes: Any, record: DropResult, result: InversionResult) -> None:
-    history = result.history
+def _draw(axes: Any, result: DropResult) -> None:
+    history, pulse = result.history, result.half_sine
+    assert history is not None
     time = 1e3 * history.time
     load, deflection, residual = axes
     load.plot(time, 1e-3 * history.load, color=_COLOURS[0], label="measured")
-    fit = result.half_sine
-    start = history.time[0]
-    load.plot(
-        time,
-        1e-3 * fit.load(history.time - start),
-        color=_COLOURS[1],
-        linestyle="--",
-        label=f"half-sine {1e3 * fit.duration:.1f} ms",
-    )
+    if pulse is not None and pulse.duration_s is not None and pulse.start_s is not None:
+        phase = np.clip((history.time - pulse.start_s) / pulse.duration_s, 0.0, 1.0)
+        load.plot(
+            time,
+            1e-3 * (result.half_sine_load_n or 0.0) * np.sin(np.pi * phase),
+            color=_COLOURS[1],
+            linestyle="--",
+            label=f"half-sine {1e3 * pulse.duration_s:.1f} ms",
+        )
     load.set_ylabel("load, kN")
     for row, offset in enumerate(history.offsets):
         colour = _COLOURS[row % len(_COLOURS)]
@@ -145,20 +143,20 @@ def _draw(axes: Any, record: DropResult, result: InversionResult) -> None:
     load.legend(fontsize=8)
     deflection.legend(fontsize=8)
     # Text from a file must not be read as a formula.
-    load.set_title(_title(record, result), fontsize=8, parse_math=False)
+    load.set_title(_title(result), fontsize=8, parse_math=False)
 
 
-def _title(record: DropResult, result: InversionResult) -> str:
-    ground = result.subgrade
-    low, high = (1e-6 * value for value in result.modulus_interval)
-    depth = ground.bedrock_depth.value
-    base = "half-space" if record.model == "half-space" else f"bedrock {depth:.3g} m"
-    modulus, lowest, highest = with_ends(1e-6 * ground.modulus.value, (low, high))
-    point = "" if record.point is None else f", point {record.point}"
+def _title(result: DropResult) -> str:
+    ends = result.modulus_interval_pa or (math.nan, math.nan)
+    known = 1e-6 * (result.modulus_pa or math.nan)
+    modulus, lowest, highest = with_ends(known, (1e-6 * ends[0], 1e-6 * ends[1]))
+    depth = result.bedrock_depth_m
+    base = "half-space" if depth is None else f"bedrock {depth:.3g} m"
+    point = "" if result.point is None else f", point {result.point}"
     return (
-        f"{Path(record.file or '').name}{point}, drop {record.drop}\n"
+        f"{Path(result.file or '').name}{point}, drop {result.drop}\n"
         f"E {modulus} MPa, 95 % {lowest} to {highest}; {base}; "
-        f"η {1e-3 * ground.viscosity.value:.3g} kPa s\n"
-        f"{result.plate} plate {result.plate_radius:g} m, ν {result.poisson_ratio:g}; residual "
-        f"{100 * result.window_residual_rms_over_peak:.2g} % of peak up to the dotted line"
+        f"η {1e-3 * (result.viscosity_pa_s or 0.0):.3g} kPa s\n"
+        f"{result.plate} plate {result.plate_radius_m:g} m, ν {result.poisson_ratio:g}; residual "
+        f"{100 * (result.window_residual_rms_over_peak or 0.0):.2g} % of peak up to the dotted line"
     )

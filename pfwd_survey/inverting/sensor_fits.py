@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_survey.inverting.worker.tasks import Curves
+from inversion.result import TimeHistories
 
 _ROUNDING = 1e-3
 """Of a sample; an end is a time and stands for the sample at it."""
@@ -29,7 +29,7 @@ class SensorFit:
     """The same to the end of the record."""
 
 
-def sensor_fits(curves: Curves) -> tuple[SensorFit, ...]:
+def sensor_fits(curves: TimeHistories) -> tuple[SensorFit, ...]:
     r"""The sensors of a drop, in the order of its curves.
 
     .. math:: e_k = \sqrt{\frac1n \sum_t (w_k^{pred} - w_k^{obs})^2} \, / \, \hat w_k
@@ -39,7 +39,7 @@ def sensor_fits(curves: Curves) -> tuple[SensorFit, ...]:
 
     Parameters
     ----------
-    curves : Curves
+    curves : TimeHistories
 
     Returns
     -------

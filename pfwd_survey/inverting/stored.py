@@ -1,207 +1,27 @@
-"""Records as classes and as JSON: what is written, and how what strangers wrote is read.
+"""Records as surveys store them: one that cannot be read is an error of the survey."""
 
-A record is a frozen dataclass whose fields are the keys of its JSON, in their order. The type of a
-field says what is read: a value of another type is not taken for one, but is kept in ``more``, as
-is a key that nobody here knows, and both are written again as they came.
-"""
+from dataclasses import dataclass
+from typing import Self
 
-import dataclasses
-import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
-
+from inversion.errors import RecordFormatError
+from inversion.records import JsonRecord
 from pfwd_survey.errors import SurveyError
 
-Interval = tuple[float, float]
 
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class StoredRecord:
-    """What every record can do.
-
-    Examples
-    --------
-    >>> @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-    ... class Peak(StoredRecord):
-    ...     load_n: float | None = None
-    >>> peak = Peak.from_json({"load_n": 8000.0, "colour": "red"})
-    >>> peak.load_n, peak.to_json()
-    (8000.0, {'load_n': 8000.0, 'colour': 'red'})
-    """
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset()
-    """Keys that are written only when there is a value."""
-
-    more: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
-    """By key: what this version does not know, and values of another type than a key has."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The record with the keys of its JSON, in their order."""
-        said: dict[str, Any] = {}
-        for name in _readers(type(self)):
-            value = getattr(self, name)
-            if value is not None or name not in self.LEFT_OUT:
-                said[name] = _plain(value)
-        return said | dict(self.more)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredRecord(JsonRecord):
+    """Record of a survey."""
 
     @classmethod
-    def from_json(cls, said: object, where: str = "a stored record") -> Self:
-        """The record that was written as JSON, by whatever program.
-
-        Parameters
-        ----------
-        said : mapping
-            As JSON was read.
-        where : str
-            For the error.
+    def from_json(cls, written: object, where: str = "a stored record") -> Self:
+        """Read the record from JSON, see `JsonRecord.from_json`.
 
         Raises
         ------
         SurveyError
-            If it is no mapping; a single value that cannot be used is no error, see ``more``.
+            If it is no mapping.
         """
-        if not isinstance(said, Mapping):
-            came = type(said).__name__
-            raise SurveyError(f"{where}: expected a record with its keys, came {came}")
-        readers = _readers(cls)
-        known: dict[str, Any] = {}
-        more: dict[str, Any] = {}
-        for key, value in said.items():
-            read = readers.get(key)
-            if read is None:
-                more[str(key)] = value
-            elif value is not None:
-                known[key] = read(value)
-                if known[key] is None:
-                    more[key] = value
-        return cls(**known, more=more)
-
-    def values(self, keys: Iterable[str]) -> dict[str, Any]:
-        """What :meth:`to_json` has for these keys; a further record is left out."""
-        readers, more = _readers(type(self)), self.more
-        said: dict[str, Any] = {}
-        for key in keys:
-            if key in more:
-                said[key] = more[key]
-            elif key in readers:
-                value = getattr(self, key)
-                if (value is None and key in self.LEFT_OUT) or isinstance(value, StoredRecord):
-                    continue
-                said[key] = _plain(value)
-        return said
-
-    @property
-    def unreadable(self) -> frozenset[str]:
-        """Keys that were there with a value of another type."""
-        return frozenset(_readers(type(self))) & frozenset(self.more)
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is a finite number; True and False are none.
-
-    Examples
-    --------
-    >>> [is_number(value) for value in (2, 0.5, True, float("nan"), 10**400, "2")]
-    [True, True, False, False, False, False]
-    """
-    try:
-        return (
-            isinstance(value, int | float)
-            and not isinstance(value, bool)
-            and math.isfinite(float(value))
-        )
-    except OverflowError:  # a whole number beyond what can be computed with
-        return False
-
-
-def _number(value: Any) -> float | None:
-    if type(value) is float:  # nearly always
-        return value if math.isfinite(value) else None
-    return value if is_number(value) else None
-
-
-def _whole(value: Any) -> int | None:
-    return value if type(value) is int else None
-
-
-def _text(value: Any) -> str | None:
-    return value if isinstance(value, str) else None
-
-
-def _free_text(value: Any) -> str | int | float | None:
-    return value if isinstance(value, str) or is_number(value) else None
-
-
-def _flag(value: Any) -> bool | None:
-    return value if isinstance(value, bool) else None
-
-
-def _interval(value: Any) -> Interval | None:
-    sound = isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))
-    return (value[0], value[1]) if sound else None
-
-
-def _texts(value: Any) -> tuple[str, ...] | None:
-    sound = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
-    return tuple(value) if sound else None
-
-
-def _numbers(value: Any) -> tuple[int, ...] | None:
-    sound = isinstance(value, list | tuple) and all(type(item) is int for item in value)
-    return tuple(value) if sound else None
-
-
-_READERS: dict[Any, Callable[[Any], Any]] = {
-    float | None: _number,
-    int | None: _whole,
-    str | None: _text,
-    str | int | float | None: _free_text,
-    bool | None: _flag,
-    Interval | None: _interval,
-    tuple[str, ...] | None: _texts,
-    tuple[int, ...] | None: _numbers,
-}
-
-
-_known: dict[type[StoredRecord], Mapping[str, Callable[[Any], Any]]] = {}
-
-
-def _readers(kind: type[StoredRecord]) -> Mapping[str, Callable[[Any], Any]]:
-    """How each field of a record is read, in the order of the fields."""
-    if kind not in _known:
-        hints = get_type_hints(kind)
-        names = [item.name for item in dataclasses.fields(kind) if item.name != "more"]
-        _known[kind] = {name: _reader(hints[name]) for name in names}
-    return _known[kind]
-
-
-def _reader(hint: Any) -> Callable[[Any], Any]:
-    if hint in _READERS:
-        return _READERS[hint]
-    (inner,) = (part for part in get_args(hint) if part is not type(None))
-    if get_origin(inner) is Literal:
-        words = get_args(inner)
-        return lambda value: value if isinstance(value, str) and value in words else None
-    if get_origin(inner) is tuple:
-        return _records_of(get_args(inner)[0])
-    return _record_of(inner)
-
-
-def _record_of(kind: type[StoredRecord]) -> Callable[[Any], StoredRecord | None]:
-    return lambda value: kind.from_json(value) if isinstance(value, Mapping) else None
-
-
-def _records_of(kind: type[StoredRecord]) -> Callable[[Any], tuple[StoredRecord, ...] | None]:
-    def read(value: Any) -> tuple[StoredRecord, ...] | None:
-        sound = isinstance(value, list | tuple) and all(isinstance(v, Mapping) for v in value)
-        return tuple(kind.from_json(item) for item in value) if sound else None
-
-    return read
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, StoredRecord):
-        return value.to_json()
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value
+        try:
+            return super(StoredRecord, cls).from_json(written, where)
+        except RecordFormatError as err:
+            raise SurveyError(str(err)) from err

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from inversion.result import TimeHistories
 from pfwd_device.acquisition.items import Disconnected, Samples
 from pfwd_device.drop import Drop
 from pfwd_device.identity import Identity
@@ -13,7 +14,6 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.judging import Job, MeasuredPoint
 
 
@@ -178,7 +178,7 @@ class DropAnalysed:
     delay: float | None
     """From the last sample of the drop to now, s; None: in a replay."""
     result: DropResult
-    curves: Curves | None
+    curves: TimeHistories | None
     """For a display; None when the analysis failed."""
     full: bool
     """Whether this is the full search; a quick answer came before."""

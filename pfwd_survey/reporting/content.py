@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from inversion.result import TimeHistories
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.peaks.basin import Basin
 from pfwd_survey.peaks.stiffness import Stiffness
 from pfwd_survey.procedures import PointDrop, PointProgress, Procedure
@@ -27,7 +27,7 @@ class ReportDrop:
     """None for a rejected or discarded drop."""
     stored: bool
     """Whether the result was kept with the survey; otherwise it was found for this report."""
-    curves: Curves | None
+    curves: TimeHistories | None
     """Measured and fitted."""
     warnings: tuple[str, ...]
     time_local: str

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.result import TimeHistories
 from pfwd_survey.inverting.drop_facts import PEAK_WITHIN
-from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.procedures import Quantity, Verdict
 from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
 from pfwd_survey.reporting.fonts import Letters
@@ -301,7 +301,7 @@ def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: 
     figure.align_ylabels([load, moved, residual])
 
 
-def _end(curves: Curves) -> float:
+def _end(curves: TimeHistories) -> float:
     """Until when a drop is shown, s."""
     start = float(curves.time[0])
     return min(float(curves.time[-1]), start + SHOWN_AFTER * (curves.window_end - start))
@@ -470,7 +470,7 @@ def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
     return float(curves.time[part[-1]]) * 1e3
 
 
-def _curve_part(drop: ReportDrop, curves: Curves) -> NDArray[np.intp]:
+def _curve_part(drop: ReportDrop, curves: TimeHistories) -> NDArray[np.intp]:
     """Which samples the first page shows: the pulse, and the deflection past its peak."""
     time = curves.time
     until = time[0] + _CURVE_PART * (curves.window_end - time[0])

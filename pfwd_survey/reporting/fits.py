@@ -17,6 +17,7 @@ from inversion import (
     SurrogateLibrary,
     fit_half_sine_equal_area,
 )
+from inversion.drop_inversion import surrogate_request
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import (
     LayeredForwardModel,
@@ -25,8 +26,8 @@ from inversion.forward.layered import (
     LayeredPlateModel,
     Medium,
 )
-from inversion.invert import surrogate_request
 from inversion.measured.record import PreparedDrop, prepare
+from inversion.result import TimeHistories
 from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.analysis import record_of
@@ -34,7 +35,6 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.screening.missing import whole_part
-from pfwd_survey.inverting.worker.tasks import Curves
 
 
 def is_layered(result: DropResult) -> bool:
@@ -48,7 +48,7 @@ def curves_of(
     screening: Screening,
     result: DropResult,
     library: SurrogateLibrary,
-) -> Curves | None:
+) -> TimeHistories | None:
     """What was measured, and what the model makes of the ground that a result names.
 
     Parameters
@@ -61,7 +61,7 @@ def curves_of(
 
     Returns
     -------
-    Curves or None
+    TimeHistories or None
         None when the result names no ground, or its model cannot be evaluated.
     """
     layered = is_layered(result)
@@ -133,8 +133,8 @@ def _curves(
     load: NDArray[np.floating[Any]],
     predicted: NDArray[np.floating[Any]],
     result: DropResult,
-) -> Curves:
-    return Curves(
+) -> TimeHistories:
+    return TimeHistories(
         time=_double(prepared.time + prepared.start),
         load=_double(prepared.load),
         model_load=_double(load),

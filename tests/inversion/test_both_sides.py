@@ -9,9 +9,9 @@ import pytest
 
 from inversion import Record, RecordError, Sensor, Settings, SurrogateLibrary, invert
 from inversion.diagnosis.model import DropModel, FitScope, PointRecords
+from inversion.drop_inversion import surrogate_request
 from inversion.effects import Ground
 from inversion.forward.contact import PlateProblem
-from inversion.invert import surrogate_request
 from tests.inversion.synthetic import POISSON_RATIO, TRUTH, Scene, record
 
 QUICK = Settings(method="least-squares")
@@ -36,8 +36,8 @@ def test_a_sensor_on_the_other_side_tells_the_same(
     drop = record(library, SCENE)
     right = invert(drop, QUICK, library)
     found = invert(moved(drop, *places), QUICK, library)
-    assert found.subgrade == right.subgrade
-    assert found.subgrade.modulus.value == pytest.approx(TRUTH["modulus"], rel=1e-3)
+    assert found.layers == right.layers
+    assert found.modulus_pa == pytest.approx(TRUTH["modulus"], rel=1e-3)
     assert found.history.offsets.tolist() == list(places)
     np.testing.assert_array_equal(found.history.predicted, right.history.predicted)
 
@@ -46,7 +46,7 @@ def test_the_order_of_the_sensors_does_not_matter(library: SurrogateLibrary) -> 
     drop = moved(record(library, SCENE), 0.0, -0.3, 0.6)
     other = replace(drop, sensors=drop.sensors[::-1])
     found, right = (invert(one, QUICK, library) for one in (other, drop))
-    assert found.subgrade == right.subgrade
+    assert found.layers == right.layers
     assert found.history.offsets.tolist() == [0.0, -0.3, 0.6]
 
 
@@ -76,8 +76,8 @@ def test_what_two_sides_differ_by_is_no_effect_that_the_model_lacks(
     assert found.residual_rms_over_peak > 0.01
     assert found.explained
     assert not any("residual not explained" in text for text in found.warnings)
-    assert found.subgrade.modulus.value == pytest.approx(TRUTH["modulus"], rel=0.01)
-    low, high = found.modulus_interval
+    assert found.modulus_pa == pytest.approx(TRUTH["modulus"], rel=0.01)
+    low, high = found.modulus_interval_pa
     assert low < TRUTH["modulus"] < high
     # The same error where both sides have it is one.
     both = tilted(drop, 0.0)

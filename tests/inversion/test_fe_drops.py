@@ -68,11 +68,11 @@ def bench(shared: Path, library: SurrogateLibrary) -> Bench:
 
 def error_of(result: InversionResult, truth: Truth) -> float:
     """Relative error of the modulus."""
-    return result.subgrade.modulus.value / truth.modulus - 1
+    return result.modulus_pa / truth.modulus - 1
 
 
 def check_viscosity(result: InversionResult, truth: Truth) -> None:
-    found = result.subgrade.viscosity.value
+    found = result.viscosity_pa_s
     if truth.viscosity >= 20e3:
         assert found == pytest.approx(truth.viscosity, rel=0.05)
     else:
@@ -90,8 +90,8 @@ def test_known_depth(truth: Truth, bench: Bench) -> None:
     result = bench.invert(truth, depth_known=True)
     assert abs(error_of(result, truth)) < 0.012
     check_viscosity(result, truth)
-    assert result.subgrade.density.value == pytest.approx(truth.density, rel=0.05)
-    assert contains(result.modulus_interval, truth.modulus)
+    assert result.density_kg_m3 == pytest.approx(truth.density, rel=0.05)
+    assert contains(result.modulus_interval_pa, truth.modulus)
     assert result.explained
     assert result.residual_rms_over_peak < 0.02
 
@@ -104,8 +104,8 @@ def test_known_depth_of_all_eight(bench: Bench) -> None:
     assert max(errors) < 0.012
     for result, truth in results:
         check_viscosity(result, truth)
-        assert result.subgrade.density.value == pytest.approx(truth.density, rel=0.05)
-        assert contains(result.modulus_interval, truth.modulus)
+        assert result.density_kg_m3 == pytest.approx(truth.density, rel=0.05)
+        assert contains(result.modulus_interval_pa, truth.modulus)
         assert result.explained
 
 
@@ -117,8 +117,8 @@ def test_unknown_depth_of_all_eight(bench: Bench) -> None:
     for result, truth in results:
         check_viscosity(result, truth)
         if truth.depth <= 2.0:
-            assert result.subgrade.bedrock_depth.value == pytest.approx(truth.depth, rel=0.05)
-        assert contains(result.modulus_interval, truth.modulus)
+            assert result.bedrock_depth_m == pytest.approx(truth.depth, rel=0.05)
+        assert contains(result.modulus_interval_pa, truth.modulus)
         assert result.explained
 
 
@@ -134,10 +134,10 @@ def test_residuals_are_small(truth: Truth, bench: Bench) -> None:
 @pytest.mark.parametrize("truth", TRUTHS, ids=lambda truth: truth.name)
 def test_centre_alone_and_unknown_depth(truth: Truth, bench: Bench) -> None:
     result = bench.invert(truth, depth_known=False, all_sensors=False)
-    assert contains(result.modulus_interval, truth.modulus)
-    assert result.depth_interval is not None
-    assert contains(result.depth_interval, truth.depth)
-    low, high = result.modulus_interval
-    assert 0 < low <= result.subgrade.modulus.value <= high < math.inf
+    assert contains(result.modulus_interval_pa, truth.modulus)
+    assert result.bedrock_depth_interval_m is not None
+    assert contains(result.bedrock_depth_interval_m, truth.depth)
+    low, high = result.modulus_interval_pa
+    assert 0 < low <= result.modulus_pa <= high < math.inf
     if not any("depth not unique" in warning for warning in result.warnings):
         assert (high - low) / truth.modulus < 0.05

@@ -25,6 +25,7 @@ from inversion import layered_inversion as module
 from inversion.fitting.layered.intervals import LayeredUncertainty, layered_uncertainty
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
+from inversion.records import known
 from pfwd_survey.files.traces import read_traces
 from pfwd_survey.inverting.analysis import record_of
 from tests.inversion.layered_drops import (
@@ -63,51 +64,49 @@ def holds(interval: tuple[float, float] | None, value: float) -> bool:
 def test_layers_are_found_within_their_intervals(found: InversionResult) -> None:
     assert len(found.layers) == 2
     for layer, truth in zip(found.layers, TWO.layers, strict=True):
-        assert holds(layer.modulus_interval, truth.modulus)
-        assert layer.modulus.value == pytest.approx(truth.modulus, rel=0.03)
-        assert layer.viscosity == pytest.approx(truth.viscosity, rel=0.05)
-        assert layer.density == pytest.approx(truth.density, rel=0.05)
-        assert layer.thickness.value == pytest.approx(truth.thickness, rel=0.03)
+        assert holds(layer.modulus_interval_pa, truth.modulus)
+        assert layer.modulus_pa == pytest.approx(truth.modulus, rel=0.03)
+        assert layer.viscosity_pa_s == pytest.approx(truth.viscosity, rel=0.05)
+        assert layer.density_kg_m3 == pytest.approx(truth.density, rel=0.05)
+        assert layer.thickness_m == pytest.approx(truth.thickness, rel=0.03)
         assert layer.modulus_open == (False, False)
         assert layer.poisson_ratio == POISSON_RATIO
     upper, lower = found.layers
-    assert holds(upper.thickness_interval, 0.2)
-    assert upper.thickness.deviation is not None
+    assert holds(upper.thickness_interval_m, 0.2)
+    assert upper.thickness_sd_m is not None
     # What the others leave of the declared depth.
-    assert lower.thickness_interval is None
-    assert lower.thickness.deviation is None
+    assert lower.thickness_interval_m is None
+    assert lower.thickness_sd_m is None
     assert found.explained
     assert found.converged
-    assert found.modulus_known
+    assert found.modulus_pa is not None
     assert found.warnings == ()
 
 
 def test_the_subgrade_is_the_lowest_layer(found: InversionResult) -> None:
     lowest = found.layers[-1]
-    ground = found.subgrade
-    assert ground.modulus == lowest.modulus
-    assert found.modulus_interval == lowest.modulus_interval
-    assert ground.viscosity.value == lowest.viscosity
-    assert ground.density.value == lowest.density
-    assert ground.bedrock_depth.value == pytest.approx(DEPTH)
-    assert ground.bedrock_depth.deviation is None
-    assert found.depth_interval is None
+    assert found.modulus_pa == lowest.modulus_pa
+    assert found.modulus_interval_pa == lowest.modulus_interval_pa
+    assert found.viscosity_pa_s == lowest.viscosity_pa_s
+    assert found.density_kg_m3 == lowest.density_kg_m3
+    assert found.bedrock_depth_m == pytest.approx(DEPTH)
+    assert found.bedrock_depth_sd_m is None
+    assert found.bedrock_depth_interval_m is None
     assert found.model == "layer"
-    for value in (ground.viscosity, ground.density):
-        assert value.deviation is not None
-        assert 0.0 < value.deviation < 0.1 * value.value
+    assert 0.0 < known(found.viscosity_sd_pa_s) < 0.1 * known(found.viscosity_pa_s)
+    assert 0.0 < known(found.density_sd_kg_m3) < 0.1 * known(found.density_kg_m3)
 
 
 def test_the_effective_modulus_is_that_of_the_ground_and_holds_the_truth(
     found: InversionResult,
 ) -> None:
     expected = effective_modulus("rigid-rough", RADIUS, TRUTH)
-    assert holds(found.effective.interval, expected)
-    assert found.effective.modulus == pytest.approx(expected, rel=0.01)
-    low, high = found.effective.interval
-    assert math.sqrt(low * high) == pytest.approx(found.effective.modulus)
+    assert holds(found.effective_modulus_interval_pa, expected)
+    assert found.effective_modulus_pa == pytest.approx(expected, rel=0.01)
+    low, high = found.effective_modulus_interval_pa
+    assert math.sqrt(low * high) == pytest.approx(found.effective_modulus_pa)
     assert 1.003 < high / low < 1.05
-    assert found.effective.depth == pytest.approx(
+    assert found.effective_depth_m == pytest.approx(
         effective_depth("rigid-rough", RADIUS, TRUTH), rel=0.02
     )
 
@@ -124,15 +123,15 @@ def test_histories_are_those_of_the_layers(found: InversionResult) -> None:
 def test_unknown_rock_is_found_with_its_interval(library: SurrogateLibrary) -> None:
     """The depth's interval is that of the lowest thickness below the others as found."""
     result = invert(recorded(noise=0.001, rock_depth=None), TWO_LAYERS, library)
-    assert result.subgrade.bedrock_depth.value == pytest.approx(DEPTH, rel=0.01)
-    assert holds(result.depth_interval, DEPTH)
+    assert result.bedrock_depth_m == pytest.approx(DEPTH, rel=0.01)
+    assert holds(result.bedrock_depth_interval_m, DEPTH)
     assert result.model == "layer"
     assert result.modulus_depth_correlation is not None
     assert -1.0 <= result.modulus_depth_correlation <= 1.0
     upper, lower = result.layers
-    assert lower.thickness_interval is not None
-    assert result.depth_interval == pytest.approx(
-        [upper.thickness.value + end for end in lower.thickness_interval]
+    assert lower.thickness_interval_m is not None
+    assert result.bedrock_depth_interval_m == pytest.approx(
+        [upper.thickness_m + end for end in lower.thickness_interval_m]
     )
 
 
@@ -140,19 +139,19 @@ def test_given_thickness_and_density_are_kept(library: SurrogateLibrary) -> None
     settings = replace(TWO_LAYERS, thickness=(0.2,))
     result = invert(recorded(density=2000.0), settings, library)
     upper, lower = result.layers
-    assert upper.thickness.value == 0.2
-    assert upper.thickness.deviation is upper.thickness_interval is None
-    assert lower.thickness.value == pytest.approx(1.0)
-    assert upper.density == lower.density == 2000.0
-    assert result.subgrade.density.deviation is None
-    assert upper.modulus.value == pytest.approx(1.8e8, rel=0.02)
+    assert upper.thickness_m == 0.2
+    assert upper.thickness_sd_m is upper.thickness_interval_m is None
+    assert lower.thickness_m == pytest.approx(1.0)
+    assert upper.density_kg_m3 == lower.density_kg_m3 == 2000.0
+    assert result.density_sd_kg_m3 is None
+    assert upper.modulus_pa == pytest.approx(1.8e8, rel=0.02)
 
 
 def test_elastic_ground_has_no_viscosity(library: SurrogateLibrary) -> None:
     settings = replace(TWO_LAYERS, elastic=True, thickness=(0.2,))
     result = invert(recorded(), settings, library)
-    assert all(layer.viscosity == 0.0 for layer in result.layers)
-    assert result.subgrade.viscosity.deviation is None
+    assert all(layer.viscosity_pa_s == 0.0 for layer in result.layers)
+    assert result.viscosity_sd_pa_s is None
     # Soil that is viscous is not explained without.
     assert not result.explained
     assert "residual not explained" in result.warnings[0]
@@ -163,7 +162,7 @@ def test_one_modulus_alone_under_a_plate_of_equal_pressure(library: SurrogateLib
     settings = replace(TWO_LAYERS, layers=1, plate="uniform", elastic=True)
     result = invert(recorded(density=2000.0), settings, library)
     assert result.plate == "uniform"
-    assert holds(result.modulus_interval, result.subgrade.modulus.value)
+    assert holds(result.modulus_interval_pa, result.modulus_pa)
 
 
 def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
@@ -173,7 +172,7 @@ def test_genetic_search_and_starts_agree(library: SurrogateLibrary) -> None:
         for method in ("mpga", "least-squares")
     ]
     for a, b in zip(results[0].layers, results[1].layers, strict=True):
-        assert a.modulus.value == pytest.approx(b.modulus.value, rel=1e-3)
+        assert a.modulus_pa == pytest.approx(b.modulus_pa, rel=1e-3)
     assert [result.method for result in results] == ["mpga", "least-squares"]
     assert results[0].forward_solves > results[1].forward_solves
 
@@ -183,7 +182,7 @@ def test_the_same_seed_gives_the_same_result(
 ) -> None:
     again = invert(recorded(noise=0.001, seed=1), TWO_LAYERS, library)
     assert again.layers == found.layers
-    assert again.effective == found.effective
+    assert again.effective_modulus_pa == found.effective_modulus_pa
     assert again.forward_solves == found.forward_solves
 
 
@@ -191,10 +190,10 @@ def test_joint_drops_have_one_ground_and_their_own_histories(library: SurrogateL
     records = [recorded(noise=0.002, seed=s, scale=1 + 0.3 * s) for s in range(2)]
     first, second = invert_joint(records, TWO_LAYERS, library)
     assert first.layers == second.layers
-    assert first.effective == second.effective
-    assert holds(first.modulus_interval, 5e7)
+    assert first.effective_modulus_pa == second.effective_modulus_pa
+    assert holds(first.modulus_interval_pa, 5e7)
     assert second.history.load.max() > 1.2 * first.history.load.max()
-    assert second.peak.modulus != first.peak.modulus
+    assert second.peak_modulus_pa != first.peak_modulus_pa
 
 
 def test_only_the_centre_is_used_where_that_is_asked_for(library: SurrogateLibrary) -> None:
@@ -207,7 +206,7 @@ def test_only_the_centre_is_used_where_that_is_asked_for(library: SurrogateLibra
     assert any("layers from the centre sensor alone" in text for text in first.warnings)
     # The intervals hold what the values are only one choice of.
     for layer, truth in zip(first.layers, TWO.layers, strict=True):
-        assert holds(layer.modulus_interval, truth.modulus)
+        assert holds(layer.modulus_interval_pa, truth.modulus)
 
 
 # --- how many ------------------------------------------------------------------------------------
@@ -220,7 +219,7 @@ def test_two_media_are_told_and_one_is_left_one(
     noise = {"noise": 0.0 if seed is None else 0.001, "seed": seed or 0}
     two = invert(recorded(TWO, **noise), AUTO, library)  # type: ignore[arg-type]
     assert len(two.layers) == 2
-    assert two.layers[1].modulus.value == pytest.approx(5e7, rel=0.02)
+    assert two.layers[1].modulus_pa == pytest.approx(5e7, rel=0.02)
     said = [text for text in two.warnings if "layers chosen" in text]
     # One layer misses a left-out sensor by much, two and three hardly.
     text = (
@@ -232,18 +231,18 @@ def test_two_media_are_told_and_one_is_left_one(
     assert float(missed[0][0]) > 5 > 1 > float(missed[1][0])
     alone = invert(recorded(ALONE, **noise), AUTO, library)  # type: ignore[arg-type]
     assert len(alone.layers) == 1
-    assert holds(alone.modulus_interval, 6e7)
-    assert alone.effective.modulus == pytest.approx(alone.subgrade.modulus.value, rel=1e-6)
+    assert holds(alone.modulus_interval_pa, 6e7)
+    assert alone.effective_modulus_pa == pytest.approx(alone.modulus_pa, rel=1e-6)
 
 
 def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: SurrogateLibrary) -> None:
     centre = invert(recorded(sensors=1), AUTO, library)
     assert len(centre.layers) == 1
     # It cannot know that there are none: the interval holds the ground below a layer.
-    low, high = centre.layers[0].modulus_interval
+    low, high = centre.layers[0].modulus_interval_pa
     assert low <= TWO.layers[1].modulus <= high
-    assert centre.modulus_interval == (low, high)
-    low, high = centre.effective.interval
+    assert centre.modulus_interval_pa == (low, high)
+    low, high = centre.effective_modulus_interval_pa
     assert low <= 95e6 <= high
     assert any("one sensor does not tell layers" in said for said in centre.warnings)
     both = invert(recorded(sensors=2), AUTO, library)
@@ -271,7 +270,7 @@ def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
 ) -> None:
     monkeypatch.setattr(module, "layered_uncertainty", widened(factor))
     result = invert(recorded(), TWO_LAYERS, library)
-    assert result.modulus_known == known
+    assert (result.modulus_pa is not None) == known
     said = [text for text in result.warnings if text.startswith("modulus of the subgrade")]
     assert bool(said) != known
     if not known:
@@ -287,7 +286,7 @@ def test_a_layer_between_that_is_not_known_is_said(
 
     monkeypatch.setattr(module, "layered_uncertainty", uncertainty)
     result = invert(recorded(), TWO_LAYERS, library)
-    assert result.modulus_known
+    assert result.modulus_pa is not None
     assert result.warnings == ("modulus of layer 1 not known: 10 to 100 MPa fit as well",)
 
 
@@ -365,13 +364,13 @@ def test_drops_of_another_program(name: str, shared: Path, library: SurrogateLib
     media = truth["layers"]
     result = invert(record, Settings(layers=len(media)), library)
     for layer, expected in zip(result.layers, media, strict=True):
-        assert holds(layer.modulus_interval, 1e6 * expected["modulus_MPa"])
+        assert holds(layer.modulus_interval_pa, 1e6 * expected["modulus_MPa"])
     for layer, thickness in zip(result.layers, truth["thickness_m"], strict=False):
-        assert holds(layer.thickness_interval, thickness)
+        assert holds(layer.thickness_interval_m, thickness)
     assert result.explained
     if name in ("layers05", "layers06"):
         expected = 1e6 * media[-1]["modulus_MPa"]
-        assert result.subgrade.modulus.value == pytest.approx(expected, rel=0.02)
+        assert result.modulus_pa == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.slow

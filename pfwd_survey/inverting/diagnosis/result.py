@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pfwd_survey.inverting.stored import Interval, StoredRecord
+from inversion.records import Interval
+from pfwd_survey.inverting.stored import StoredRecord
 
 if TYPE_CHECKING:
     from pfwd_survey.procedures.point import Use
@@ -259,7 +260,7 @@ class DiagnosisResult(StoredRecord):
         ratio = after.residual_over_noise
         if ratio is None or not math.isfinite(ratio):
             return after.residual_rms_over_peak
-        beyond = math.sqrt(max(0.0, 1.0 - 1.0 / ratio**2)) if ratio > 0 else 0.0
+        beyond = math.sqrt(max(0.0, 1.0 - (1.0 / ratio) ** 2)) if ratio > 1.0 else 0.0
         return after.residual_rms_over_peak * beyond
 
     @property
@@ -279,6 +280,8 @@ class DiagnosisResult(StoredRecord):
         if after is None or after.modulus_pa is None or ends is None or explained_to is None:
             return "do-not-use", "the diagnosis leaves the modulus open"
         value, (low, high) = after.modulus_pa, ends
+        if not 0.0 < value < math.inf:
+            return "do-not-use", "the diagnosis leaves the modulus open"
         if self.verdict in ("clean", "explained"):
             reach = max(high - value, value - low) / value
             if reach < NARROW_FOR_DESIGN:

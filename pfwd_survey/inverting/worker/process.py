@@ -5,6 +5,7 @@ no guard against being run again. It is given a pickled task by its input and an
 when the input ends, so does it: it never outlives the program that started it.
 """
 
+import dataclasses
 import os
 import pickle
 import struct
@@ -14,10 +15,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.files.header import setup_warnings
-from pfwd_survey.inverting.results import DropAnalysis, drop_result
+from pfwd_survey.inverting.results import drop_result
 from pfwd_survey.inverting.worker.tasks import (
     Building,
-    Curves,
     DiagnosisTask,
     Task,
     TaskOutcome,
@@ -98,7 +98,8 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
             return TaskOutcome()
         found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
         result = drop_result(task.file, found, setup_warnings(task.setup, [task.drop]))
-        return TaskOutcome(result, _curves_of(found))
+        # Results of all drops of a survey are held; their histories are not.
+        return TaskOutcome(dataclasses.replace(result, history=None), result.history)
     except Exception as err:  # the user has to hear of every unexpected error
         fault = f"the analysis failed: {type(err).__name__}: {err}"
         return TaskOutcome(fault=fault, details=traceback.format_exc())
@@ -112,13 +113,6 @@ def _diagnosed(task: DiagnosisTask) -> TaskOutcome:
     entry = entry_of(task.point.file, task.point, task.options)
     (found,) = diagnose_entries([entry], device or None)
     return TaskOutcome(fault=found.error, diagnosis=found.result)
-
-
-def _curves_of(found: DropAnalysis) -> Curves | None:
-    if found.result is None:
-        return None
-    history = found.result.history
-    return Curves(**{name: getattr(history, name) for name in Curves.__slots__})
 
 
 if __name__ == "__main__":

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from inversion.result import TimeHistories
 from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
@@ -58,36 +56,12 @@ class DiagnosisTask:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Curves:
-    """What was measured and what the model makes of it, for a display."""
-
-    time: NDArray[np.float64]
-    """(n,), s, 0 is the trigger."""
-    load: NDArray[np.float64]
-    """Measured, without offset, (n,), N."""
-    model_load: NDArray[np.float64]
-    """The load that the model was given, (n,), N."""
-    observed: NDArray[np.float64]
-    """Displacement, (sensors, n), m."""
-    predicted: NDArray[np.float64]
-    """(sensors, n), m."""
-    offsets: NDArray[np.float64]
-    """(sensors,), m; negative: on the other side of the plate."""
-    peaks: NDArray[np.float64]
-    """Largest observed before a second contact, (sensors,), m; residuals are parts of it."""
-    window_end: float
-    """Last instant that the fit used, s."""
-    contact_end: float
-    """The load has gone, s."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class TaskOutcome:
     """What the process says of a task."""
 
     result: DropResult | None = None
     """None when it failed, and for a task that only prepares."""
-    curves: Curves | None = None
+    curves: TimeHistories | None = None
     """None when there is no result."""
     fault: str | None = None
     """Why it failed, in one sentence."""

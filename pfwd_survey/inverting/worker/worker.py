@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from inversion.result import TimeHistories
 from pfwd_device import Drop
 from pfwd_device.child_python import start_child
 from pfwd_survey.files.header import PointSetup
@@ -22,7 +23,6 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import (
     Building,
-    Curves,
     DiagnosisTask,
     Task,
     Urgency,
@@ -42,7 +42,7 @@ class Answer:
     task: Task | DiagnosisTask
     result: DropResult | None = None
     """As in `TaskOutcome`, like the following."""
-    curves: Curves | None = None
+    curves: TimeHistories | None = None
     fault: str | None = None
     details: str = ""
     diagnosis: DiagnosisResult | None = None

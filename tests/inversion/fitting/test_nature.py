@@ -68,8 +68,8 @@ def test_ground_without_rock_is_known_by_the_centre_alone(
 ) -> None:
     natural = found[True]
     assert natural.model == "half-space"
-    assert natural.subgrade.modulus.value == pytest.approx(MODULUS_PA, rel=0.02)
-    low, high = natural.modulus_interval
+    assert natural.modulus_pa == pytest.approx(MODULUS_PA, rel=0.02)
+    low, high = natural.modulus_interval_pa
     assert low < MODULUS_PA < high < 1.2 * low
     assert natural.priors
 
@@ -78,7 +78,7 @@ def test_without_priors_the_record_leaves_it_open(found: dict[bool, InversionRes
     free = found[False]
     assert not free.priors
     assert free.model == "layer"
-    low, high = free.modulus_interval
+    low, high = free.modulus_interval_pa
     assert low < MODULUS_PA < high
     assert high > 1.5 * low
     assert any("depth not unique" in warning for warning in free.warnings)
@@ -105,7 +105,7 @@ def test_a_declared_depth_knows_of_no_priors(
         invert(declared, Settings(method="least-squares", priors=priors), library)
         for priors in (True, False)
     )
-    assert with_priors.subgrade == without.subgrade
+    assert with_priors.layers == without.layers
 
 
 def test_one_deviation_weighs_as_one_of_six_errors_a_drop(library: SurrogateLibrary) -> None:

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inversion import SurrogateLibrary, layered_inversion
+from inversion import SurrogateLibrary
+from inversion.records import is_number, stored_fields
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting import results
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
@@ -36,7 +36,7 @@ from pfwd_survey.inverting.results import (
     drop_result,
 )
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.inverting.stored import StoredRecord, is_number
+from pfwd_survey.inverting.stored import StoredRecord
 
 STORED = Path(__file__).parents[2] / "data" / "stored-results-v1"
 
@@ -121,7 +121,7 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
     }
 
     hints = get_type_hints(kind)
-    names = [field.name for field in dataclasses.fields(kind) if field.name != "more"]
+    names = [field.name for field in stored_fields(kind)]
     fields = {
         name: special[name] if name in special else maybe(by_hint[hints[name]]) for name in names
     }
@@ -167,7 +167,7 @@ JSON = st.recursive(
     max_leaves=6,
 )
 NESTED = ("half_sine", "half_sine_equal_area", "diagnosis", "facts")
-KEYS = [field.name for field in dataclasses.fields(DropResult) if field.name != "more"]
+KEYS = [field.name for field in stored_fields(DropResult)]
 
 
 @given(st.dictionaries(st.sampled_from(KEYS) | texts, JSON, max_size=8))
@@ -322,9 +322,22 @@ def test_values_are_those_of_the_json() -> None:
         assert repr(result.values(keys)) == repr(expected)
 
 
-def test_a_modulus_is_open_from_the_same_factor_on_as_in_the_inversion() -> None:
-    assert results.OPEN_FACTOR == layered_inversion.OPEN_FACTOR
+def test_a_modulus_is_open_from_a_factor_of_ten_on() -> None:
     assert LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4e8)).modulus_known
     assert not LayerResult(modulus_pa=9e7, modulus_interval_pa=(4e7, 4.01e8)).modulus_known
     assert LayerResult(modulus_pa=9e7).modulus_known
     assert not LayerResult().modulus_known
+
+
+@pytest.mark.parametrize("state", [{"modulus_pa": 0.0}, {"modulus_pa": 4e7}])
+def test_a_use_follows_from_whatever_a_file_has(state: dict[str, Any]) -> None:
+    """A modulus of zero and a residual beyond all measure, as a damaged file may have them."""
+    after = FittedState(
+        modulus_interval_pa=(0.0, 5e7),
+        residual_over_noise=1e200,
+        residual_rms_over_peak=0.5,
+        **state,
+    )
+    result = DiagnosisResult(verdict="explained", after=after)
+    assert result.to_json()["use"] == "do-not-use"
+    assert result.explained_to == 0.5

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from inversion import SurrogateLibrary
+from inversion.result import TimeHistories
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.inverting.sensor_fits import over_drops, sensor_fits
-from pfwd_survey.inverting.worker.tasks import Curves
 
 
-def made_curves() -> Curves:
+def made_curves() -> TimeHistories:
     """Two sensors; the second is 2 um off until the contact ends at 0.2 s, 4 um from there on."""
     time = np.arange(-1, 5) / 10
     observed = np.array([[0, 0, 100, 50, 20, 0], [0, 0, 20, 40, 10, 80]]) * 1e-6
     off = np.array([[0, 0, 0, 0, 0, 0], [9, 2, 2, 2, 4, 4]]) * 1e-6
     load = np.zeros(time.size)
-    return Curves(
+    return TimeHistories(
         time=time,
         load=load,
         model_load=load,
@@ -64,7 +64,7 @@ def test_the_sensors_together_have_the_residual_of_the_drop(make_drop: Any) -> N
     found = analyse_drop(drop, setup, screen(drop, setup), options, SurrogateLibrary()).result
     assert found is not None
     history = found.history
-    curves = Curves(**{name: getattr(history, name) for name in Curves.__slots__})
+    curves = TimeHistories(**{name: getattr(history, name) for name in TimeHistories.__slots__})
     fits = sensor_fits(curves)
     assert [fit.offset for fit in fits] == [0.0, 0.3, -0.3]
     for name, whole in (

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from inversion.records import Interval
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropAnalysis, DropResult
-from pfwd_survey.inverting.stored import Interval
 from pfwd_survey.reporting import gathering
 from pfwd_survey.reporting.gathering import ReportOptions, gather
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks

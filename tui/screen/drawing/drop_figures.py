@@ -5,14 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.inverting.screening.signals import (
     channels_outward,
     displacement_of,
     remove_offset,
 )
 from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import HandedOn
 from pfwd_survey.measuring.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure
@@ -63,12 +62,14 @@ def drop_figures(
     return []
 
 
-def curves_of(drop: DropState, refit: Refitted | None) -> tuple[Curves | None, DropResult | None]:
+def curves_of(
+    drop: DropState, refit: Refitted | None
+) -> tuple[TimeHistories | None, DropResult | None]:
     """The curves and the result of a drop, or of one of its refits."""
     return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
 
 
-def default_span(curves: Curves) -> tuple[float, float]:
+def default_span(curves: TimeHistories) -> tuple[float, float]:
     """The pulse and what follows it, s."""
     end = float(curves.time[-1])
     contact = curves.contact_end if math.isfinite(curves.contact_end) else end
@@ -77,7 +78,7 @@ def default_span(curves: Curves) -> tuple[float, float]:
 
 def _fitted(
     drop: DropState,
-    curves: Curves,
+    curves: TimeHistories,
     result: DropResult,
     units: Units,
     span: tuple[float, float] | None,
@@ -139,7 +140,7 @@ def _residual(
     )
 
 
-def half_sine_of(result: DropResult, curves: Curves) -> tuple[Array, float] | None:
+def half_sine_of(result: DropResult, curves: TimeHistories) -> tuple[Array, float] | None:
     """The half-sine fitted to the load, N, and its duration, s."""
     peak = result.half_sine_load_n
     duration = result.half_sine and result.half_sine.duration_s

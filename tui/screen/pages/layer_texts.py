@@ -3,9 +3,8 @@
 import math
 from collections.abc import Collection
 
-from pfwd_survey.inverting.results import DropResult, LayerResult
+from pfwd_survey.inverting.results import DropResult, LayerResult, TimeHistories
 from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.inverting.worker.tasks import Curves
 from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.units import NOTHING, Units, percent
 
@@ -82,12 +81,14 @@ def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
     ]
 
 
-def sensor_lines(curves: Curves | None, recorded: Collection[float], units: Units) -> list[Line]:
+def sensor_lines(
+    curves: TimeHistories | None, recorded: Collection[float], units: Units
+) -> list[Line]:
     """Residual of each sensor over its own peak; nothing for a single sensor.
 
     Parameters
     ----------
-    curves : Curves or None
+    curves : TimeHistories or None
     recorded : collection of float
         Offsets of all sensors of the record, m; those without a curve were left out of the fit.
     units : Units

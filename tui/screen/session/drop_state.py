@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.worker.tasks import Curves
+from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.measuring.drop_metadata import SATURATED
 from pfwd_survey.measuring.events import HandedOn
 from tui.screen.session.screen_events import Refitted
@@ -26,7 +25,7 @@ class DropState:
     marks: tuple[str, ...] = ()
     handed: HandedOn | None = None
     """With its traces; None: they are read when it is opened."""
-    curves: Curves | None = None
+    curves: TimeHistories | None = None
     """Measured and fitted, of the last answer; None: they are computed when it is opened."""
     results: list[DropResult] = field(default_factory=list)
     """Every answer, in order; the first is never lost."""

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.worker.tasks import Curves
+from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.measuring.contents import PointContents
 from pfwd_survey.measuring.events import HandedOn, SessionEvent
 from pfwd_survey.measuring.plan import Ending
@@ -59,7 +58,7 @@ class Refitted:
     label: str
     """Which settings; empty: for the curves."""
     result: DropResult | None
-    curves: Curves | None
+    curves: TimeHistories | None
     fault: str = ""
     """Why there is no result."""
 

@@ -7,7 +7,7 @@ import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,18 +38,11 @@ from inversion.forward.layered import (
 from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
-from inversion.layered_inversion import LayeredInversion, LayerRequest, invert_layers
-from inversion.measured.half_sine import fit_half_sine, fit_half_sine_equal_area
+from inversion.layered_inversion import Effective, LayeredInversion, LayerRequest, invert_layers
+from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
-from inversion.result import (
-    Effective,
-    InversionResult,
-    LayerValue,
-    Subgrade,
-    TimeHistories,
-    Value,
-)
+from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
 from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -203,7 +196,7 @@ def _invert_joint(
         for item, peak in zip(fit.drops, peaks, strict=True)
     ]
     elapsed = clock.perf_counter() - begun
-    return tuple(replace(report, elapsed=elapsed) for report in reports)
+    return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
 def _check_alike(records: Sequence[Record]) -> None:
@@ -296,7 +289,7 @@ def _invert_layered(records: list[Record], settings: Settings) -> tuple[Inversio
         for item, peak in zip(found.fit.drops, peaks, strict=True)
     ]
     elapsed = clock.perf_counter() - begun
-    return tuple(replace(report, elapsed=elapsed) for report in reports)
+    return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
 def _layered_report(
@@ -312,43 +305,75 @@ def _layered_report(
     correlation = None
     if column is not None and rock is not None:
         correlation = float(found.uncertainty.correlation[column, rock])
+    lowest_known = lowest if found.modulus_known else LayerResult()
     result = InversionResult(
-        subgrade=Subgrade(
-            lowest.modulus,
-            Value(lowest.viscosity, None if settings.elastic else found.viscosity_deviation),
-            Value(lowest.density, found.density_deviation),
-            found.bedrock_depth,
-        ),
-        modulus_interval=lowest.modulus_interval,
-        depth_interval=found.depth_interval,
-        modulus_depth_correlation=correlation,
-        method=settings.method,
+        **_fields_of_any_ground(item, history, peak, settings),
         model="layer" if found.ground.rock else "half-space",
-        plate=settings.plate,
-        load="measured" if settings.load == "measured" else "half-sine",
+        modulus_pa=lowest_known.modulus_pa,
+        modulus_sd_pa=lowest_known.modulus_sd_pa,
+        modulus_interval_pa=lowest.modulus_interval_pa,
+        viscosity_pa_s=lowest.viscosity_pa_s,
+        viscosity_sd_pa_s=None if settings.elastic else found.viscosity_deviation,
+        density_kg_m3=lowest.density_kg_m3,
+        density_sd_kg_m3=found.density_deviation,
+        bedrock_depth_m=found.bedrock_depth,
+        bedrock_depth_sd_m=found.depth_deviation,
+        bedrock_depth_interval_m=found.depth_interval,
+        modulus_depth_correlation=correlation,
+        layers=found.layers,
+        **_effective_fields(found.effective),
         poisson_ratio=fit.space.poisson_ratio,
-        plate_radius=item.instrument.plate_radius,
-        half_sine=fit_half_sine(drop.time, drop.load),
-        half_sine_equal_area=fit_half_sine_equal_area(drop.time, drop.load),
-        peak=peak,
-        r_squared=_r_squared(drop, history),
-        noise_rms=float(max(drop.noise[0], drop.quantisation[0], item.model_floor[0])),
-        residual_rms_over_peak=_residual_until(drop, history, math.inf),
-        contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
-        window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
+        priors=True,
         explained=bool(np.sqrt(fit.cost) <= _EXPLAINED_FACTOR),
         converged=fit.converged,
         at_bound=fit.space.at_bound(fit.best.point),
         forward_solves=found.solves,
-        elapsed=0.0,
-        seed=settings.seed,
-        warnings=(),
-        history=history,
-        layers=found.layers,
-        effective=found.effective,
-        modulus_known=found.modulus_known,
     )
     return replace(result, warnings=(*_common_warnings(result, drop, fit.cost), *found.remarks))
+
+
+def _fields_of_any_ground(
+    item: WeightedDrop | LayeredDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
+) -> dict[str, Any]:
+    """Return the fields of a result that do not depend on how the ground is modelled."""
+    drop = item.drop
+    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
+    return {
+        "method": settings.method,
+        "plate": settings.plate,
+        "load": "measured" if settings.load == "measured" else "half-sine",
+        "plate_radius_m": item.instrument.plate_radius,
+        "half_sine": _pulse(fit_half_sine(drop.time, drop.load), item),
+        "half_sine_equal_area": _pulse(fit_half_sine_equal_area(drop.time, drop.load), item),
+        "peak_modulus_pa": peak.modulus,
+        "peak_factor": peak.factor,
+        "r_squared": _r_squared(drop, history),
+        "noise_rms_m": float(max(noise)),
+        "residual_rms_over_peak": _residual_until(drop, history, math.inf),
+        "contact_residual_rms_over_peak": _residual_until(drop, history, drop.contact_end),
+        "window_residual_rms_over_peak": _residual_until(drop, history, drop.window_end),
+        "contact_end_s": history.contact_end,
+        "window_end_s": history.window_end,
+        "seed": settings.seed,
+        "history": history,
+    }
+
+
+def _pulse(fit: HalfSineFit, item: WeightedDrop | LayeredDrop) -> HalfSinePulse:
+    return HalfSinePulse(
+        peak_pressure_pa=fit.peak_load / (math.pi * item.instrument.plate_radius**2),
+        duration_s=fit.duration,
+        rms_over_peak=fit.rms_over_peak,
+        start_s=fit.start + item.drop.start,
+    )
+
+
+def _effective_fields(effective: Effective) -> dict[str, Any]:
+    return {
+        "effective_modulus_pa": effective.modulus,
+        "effective_modulus_interval_pa": effective.interval,
+        "effective_depth_m": effective.depth,
+    }
 
 
 def _layered_histories(
@@ -390,72 +415,56 @@ def _report(
 ) -> InversionResult:
     space, drop = fit.misfit.space, item.drop
     history = _histories(item, space, fit.best.point)
-    depth = float(space.values(DEPTH, fit.best.point[None])[0])
-    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
+
+    def value(name: str) -> float:
+        return float(space.values(name, fit.best.point[None])[0])
+
+    deviation = uncertainty.standard_deviation.get
+    modulus, depth = value(MODULUS), value(DEPTH)
+    poisson_ratio = item.surrogate.problem.poisson_ratio
+    only = LayerResult(
+        modulus_pa=modulus,
+        modulus_sd_pa=deviation(MODULUS),
+        modulus_interval_pa=uncertainty.modulus_interval,
+        thickness_m=depth if math.isfinite(depth) else None,
+        thickness_sd_m=deviation(DEPTH),
+        thickness_interval_m=uncertainty.depth_interval,
+        viscosity_pa_s=value(VISCOSITY),
+        density_kg_m3=value(DENSITY),
+        poisson_ratio=poisson_ratio,
+    )
+    effective = _homogeneous_effective(
+        modulus,
+        uncertainty.modulus_interval,
+        settings.plate,
+        item.instrument.plate_radius,
+        poisson_ratio,
+        depth,
+    )
     result = InversionResult(
-        subgrade=_subgrade(space, fit.best.point, uncertainty),
-        modulus_interval=uncertainty.modulus_interval,
-        depth_interval=uncertainty.depth_interval,
-        modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
-        method=settings.method,
+        **_fields_of_any_ground(item, history, peak, settings),
         model="half-space" if math.isinf(depth) else "layer",
-        plate=settings.plate,
-        load="measured" if settings.load == "measured" else "half-sine",
-        poisson_ratio=item.surrogate.problem.poisson_ratio,
-        plate_radius=item.instrument.plate_radius,
-        half_sine=fit_half_sine(drop.time, drop.load),
-        half_sine_equal_area=fit_half_sine_equal_area(drop.time, drop.load),
-        peak=peak,
-        r_squared=_r_squared(drop, history),
-        noise_rms=float(max(noise)),
-        residual_rms_over_peak=_residual_until(drop, history, math.inf),
-        contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
-        window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
+        modulus_pa=modulus,
+        modulus_sd_pa=only.modulus_sd_pa,
+        modulus_interval_pa=uncertainty.modulus_interval,
+        viscosity_pa_s=only.viscosity_pa_s,
+        viscosity_sd_pa_s=deviation(VISCOSITY),
+        density_kg_m3=only.density_kg_m3,
+        density_sd_kg_m3=deviation(DENSITY),
+        bedrock_depth_m=only.thickness_m,
+        bedrock_depth_sd_m=only.thickness_sd_m,
+        bedrock_depth_interval_m=uncertainty.depth_interval,
+        modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
+        layers=(only,),
+        **_effective_fields(effective),
+        poisson_ratio=poisson_ratio,
+        priors=settings.priors and settings.method != "published",
         explained=bool(np.sqrt(fit.best.cost) <= _EXPLAINED_FACTOR),
         converged=fit.converged,
         at_bound=space.at_bound(fit.best.point),
         forward_solves=fit.solves,
-        elapsed=0.0,
-        seed=settings.seed,
-        priors=settings.priors and settings.method != "published",
-        warnings=(),
-        history=history,
-        layers=(_only_layer(space, fit.best.point, uncertainty, item.surrogate.problem),),
-        effective=_homogeneous_effective(
-            float(space.values(MODULUS, fit.best.point[None])[0]),
-            uncertainty.modulus_interval,
-            settings.plate,
-            item.instrument.plate_radius,
-            item.surrogate.problem.poisson_ratio,
-            depth,
-        ),
     )
     return replace(result, warnings=_warnings(result, drop, fit, uncertainty))
-
-
-def _subgrade(space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty) -> Subgrade:
-    def value(name: str) -> Value:
-        found = float(space.values(name, point[None])[0])
-        return Value(found, uncertainty.standard_deviation.get(name))
-
-    return Subgrade(value(MODULUS), value(VISCOSITY), value(DENSITY), value(DEPTH))
-
-
-def _only_layer(
-    space: ParameterSpace, point: FloatArray, uncertainty: Uncertainty, problem: PlateProblem
-) -> LayerValue:
-    """Homogeneous ground as the one medium that it is."""
-    ground = _subgrade(space, point, uncertainty)
-    return LayerValue(
-        modulus=ground.modulus,
-        modulus_interval=uncertainty.modulus_interval,
-        modulus_open=(False, False),
-        thickness=ground.bedrock_depth,
-        thickness_interval=uncertainty.depth_interval,
-        viscosity=ground.viscosity.value,
-        density=ground.density.value,
-        poisson_ratio=problem.poisson_ratio,
-    )
 
 
 def _homogeneous_effective(
@@ -497,13 +506,13 @@ def _time_histories(
     drop: PreparedDrop, model_load: FloatArray, predicted: FloatArray
 ) -> TimeHistories:
     return TimeHistories(
-        time=drop.time + drop.start,
-        load=drop.load,
-        model_load=model_load,
-        observed=drop.displacement,
-        predicted=predicted,
-        offsets=drop.positions,
-        peaks=drop.peak_displacement,
+        time=np.asarray(drop.time + drop.start, np.float64),
+        load=np.asarray(drop.load, np.float64),
+        model_load=np.asarray(model_load, np.float64),
+        observed=np.asarray(drop.displacement, np.float64),
+        predicted=np.asarray(predicted, np.float64),
+        offsets=np.asarray(drop.positions, np.float64),
+        peaks=np.asarray(drop.peak_displacement, np.float64),
         window_end=drop.window_end + drop.start,
         contact_end=drop.contact_end + drop.start,
     )
@@ -539,10 +548,11 @@ def _warnings(
     result: InversionResult, drop: PreparedDrop, fit: GroundFit, uncertainty: Uncertainty
 ) -> tuple[str, ...]:
     found = [*_common_warnings(result, drop, fit.best.cost)]
-    if result.explained and _is_no_soil(result.subgrade.density):
+    density = result.density_kg_m3
+    if result.explained and density and _is_no_soil(density, result.density_sd_kg_m3):
         lightest, heaviest = _SOIL_DENSITIES
         found.append(
-            f"density suspect: {result.subgrade.density.value:.0f} kg/m3 was fitted, soils have "
+            f"density suspect: {density:.0f} kg/m3 was fitted, soils have "
             f"{lightest:.0f} to {heaviest:.0f} kg/m3; check what is declared of load gain, plate "
             "radius, plate mass, time axis and geophone"
         )
@@ -555,26 +565,27 @@ def _warnings(
     return tuple(found)
 
 
-def _is_no_soil(density: Value) -> bool:
+def _is_no_soil(density: float, deviation: float | None) -> bool:
     """Whether a fitted density is beyond those of soils by more than the noise explains."""
-    if density.deviation is None:
+    if deviation is None:
         return False
-    reach = NORMAL_95 * density.deviation
-    return density.value + reach < _SOIL_DENSITIES[0] or density.value - reach > _SOIL_DENSITIES[1]
+    reach = NORMAL_95 * deviation
+    return density + reach < _SOIL_DENSITIES[0] or density - reach > _SOIL_DENSITIES[1]
 
 
 def _common_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[str]:
     found = []
-    for name in result.at_bound:
+    for name in result.at_bound or ():
         found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
     if not result.explained:
         found.append(
             "residual not explained: over the fit it is "
             f"{np.sqrt(cost):.1f} times the noise and the model's error together "
-            f"({100 * result.window_residual_rms_over_peak:.1f} % of the peak); the model lacks "
-            "an effect, so do not take the modulus for corrected"
+            f"({100 * (result.window_residual_rms_over_peak or 0.0):.1f} % of the peak); the "
+            "model lacks an effect, so do not take the modulus for corrected"
         )
     elif result.load == "measured" and result.method != "published":
+        assert result.history is not None
         tail = _tail_over_peak(drop, result.history)
         if tail is not None:
             found.append(
