@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from inversion.result import TimeHistories
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity, Role
@@ -17,7 +18,6 @@ from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.inverting.worker.tasks import Curves
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropAnalysed,
@@ -145,10 +145,10 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
     return DropResult.from_json(known | more)
 
 
-def curves() -> Curves:
+def curves() -> TimeHistories:
     one = drop(1)
     observed = one.channels[0].values
-    return Curves(
+    return TimeHistories(
         one.time,
         one.load,
         one.load,
