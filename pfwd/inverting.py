@@ -198,7 +198,7 @@ def _invert_point(point: TracePoint, options: AnalysisOptions) -> list[Result]:
 
 
 def _result(point: TracePoint, found: DropAnalysis) -> Result:
-    from pfwd_survey.inverting.results import drop_result
+    from pfwd_survey.inverting.drop_result import drop_result
 
     record = drop_result(point.file, found, point.warnings, point.setup.point)
     return Result(record.to_json(), record.history)

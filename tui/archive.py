@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.options import AnalysisOptions
-from tui.commands.diagnose import show_diagnosis
-from tui.format import printed_results
+from tui.diagnosis_lines import show_diagnosis
 from tui.output import clean, say
 from tui.progress import counting
+from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd_survey.archive.run import Summary

@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeGuard
+from typing import TYPE_CHECKING, Literal, TypeGuard
 
 from pfwd_survey.digits import read_in, rounded, with_ends, with_width
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
     EffectResult,
@@ -13,6 +14,9 @@ from pfwd_survey.inverting.diagnosis.result import (
 )
 from pfwd_survey.message_groups import as_ranges, group_messages
 from tui.output import clean
+
+if TYPE_CHECKING:
+    from pfwd_survey.procedures import PointModulus
 
 _VERDICT = {
     "clean": "CLEAN: the base model leaves only noise",
@@ -257,3 +261,29 @@ def _short(value: float | None) -> str:
 
 def _is_finite(value: float | None) -> TypeGuard[float]:
     return value is not None and math.isfinite(value)
+
+
+def show_diagnosis(
+    result: DiagnosisResult,
+    *,
+    as_json: bool,
+    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
+) -> None:
+    """Print a diagnosis.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    as_json : bool
+    modulus : PointModulus or None, optional
+        The modulus in force at its point; by default that of the diagnosis alone.
+    """
+    if as_json:
+        from pfwd_survey.judging.verdicts import modulus_in_force
+        from pfwd_survey.procedures.point import in_force_as_dict
+
+        modulus = modulus_in_force(result) if modulus == "unknown" else modulus
+        print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)
+        return
+    for line in diagnosis_lines(result, warnings=False):
+        print(line, flush=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
 from pfwd_survey.digits import rounded, significant, with_ends
-from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropResult, HalfSinePulse, LayerResult
 from pfwd_survey.inverting.spread import relative_spread
 from pfwd_survey.message_groups import as_ranges, group_messages
@@ -21,51 +20,31 @@ UNEXPLAINED = "UNEXPLAINED"
 """More is left of the record than noise and the model's error: its modulus may be wrong."""
 
 
-def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
-    """The results of ``pfwd invert`` as they are printed: for machines, or for people."""
-    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results, by)
-
-
-def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
-    """The results of ``pfwd invert`` as lines of text.
-
-    Parameters
-    ----------
-    results : sequence of DropResult
-        One a drop.
-    by : "point" or "drop"
+def lines_of_one_point(results: Sequence[DropResult]) -> list[str]:
+    """Drops of one point as lines of text.
 
     Returns
     -------
     list of str
-        For every file a line with what the numbers rest on. Then of a single point a table of the
-        ground, a table of the pulse and the fit, the rejected drops and the warnings; of several
-        points what :mod:`tui.survey_lines` has. The tables are made for 80 columns.
+        For each setting of the fit a table of the ground and a table of the pulse and the fit; then
+        the rejected drops and the warnings. The tables are made for 80 columns.
     """
-    from tui.survey_lines import survey_lines
-
     lines = []
-    for file, group in itertools.groupby(results, key=lambda result: result.file):
-        of_file = list(group)
-        lines.append(clean(file))
-        if by == "point" or len({result.point for result in of_file}) > 1:
-            lines += survey_lines(of_file, by)
-            continue
-        used = [result for result in of_file if result.status != "rejected"]
-        for settings, same in itertools.groupby(used, key=rests_on):
-            rows = list(same)
-            lines += [f"  {line}" for line in settings]
-            lines += _table(_GROUND, rows)
-            lines += layer_lines(rows)
-            lines += _table(_PULSE, rows)
-            lines += _search_lines(rows)
-        lines += _said_of_drops(
-            of_file, "rejected", [(r, r.reason or NOTHING) for r in of_file if _is_rejected(r)]
-        )
-        lines += _said_of_drops(
-            of_file, "warning", [(r, text) for r in of_file for text in r.warnings or ()]
-        )
-    return lines
+    used = [result for result in results if not _is_rejected(result)]
+    for settings, same in itertools.groupby(used, key=rests_on):
+        rows = list(same)
+        lines += [f"  {line}" for line in settings]
+        lines += _table(_GROUND, rows)
+        lines += layer_lines(rows)
+        lines += _table(_PULSE, rows)
+        lines += _search_lines(rows)
+    rejected = [(r, r.reason or NOTHING) for r in results if _is_rejected(r)]
+    warnings = [(r, text) for r in results for text in r.warnings or ()]
+    return [
+        *lines,
+        *_said_of_drops(results, "rejected", rejected),
+        *_said_of_drops(results, "warning", warnings),
+    ]
 
 
 def _is_rejected(result: DropResult) -> bool:

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
+from pfwd_survey.inverting.drop_result import drop_result
+from pfwd_survey.inverting.results import DropAnalysis, DropResult
 from pfwd_survey.judging import Job, JudgedPoint
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.events import (

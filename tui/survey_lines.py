@@ -1,10 +1,11 @@
-"""Results of many points as text: a block a point or a line a point, each warning once."""
+"""Results of files as text; of many points a block or a line for each, each warning once."""
 
 import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Sequence
 
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.message_groups import as_ranges, group_messages
 from pfwd_survey.procedures import Kind, PointDrop, judge
@@ -15,6 +16,7 @@ from tui.format import (
     By,
     aligned,
     layer_lines,
+    lines_of_one_point,
     modulus_and_ends,
     peak_load,
     percent,
@@ -29,6 +31,38 @@ LONGEST_NAME = 20
 
 _STAR = f"{UNSUPPORTED_MARK} not supported by the data: decides nothing; "
 _NOTE = "bedrock: 95 % interval; residual: contact phase, over the peak"
+
+
+def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
+    """Return the results of ``pfwd invert`` as they are printed: as JSON, or as text."""
+    return [json_text(r.to_json()) for r in results] if as_json else result_lines(results, by)
+
+
+def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
+    """Return the results of ``pfwd invert`` as lines of text.
+
+    Parameters
+    ----------
+    results : sequence of DropResult
+        One a drop.
+    by : "point" or "drop"
+        What has a line of its own.
+
+    Returns
+    -------
+    list of str
+        For every file its name, then of a single point :func:`tui.format.lines_of_one_point`, of
+        several points :func:`survey_lines`.
+    """
+    lines = []
+    for file, group in itertools.groupby(results, key=lambda result: result.file):
+        of_file = list(group)
+        lines.append(clean(file))
+        if by == "point" or len({result.point for result in of_file}) > 1:
+            lines += survey_lines(of_file, by)
+        else:
+            lines += lines_of_one_point(of_file)
+    return lines
 
 
 def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:

@@ -209,7 +209,7 @@ def _content(source: Source) -> SurveyContent:
 
 def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> list[DropResult]:
     from pfwd_survey.inverting.analysis import analyse_point
-    from pfwd_survey.inverting.results import drop_result
+    from pfwd_survey.inverting.drop_result import drop_result
 
     setup = point.setup
     declared = {

@@ -1,4 +1,4 @@
-"""Says something of a point or a drop of a survey; nothing that was recorded is changed."""
+"""Edits of the points and drops of a survey; nothing that was recorded is changed."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.moving import restore_with
+from pfwd_survey.files.moving import move_with, point_called, restore_with
 from pfwd_survey.files.spare import spare_folder
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "choose_drop",
     "choose_point",
     "edit_survey",
+    "move_drop",
     "no_collections",
     "overview_of",
     "parse_declaration_option",
@@ -94,6 +95,43 @@ def edit_survey(
                 continue
             name = None if number is not None else chosen.name
             writer.edit(edit.what, edit.value, point=name, number=number)
+        return writer.contents()
+
+
+def move_drop(
+    folder: str | os.PathLike[str], point: str | None, drop: int | None, to: str
+) -> Survey:
+    """Move a drop of a survey that nobody writes now to another point, known or new.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    point : str, optional
+        Name of the point; None: the only one.
+    drop : int, optional
+        Number of the drop within it.
+    to : str
+        Name of the point where it belongs.
+
+    Returns
+    -------
+    Survey
+        As it is after it.
+
+    Raises
+    ------
+    OptionError
+        If there is no such drop, or it is there already.
+    SurveyError, RecordingError
+        If it is no survey, or another program writes it.
+    """
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    if drop is None:
+        raise OptionError(refusal("--move", "a drop, named by --drop", "none"))
+    chosen = choose_drop(choose_point(survey, point), drop)
+    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
+        move_with(writer, chosen, point_called(survey, to))
         return writer.contents()
 
 

@@ -4,59 +4,17 @@ The same record is saved again under the right point, with where it comes from; 
 where it does not belong it is marked as moved, and counts there as if it had not fallen.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter
 from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, quote, refusal
-from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.spare import spare_folder
 
 MOVED_TO = "moved_to"
 """In the value of a discard: point and number of the drop there."""
-
-
-def move_drop(
-    folder: str | os.PathLike[str], point: str | None, drop: int | None, to: str
-) -> Survey:
-    """Move a drop of a survey that nobody writes now to another point, known or new.
-
-    Parameters
-    ----------
-    folder : path of a survey
-    point : str, optional
-        Name of the point; None: the only one.
-    drop : int, optional
-        Number of the drop within it.
-    to : str
-        Name of the point where it belongs.
-
-    Returns
-    -------
-    Survey
-        As it is after it.
-
-    Raises
-    ------
-    OptionError
-        If there is no such drop, or it is there already.
-    SurveyError, RecordingError
-        If it is no survey, or another program writes it.
-    """
-    from pfwd_survey.files.editing import choose_drop, choose_point
-
-    refuse_no_survey(folder)
-    survey = read_survey(folder)
-    if drop is None:
-        raise OptionError(refusal("--move", "a drop, named by --drop", "none"))
-    chosen = choose_drop(choose_point(survey, point), drop)
-    with SurveyWriter.open(folder, publish=False, spare=spare_folder(), fall_back=False) as writer:
-        move_with(writer, chosen, point_called(survey, to))
-        return writer.contents()
 
 
 def point_called(survey: Survey, to: str) -> str:
@@ -78,7 +36,7 @@ def point_called(survey: Survey, to: str) -> str:
 
 
 def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
-    """The same for who writes the survey; its number under the other point.
+    """Move a drop of a survey that is open for writing; return its number under the other point.
 
     Raises
     ------

@@ -28,10 +28,11 @@ from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.keeping import kept_answer, question_of, software_name
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
-from pfwd_survey.inverting.results import Asked, DropAnalysis, DropResult, drop_result
+from pfwd_survey.inverting.results import Asked, DropAnalysis, DropResult
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.inverting.screening.duplicates import duplicate_drops

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from inversion.result import HalfSinePulse as HalfSinePulse
 from inversion.result import InversionResult
@@ -16,8 +13,6 @@ from inversion.result import TimeHistories as TimeHistories
 from pfwd_device import Drop
 from pfwd_survey.inverting.diagnosis.result import DropDiagnosis
 from pfwd_survey.inverting.screening.drops import DropStatus, Screening
-from pfwd_survey.inverting.screening.missing import whole_part
-from pfwd_survey.inverting.screening.signals import remove_offset
 from pfwd_survey.inverting.stored import StoredRecord
 
 if TYPE_CHECKING:
@@ -163,77 +158,3 @@ def fit_fault(result: DropResult) -> str | None:
         if any(part in name for part in DECISIVE_PARAMETERS):
             return f"{name.replace('_', ' ')} is on a bound of the search"
     return None
-
-
-def drop_result(
-    path: str | os.PathLike[str],
-    analysis: DropAnalysis,
-    point_warnings: Sequence[str] = (),
-    point: Any = None,
-) -> DropResult:
-    """The result of one drop, with the keys of ``pfwd invert --json``.
-
-    Parameters
-    ----------
-    path : of the file that the drop is from
-    analysis : DropAnalysis
-    point_warnings : sequence of str
-        What should be known of the point as a whole.
-    point : optional
-        Its name, where it has one.
-    """
-    if analysis.stored is not None:
-        kept = analysis.stored
-        number, name = analysis.drop.number, os.fspath(path)
-        return dataclasses.replace(
-            kept, file=name, point=point, drop=number, refit=None, stored=True
-        )
-    status, reason = analysis.screening.status, analysis.screening.reason
-    if analysis.fault is not None:
-        status, reason = "rejected", analysis.fault
-    warnings = [*point_warnings, *analysis.screening.warnings]
-    found: dict[str, Any] = {}
-    if analysis.result is not None:
-        found = {
-            f.name: getattr(analysis.result, f.name) for f in dataclasses.fields(InversionResult)
-        }
-        found["explained"] = analysis.result.explained and not analysis.screening.clipped
-        warnings += found.pop("warnings") or ()
-    if analysis.asked is not None and analysis.fault is None:
-        found |= dataclasses.asdict(analysis.asked)
-    return DropResult(
-        file=os.fspath(path),
-        point=point,
-        drop=analysis.drop.number,
-        status=status,
-        reason=reason if status == "rejected" else None,
-        peak_load_n=_peak_load(analysis.drop),
-        **_deflections(analysis),
-        warnings=tuple(warnings),
-        **found,
-    )
-
-
-def _peak_load(drop: Drop) -> float | None:
-    """Of the load less its offset, N; None where samples around the trigger are missing."""
-    if drop.only_peaks is not None:
-        return drop.only_peaks.load
-    whole, missing, _ = whole_part(drop)
-    if missing is not None or not whole.load.size:
-        return None
-    peak = float(remove_offset(whole.time, whole.load).max())
-    return peak if math.isfinite(peak) else None
-
-
-def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
-    """Peaks of the centre, and what a procedure has to know; of a rejected drop what is there."""
-    # Loaded here: what a procedure has to know is found with what is kept in a result.
-    from pfwd_survey.inverting.drop_facts import corrected_deflection, facts_of, recorded_deflection
-
-    drop, setup = analysis.drop, analysis.setup
-    rejected = analysis.screening.status == "rejected"
-    return {
-        "deflection_recorded_m": recorded_deflection(drop),
-        "deflection_corrected_m": None if setup is None else corrected_deflection(drop, setup),
-        "facts": None if setup is None or rejected else facts_of(drop, setup),
-    }

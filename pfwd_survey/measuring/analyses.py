@@ -11,8 +11,9 @@ import numpy as np
 from pfwd_device.calibration import calibrate
 from pfwd_device.identity import Identity
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropAnalysis, DropResult, drop_result
+from pfwd_survey.inverting.results import DropAnalysis, DropResult
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice, TableBuilding

@@ -22,6 +22,7 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.diagnosis.holding import basis_of, last_diagnosis
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.keeping import keep_results
 from pfwd_survey.inverting.kept import rests_on
 from pfwd_survey.inverting.options import (
@@ -30,7 +31,7 @@ from pfwd_survey.inverting.options import (
     Thickness,
     with_layers_of,
 )
-from pfwd_survey.inverting.results import DropResult, drop_result
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_drop

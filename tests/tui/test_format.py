@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pfwd_survey.inverting.results import DropResult
-from tui.format import drop_line, result_lines
+from tui.format import drop_line
+from tui.survey_lines import result_lines
 
 RESULT = DropResult.from_json(
     {

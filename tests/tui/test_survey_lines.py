@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pfwd_survey.inverting.results import DropResult
-from tui.format import result_lines
+from tui.survey_lines import result_lines
 
 DROP = DropResult(
     file="survey",

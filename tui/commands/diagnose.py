@@ -4,15 +4,14 @@ import argparse
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.message_groups import as_ranges
-from tui.diagnosis_lines import diagnosis_lines, diagnosis_warnings, nothing_lines
+from tui.diagnosis_lines import diagnosis_warnings, nothing_lines, show_diagnosis
 from tui.files import any_folder
 from tui.output import clean, say
 from tui.progress import points_counted
@@ -172,29 +171,3 @@ def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "dict[_Key, PointMod
         of_file = [result for result in results if str(result.file) == file]
         moduli |= zip(map(_key, of_file), moduli_in_force(file, of_file), strict=True)
     return moduli
-
-
-def show_diagnosis(
-    result: DiagnosisResult,
-    *,
-    as_json: bool,
-    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
-) -> None:
-    """Print a diagnosis.
-
-    Parameters
-    ----------
-    result : DiagnosisResult
-    as_json : bool
-    modulus : PointModulus or None, optional
-        The modulus in force at its point; by default that of the diagnosis alone.
-    """
-    if as_json:
-        from pfwd_survey.judging.verdicts import modulus_in_force
-        from pfwd_survey.procedures.point import in_force_as_dict
-
-        modulus = modulus_in_force(result) if modulus == "unknown" else modulus
-        print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)
-        return
-    for line in diagnosis_lines(result, warnings=False):
-        print(line, flush=True)

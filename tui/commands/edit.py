@@ -9,13 +9,13 @@ from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import (
     Edit,
     edit_survey,
+    move_drop,
     no_collections,
     overview_of,
     parse_declaration_option,
     parse_position,
     survey_overview,
 )
-from pfwd_survey.files.moving import move_drop
 from tui.output import clean, counted, say
 
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.outcome import FileOutcome, with_diagnoses
+from pfwd_survey.inverting.outcome import FileOutcome
 from tui.files import any_folder
-from tui.format import By, printed_results
+from tui.format import By
 from tui.output import say
+from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
@@ -39,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
             refused |= outcome.error is not None
             diagnosed = _diagnosed(outcome, options, args) if args.diagnose else []
             if diagnosed:
+                from pfwd_survey.inverting.diagnosis.diagnose import with_diagnoses
+
                 outcome = with_diagnoses(outcome, diagnosed)
             show(outcome, as_json=args.json, by=args.by)
             _keep(outcome, store=not args.no_store)

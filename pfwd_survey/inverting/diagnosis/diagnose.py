@@ -22,9 +22,10 @@ from pfwd_survey.inverting.diagnosis.points import (
     diagnose_all,
 )
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, DropDiagnosis
 from pfwd_survey.inverting.diagnosis.shared_device import TRANSFERS, Phases, diagnose_device
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.outcome import FileOutcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,3 +213,24 @@ def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoi
 
 def _number(entry: DiagnosisPoint) -> int | None:
     return None if entry.last is None else entry.last.number
+
+
+def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> FileOutcome:
+    """Return the outcome of a file with the diagnosis of its point in each drop that took part."""
+    by_drop: dict[tuple[str | None, int], DropDiagnosis] = {}
+    for found in diagnosed:
+        result = found.result
+        if result is None:
+            continue
+        diagnosis = DropDiagnosis(
+            verdict=result.verdict,
+            corrected=result.corrected,
+            effects=result.effects,
+            after=result.after,
+        )
+        by_drop |= {(result.point, drop): diagnosis for drop in result.drops or ()}
+    results = []
+    for drop in outcome.results:
+        point = None if drop.point is None else str(drop.point)
+        results.append(replace(drop, diagnosis=by_drop.get((point, drop.drop or 0))))
+    return replace(outcome, results=results)

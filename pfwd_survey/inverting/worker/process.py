@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from pfwd_device.child_python import ignore_interrupts
 from pfwd_survey.files.header import setup_warnings
-from pfwd_survey.inverting.results import drop_result
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.worker.tasks import (
     Building,
     DiagnosisTask,

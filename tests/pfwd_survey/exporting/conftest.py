@@ -14,7 +14,8 @@ from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
-from pfwd_survey.inverting.results import DropAnalysis, drop_result
+from pfwd_survey.inverting.drop_result import drop_result
+from pfwd_survey.inverting.results import DropAnalysis
 from pfwd_survey.inverting.screening.drops import Screening
 
 RESULT: dict[str, Any] = {

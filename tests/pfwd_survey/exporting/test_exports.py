@@ -13,7 +13,8 @@ from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.exporting.registry import OWN, find_format, format_names
 from pfwd_survey.exporting.surveys import safe_name
-from pfwd_survey.inverting.results import DropAnalysis, drop_result
+from pfwd_survey.inverting.drop_result import drop_result
+from pfwd_survey.inverting.results import DropAnalysis
 from pfwd_survey.inverting.screening.drops import Screening
 from tests.pfwd_survey.exporting.conftest import BELONGS, result_of, rows_of
 from tui.parser import build_parser

@@ -26,6 +26,7 @@ from pfwd_survey.inverting.diagnosis.result import (
     HeldOut,
     HeldOutOne,
 )
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import (
     DropAnalysis,
@@ -33,7 +34,6 @@ from pfwd_survey.inverting.results import (
     HalfSinePulse,
     LayerResult,
     MeasuredFacts,
-    drop_result,
 )
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.stored import StoredRecord

@@ -19,8 +19,9 @@ from pfwd_device import Channel, Drop
 from pfwd_survey.files.header import GEOPHONE_NOT_DECLARED, PointSetup, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import analyse_point
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropResult, drop_result
+from pfwd_survey.inverting.results import DropResult
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Geophone, Recording, record_drop

@@ -23,9 +23,10 @@ from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.inverting.analysis import analyse_drop
 from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.kept import is_sound
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropResult, drop_result
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.procedures import StressDependence, Verdict
 from pfwd_survey.reporting import fonts

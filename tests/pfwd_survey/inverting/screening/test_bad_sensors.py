@@ -15,8 +15,8 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting import analysis
 from pfwd_survey.inverting.analysis import analyse_drop, analyse_point
 from pfwd_survey.inverting.diagnosis.entries import entry_of
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import drop_result
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
 

@@ -19,8 +19,8 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import analyse_point
+from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import drop_result
 from pfwd_survey.inverting.screening.centre_sensor import (
     NEIGHBOURS_BEYOND,
     NO_WORK,
