@@ -141,13 +141,12 @@ class PointDiagnoses:
             point.asked = None
         if answer.fault is not None:
             self._tell(Notice(f"point {name}: {answer.fault}", details=answer.details))
-        if answer.diagnosis is None:
-            return
-        found = replace(answer.diagnosis, point=name)
-        self._note_device(name, found)
-        if record is not None:
-            self._keep(record, found)
-        self._tell(PointDiagnosed(name, found))
+        for diagnosis in answer.diagnoses:
+            result = replace(diagnosis, point=name)
+            self._note_device(name, result)
+            if record is not None:
+                self._keep(record, result)
+            self._tell(PointDiagnosed(name, result))
 
     def _note_device(self, name: str, found: DiagnosisResult) -> None:
         """Effects of the device that the point itself showed: not those that it was given."""

@@ -106,6 +106,7 @@ def _told(
             )
     return DiagnosisResult(
         file=entry.file,
+        point=entry.point,
         device=entry.device,
         drops=numbers,
         rejected=rejected,

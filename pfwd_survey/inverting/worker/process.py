@@ -92,7 +92,7 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
 
     try:
         if isinstance(task, DiagnosisTask):
-            return _diagnosed(task)
+            return _diagnose(task)
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
@@ -105,14 +105,26 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
         return TaskOutcome(fault=fault, details=traceback.format_exc())
 
 
-def _diagnosed(task: DiagnosisTask) -> TaskOutcome:
-    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
+def _diagnose(task: DiagnosisTask) -> TaskOutcome:
+    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries, diagnose_files
     from pfwd_survey.inverting.diagnosis.entries import entry_of
+    from pfwd_survey.inverting.diagnosis.kept import keep_diagnoses
 
-    device = {name: dict(values) for name, values in task.device.items()}
-    entry = entry_of(task.point.file, task.point, task.options)
-    (found,) = diagnose_entries([entry], device or None)
-    return TaskOutcome(fault=found.error, diagnosis=found.result)
+    not_stored = None
+    if isinstance(task.source, str):
+        points = list(diagnose_files([task.source], task.options, use_kept=True))
+        if os.path.isdir(task.source):
+            new = [(p.number, p.result) for p in points if p.number is not None and p.result]
+            not_stored = keep_diagnoses(task.source, new)
+    else:
+        device = {name: dict(values) for name, values in task.device.items()}
+        entry = entry_of(task.source.file, task.source, task.options)
+        points = list(diagnose_entries([entry], device or None))
+    return TaskOutcome(
+        fault=next((point.error for point in points if point.error is not None), None),
+        details=not_stored or "",
+        diagnoses=tuple(point.result for point in points if point.result is not None),
+    )
 
 
 if __name__ == "__main__":

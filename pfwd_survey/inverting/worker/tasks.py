@@ -1,7 +1,7 @@
 """What the worker and its process say to each other."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from inversion.result import TimeHistories
@@ -44,14 +44,15 @@ class Task:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DiagnosisTask:
-    """The diagnosis of a point."""
+    """The diagnosis of a point, or of all points of a file together."""
 
     number: int
     """Of the task."""
-    point: TracePoint
+    source: TracePoint | str
+    """The point, or the path of a survey or a drop file; diagnoses of a survey are stored in it."""
     options: AnalysisOptions
-    device: Mapping[str, Mapping[str, float]]
-    """Effects of the device that are known, with their values."""
+    device: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Known effects of the device that measured a point, with their values."""
     urgency: Urgency = Urgency.DIAGNOSIS
 
 
@@ -67,8 +68,8 @@ class TaskOutcome:
     """Why it failed, in one sentence."""
     details: str = ""
     """More on the failure, for the log."""
-    diagnosis: DiagnosisResult | None = None
-    """Of a point, where it was asked for."""
+    diagnoses: tuple[DiagnosisResult, ...] = ()
+    """One for each point of a `DiagnosisTask`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from pfwd_survey.inverting.worker.tasks import (
     Building,
     DiagnosisTask,
     Task,
+    TaskOutcome,
     Urgency,
 )
 
@@ -45,7 +46,7 @@ class Answer:
     curves: TimeHistories | None = None
     fault: str | None = None
     details: str = ""
-    diagnosis: DiagnosisResult | None = None
+    diagnoses: tuple[DiagnosisResult, ...] = ()
 
 
 Listener = Callable[[Answer | Building], None]
@@ -69,7 +70,7 @@ class InversionWorker:
         self._closing = False
         self._process: subprocess.Popen[bytes] | None = None
         with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
-            self._process = _start()
+            self._process = start_process()
         self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
         self._thread.start()
 
@@ -144,7 +145,7 @@ class InversionWorker:
         if process is not None:
             if self._thread.is_alive():
                 process.terminate()
-            _end(process)
+            end_process(process)
         self._thread.join(CLOSING_TIME)
 
     def _work_off(self) -> None:
@@ -166,19 +167,13 @@ class InversionWorker:
 
     def _answer_to(self, task: Task | DiagnosisTask) -> Answer | None:
         """The answer; None when nobody waits for it any more."""
-        from pfwd_survey.inverting.worker.process import receive, send
-
         reason = ""
         for _ in range(MOST_ATTEMPTS):
             try:
                 process = self._process_or_start()
                 if process is None:
                     return None
-                assert process.stdin is not None
-                assert process.stdout is not None
-                send(process.stdin, task)
-                while isinstance(message := receive(process.stdout), Building):
-                    self._listener(message)
+                outcome = request(process, task, self._listener)
             except (EOFError, OSError) as err:
                 reason = f"{err}; exit code {self._reap()}"
                 if self._closing:
@@ -186,11 +181,11 @@ class InversionWorker:
             else:
                 return Answer(
                     task,
-                    message.result,
-                    message.curves,
-                    message.fault,
-                    message.details,
-                    message.diagnosis,
+                    outcome.result,
+                    outcome.curves,
+                    outcome.fault,
+                    outcome.details,
+                    outcome.diagnoses,
                 )
         fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
         return Answer(task, fault=fault, details=reason)
@@ -203,7 +198,7 @@ class InversionWorker:
             if self._closing:
                 return None
             if self._process is None:
-                self._process = _start()
+                self._process = start_process()
             return self._process
 
     def _reap(self) -> int | None:
@@ -211,7 +206,7 @@ class InversionWorker:
             process, self._process = self._process, None
         if process is None:
             return None
-        _end(process)
+        end_process(process)
         return process.returncode
 
 
@@ -219,12 +214,42 @@ def _order(task: Task | DiagnosisTask) -> tuple[int, int]:
     return task.urgency, task.number
 
 
-def _start() -> "subprocess.Popen[bytes]":
+def request(
+    process: "subprocess.Popen[bytes]",
+    task: Task | DiagnosisTask,
+    report: Callable[[Building], object],
+) -> TaskOutcome:
+    """Send a task to a process, report the progress meanwhile and return the outcome.
+
+    Raises
+    ------
+    EOFError, OSError
+        If the process ends before.
+    """
+    from pfwd_survey.inverting.worker.process import receive, send
+
+    assert process.stdin is not None
+    assert process.stdout is not None
+    send(process.stdin, task)
+    while isinstance(message := receive(process.stdout), Building):
+        report(message)
+    outcome: TaskOutcome = message
+    return outcome
+
+
+def start_process() -> "subprocess.Popen[bytes]":
+    """Start a process that answers tasks until its input ends.
+
+    Raises
+    ------
+    OSError
+        If the system starts no more processes.
+    """
     return start_child("-m", "pfwd_survey.inverting.worker.process")
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Let a process end that has nothing to do, or make it."""
+def end_process(process: "subprocess.Popen[bytes]") -> None:
+    """Close the input of a process and wait for its end; terminate or kill a busy one."""
     with contextlib.suppress(OSError):  # what was not sent is not needed any more
         if process.stdin is not None:
             process.stdin.close()

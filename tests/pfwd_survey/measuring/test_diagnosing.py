@@ -78,7 +78,7 @@ class Session:
         self.diagnoses.ask(HandedOn(point, number, record, "", drop, SETUP, screening))
 
     def drops_of(self, task: int) -> list[int]:
-        return [drop.number for drop in self.worker.tasks[task].point.drops]
+        return [drop.number for drop in self.worker.tasks[task].source.drops]
 
 
 @pytest.fixture
@@ -99,10 +99,10 @@ def lag(value: float, evidence: float | None = 50.0) -> EffectResult:
 
 def test_a_point_is_diagnosed_with_all_of_its_drops(session: Session) -> None:
     session.drop("A", 1, 11)
-    session.worker.answer(1, diagnosis=found())
+    session.worker.answer(1, diagnoses=(found(),))
     session.drop("A", 2, 12)
     assert session.drops_of(2) == [1, 2]
-    session.worker.answer(2, diagnosis=found())
+    session.worker.answer(2, diagnoses=(found(),))
     session.diagnoses.take_answers()
     assert [number for number, _ in session.kept] == [11, 12]
     points = [event.point for event in session.told if isinstance(event, PointDiagnosed)]
@@ -153,12 +153,12 @@ def test_drops_of_a_former_session_count(session: Session) -> None:
 def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -> None:
     for name, delay in (("A", 4e-4), ("B", 6e-4)):
         session.drop(name, 1, 11)
-        session.worker.answer(session.worker.count, diagnosis=found(lag(delay)))
+        session.worker.answer(session.worker.count, diagnoses=(found(lag(delay)),))
         session.diagnoses.take_answers()
     session.drop("C", 1, 13)
     assert session.worker.tasks[3].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
     # What was given is no finding of the point.
-    session.worker.answer(3, diagnosis=found(lag(5e-4, None)))
+    session.worker.answer(3, diagnoses=(found(lag(5e-4, None)),))
     session.diagnoses.take_answers()
     session.drop("D", 1, 14)
     assert session.worker.tasks[4].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
@@ -166,7 +166,7 @@ def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -
 
 def test_one_point_says_nothing_of_the_device(session: Session) -> None:
     session.drop("A", 1, 11)
-    session.worker.answer(1, diagnosis=found(lag(4e-4)))
+    session.worker.answer(1, diagnoses=(found(lag(4e-4)),))
     session.diagnoses.take_answers()
     session.drop("B", 1, 12)
     assert session.worker.tasks[2].device == {}
@@ -189,6 +189,6 @@ def test_the_process_diagnoses_a_point() -> None:
     task = DiagnosisTask(1, TracePoint("A", SETUP, drops), AnalysisOptions(), {})
     outcome = outcome_of(task, SurrogateLibrary())
     assert outcome.fault is None
-    assert outcome.diagnosis is not None
-    assert (outcome.diagnosis.left_out, outcome.diagnosis.drops) == ((1,), (2,))  # one seats
-    assert outcome.diagnosis.basis
+    (diagnosis,) = outcome.diagnoses
+    assert (diagnosis.left_out, diagnosis.drops) == ((1,), (2,))  # one seats
+    assert diagnosis.basis

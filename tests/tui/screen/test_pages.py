@@ -426,6 +426,7 @@ def test_a_drop_is_fitted_anew_with_layers(chosen: str, layers: int | str) -> No
 
 RECORD = {
     "file": "survey",
+    "point": "7",
     "device": "T-1042",
     "drops": [4, 5, 6],
     "rejected": [],
@@ -497,7 +498,9 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         await pilot.press("4")
         await pilot.pause()
         assert "Enter diagnoses" in app.text
-        await told(app, pilot, DiagnosisDone(str(tmp_path), (DiagnosisResult.from_json(RECORD),)))
+        other = {**RECORD, "point": "8", "verdict": "clean"}  # the screen has no drops of it
+        results = tuple(map(DiagnosisResult.from_json, (RECORD, other)))
+        await told(app, pilot, DiagnosisDone(str(tmp_path), results))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")

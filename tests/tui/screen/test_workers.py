@@ -4,7 +4,11 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.worker.tasks import DiagnosisTask, TaskOutcome
 from tests.tui.screen.scripted import handed_on
 from tui.screen.session.diagnosis import Diagnoser
 from tui.screen.session.drop_fits import Refits
@@ -65,6 +69,27 @@ def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:
     assert "none failed:" in found.error
     assert "\n" not in found.error
     assert diagnoser.file == ""
+
+
+def test_results_of_a_diagnosis_arrive_as_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks = []
+
+    def request(_process: Any, task: DiagnosisTask, _report: Any) -> TaskOutcome:
+        tasks.append(task)
+        return TaskOutcome(fault="point 2: no load", diagnoses=(DiagnosisResult(point="1"),))
+
+    monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
+    told = Told()
+    assert Diagnoser(told).start(str(tmp_path))
+    found = told.last()
+    assert [task.source for task in tasks] == [str(tmp_path)]
+    assert (found.file, found.results, found.error) == (
+        str(tmp_path),
+        (DiagnosisResult(point="1"),),
+        "",
+    )
 
 
 def test_one_diagnosis_at_a_time_and_it_can_be_stopped(tmp_path: Path) -> None:

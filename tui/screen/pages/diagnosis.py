@@ -85,7 +85,7 @@ class DiagnosisPage(Page):
             )
             return [(), *[line(" ", row) for row in wrap(hint, width - 2)]]
         self.place = min(self.place, len(results) - 1)
-        names = self.pfwd.diagnoses.names_of_results(len(results))
+        names = [result.point or f"no. {number}" for number, result in enumerate(results, 1)]
         device = device_lines(results, self.pfwd.units, width)
         table_room = max(3, (room - len(device)) // 2)
         shown = window(len(results), self.place, table_room - 1)

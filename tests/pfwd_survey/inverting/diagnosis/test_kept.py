@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from inversion import InversionError
+from inversion import InversionError, SurrogateLibrary
 from pfwd_device.recording import read_survey
 from pfwd_survey.exporting.export import export_survey
+from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import points_of, survey_content
@@ -20,6 +21,9 @@ from pfwd_survey.inverting.diagnosis.kept import (
 )
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd_survey.inverting.worker.process import outcome_of
+from pfwd_survey.inverting.worker.tasks import DiagnosisTask
+from pfwd_survey.inverting.worker.worker import end_process, request, start_process
 from pfwd_survey.judging import measured_point
 from pfwd_survey.judging.verdicts import diagnosis_now
 
@@ -33,8 +37,9 @@ def made(files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A survey of two points of a device, with their diagnoses."""
     folder = tmp_path_factory.mktemp("kept") / "survey"
     list(import_files(files, folder))
-    found = list(diagnose_files([str(folder)], use_kept=True))
-    assert keep_diagnoses(str(folder), told(found)) is None
+    outcome = outcome_of(DiagnosisTask(1, str(folder), AnalysisOptions()), SurrogateLibrary())
+    assert (outcome.fault, outcome.details) == (None, "")
+    assert len(outcome.diagnoses) == 2
     return folder
 
 
@@ -59,6 +64,18 @@ def test_the_same_question_is_answered_from_the_survey(
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
     assert keep_diagnoses(str(survey), told(found)) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
+    process = start_process()
+    task = DiagnosisTask(1, str(survey), AnalysisOptions())
+    outcome = request(process, task, lambda _building: None)
+    end_process(process)
+    here = [it.result for it in diagnose_files([str(survey)], use_kept=True) if it.result]
+    assert [json_text(it.to_json()) for it in outcome.diagnoses] == [
+        json_text(it.to_json()) for it in here
+    ]
+    assert [diagnosis.stored for diagnosis in outcome.diagnoses] == [True, True]
 
 
 def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:

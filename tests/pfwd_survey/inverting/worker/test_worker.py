@@ -130,7 +130,7 @@ def test_after_two_deaths_a_task_is_given_up_and_the_next_is_answered(
     from pfwd_survey.inverting.worker import worker as module
 
     starts = []
-    start = module._start
+    start = module.start_process
 
     def dying() -> Any:
         process = start()
@@ -141,7 +141,7 @@ def test_after_two_deaths_a_task_is_given_up_and_the_next_is_answered(
             process.poll = lambda: None  # type: ignore[method-assign]
         return process
 
-    monkeypatch.setattr(module, "_start", dying)
+    monkeypatch.setattr(module, "start_process", dying)
     worker = InversionWorker(answers.put)
     try:
         worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
@@ -162,7 +162,7 @@ def test_a_process_that_cannot_be_started_is_a_fault_and_no_hang(
     def refuse() -> Any:
         raise OSError(12, "no memory")
 
-    monkeypatch.setattr("pfwd_survey.inverting.worker.worker._start", refuse)
+    monkeypatch.setattr("pfwd_survey.inverting.worker.worker.start_process", refuse)
     worker = InversionWorker(answers.put)
     try:
         worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
