@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import median
-from typing import TypeGuard
 
 from inversion import SurrogateLibrary
 from inversion.diagnosis import (
@@ -28,11 +27,6 @@ _FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.0
 _MOST_ALTERNATIVES, _AT_END = 2, 2e-3
 # Deviations by which a value may miss the one that does nothing.
 _CHANCE = 2.0
-
-
-def is_sound(found: PointDiagnosis | str) -> TypeGuard[PointDiagnosis]:
-    """Whether there is a diagnosis, and not why there is none."""
-    return isinstance(found, PointDiagnosis)
 
 
 def device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
@@ -142,12 +136,10 @@ def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> Devic
     }
 
 
-def contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> list[str]:
-    """Where a point by itself shows another device than the others do."""
-    if isinstance(found, str):
-        return []
-    said = []
-    for effect in found.effects:
+def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[str]:
+    """Return the warnings where a point alone shows another device than the others do."""
+    warnings = []
+    for effect in diagnosis.effects:
         for p in effect.parameters:
             wide = findings.spread.get(effect.name, {}).get(p.name)
             if effect.scope != "device" or wide is None:
@@ -157,11 +149,11 @@ def contradictions(found: PointDiagnosis | str, findings: DeviceFindings) -> lis
             away = abs(p.value - shared)
             if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
                 unit = "" if p.unit == "-" else f" {p.unit}"
-                said.append(
+                warnings.append(
                     f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
                     f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
                 )
-    return said
+    return warnings
 
 
 def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:

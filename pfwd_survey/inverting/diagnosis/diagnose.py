@@ -1,4 +1,4 @@
-"""From files to diagnoses: points of one device are one survey, its effects can be kept."""
+"""Diagnoses of files: points of one device are diagnosed together as one survey."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ from inversion import InversionError
 from inversion.diagnosis import Allow, Channel, LeaveOut, PointDiagnosis, largest_values
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
-from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd_survey.inverting.diagnosis.entries import (
+    DiagnosisPoint,
+    entries_of,
+    with_unique_names,
+)
 from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
-from pfwd_survey.inverting.diagnosis.kept import kept_answers, questions_of, with_question
+from pfwd_survey.inverting.diagnosis.kept import questions_of, stored_answers, with_question
 from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
-    Found,
-    Look,
+    DiagnosisByPoint,
+    DiagnosisFailure,
+    DiagnosisRequest,
     Progress,
-    Told,
+    ProgressCounter,
     Workers,
     diagnose_all,
 )
@@ -116,65 +121,61 @@ def diagnose_entries(
     entries, device, jobs, leave_out, use_kept, progress, spread, allow : as for
         :func:`diagnose_files`
     """
-    every = [
+    entries = with_unique_names(entries)
+    points = [
         entry
         for entry in entries
         if isinstance(entry, DiagnosisPoint) and entry.records is not None
     ]
-    questions = dict(
-        zip(map(id, every), questions_of(every, device, leave_out, spread, allow), strict=True)
-    )
-    kept: dict[int, DiagnosisResult] = {}
-    if use_kept:
-        answers = kept_answers(every, list(questions.values()))
-        kept = {id(every[place]): answer for place, answer in answers.items()}
+    texts = questions_of(points, device, leave_out, spread, allow)
+    questions = {point.name: text for point, text in zip(points, texts, strict=True)}
+    stored = stored_answers(points, questions) if use_kept else {}
     # Points of one device are one question: all of them are answered, or none.
-    asked_anew = {entry.device for entry in every if id(entry) not in kept} - {None}
-    work = [entry for entry in every if id(entry) not in kept or entry.device in asked_anew]
+    open_devices = {point.device for point in points if point.name not in stored} - {None}
+    work = [p for p in points if p.name not in stored or p.device in open_devices]
 
-    def diagnosed(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
+    def diagnose(points: Sequence[DiagnosisPoint], without: str = "") -> DiagnosisByPoint:
         # Of these points alone: held-out records are in none of them.
-        completed = _with_device_largest(points)
-        found = diagnosed_as_completed(completed, without)
-        return {id(point): found[id(done)] for point, done in zip(points, completed, strict=True)}
-
-    def diagnosed_as_completed(points: Sequence[DiagnosisPoint], without: str) -> Found:
+        points = _with_device_largest(points)
         if device:
-            look = Look(device=device, spread=spread, leave_out=leave_out in TRANSFERS)
-            told = Told(progress, f"each point with what is known{without}", len(points))
-            looked = diagnose_all(points, [look] * len(points), workers, told)
-            return dict(zip(map(id, points), looked, strict=True))
+            request = DiagnosisRequest(
+                device=device, spread=spread, leave_out=leave_out in TRANSFERS
+            )
+            what = f"each point with what is known{without}"
+            counter = ProgressCounter(progress, what, len(points))
+            return diagnose_all(points, [request] * len(points), workers, counter)
         phases = Phases.of(progress, len(points), without)
 
-        def of_device(points: Sequence[DiagnosisPoint]) -> Found:
+        def of_device(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
             return diagnose_device(points, workers, leave_out, phases)
 
-        found: Found = {}
-        for of_one in workers.at_once(of_device, _by_device(points)):
-            found |= of_one
-        return found
+        outcomes: DiagnosisByPoint = {}
+        for outcomes_of_device in workers.at_once(of_device, _by_device(points)):
+            outcomes |= outcomes_of_device
+        return outcomes
 
     with Workers(min(jobs, len(work))) as workers:
-        found = diagnosed(work)
+        outcomes = diagnose(work)
         if leave_out is not None and leave_out not in TRANSFERS:
-            found = with_predictions(work, found, diagnosed, leave_out, allow, workers)
+            outcomes = with_predictions(work, outcomes, diagnose, leave_out, allow, workers)
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry
             continue
-        if entry.records is not None and id(entry) not in found:
-            yield Diagnosed(entry.file, kept[id(entry)], number=_number(entry))
+        number = None if entry.last is None else entry.last.number
+        if entry.records is not None and entry.name not in outcomes:
+            yield Diagnosed(entry.file, stored[entry.name], number=number)
             continue
-        diagnosis = found.get(id(entry))
-        if device and isinstance(diagnosis, PointDiagnosis):
-            diagnosis = with_device(diagnosis, given_device(device, spread))
-        if isinstance(diagnosis, str):
-            yield Diagnosed(entry.file, error=f"{entry.file}: {diagnosis}")
+        outcome = outcomes.get(entry.name)
+        if isinstance(outcome, DiagnosisFailure):
+            yield Diagnosed(entry.file, error=f"{entry.file}: {outcome.reason}")
             continue
-        result = diagnosis_result(entry, diagnosis)
-        if id(entry) in questions:
-            result = with_question(result, entry, questions[id(entry)])
-        yield Diagnosed(entry.file, result, diagnosis, number=_number(entry))
+        if device and outcome is not None:
+            outcome = with_device(outcome, given_device(device, spread))
+        result = diagnosis_result(entry, outcome)
+        if entry.name in questions:
+            result = with_question(result, entry, questions[entry.name])
+        yield Diagnosed(entry.file, result, outcome, number=number)
 
 
 def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
@@ -209,10 +210,6 @@ def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoi
             entry = replace(entry, records=records)
         completed.append(entry)
     return completed
-
-
-def _number(entry: DiagnosisPoint) -> int | None:
-    return None if entry.last is None else entry.last.number
 
 
 def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> FileOutcome:

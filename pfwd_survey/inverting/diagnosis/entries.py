@@ -1,6 +1,8 @@
 """The points of files on their way to a diagnosis: which drops take part, and as what records."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from inversion.diagnosis import PointRecords
 from pfwd_device.recording import SurveyDrop
@@ -14,6 +16,8 @@ from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import screen_point
 from pfwd_survey.inverting.screening.duplicates import duplicate_drops
 from pfwd_survey.inverting.screening.missing import whole_part
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +41,30 @@ class DiagnosisPoint:
     """Tells declarations apart, see `holding.basis_of`."""
     left_out: tuple[int, ...] = ()
     """Numbers of drops that take no part."""
+    name: str = ""
+    """Differs from those of the other points of one request, see :func:`with_unique_names`."""
     last: SurveyDrop | None = None
     """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
+
+
+def with_unique_names(entries: Iterable[DiagnosisPoint | T]) -> list[DiagnosisPoint | T]:
+    """Return the points with a name by which their diagnoses are found; others as they are.
+
+    Drops that were declared differently are two points of the same file with the same name.
+    """
+    names: set[str] = set()
+    named: list[DiagnosisPoint | T] = []
+    for entry in entries:
+        if isinstance(entry, DiagnosisPoint):
+            base = name = f"{entry.file}, point {entry.point}"
+            number = 1
+            while name in names:
+                number += 1
+                name = f"{base} ({number})"
+            names.add(name)
+            entry = replace(entry, name=name)
+        named.append(entry)
+    return named
 
 
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:

@@ -20,23 +20,28 @@ from inversion.diagnosis import (
 )
 from inversion.diagnosis.prediction import mean_error
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
-from pfwd_survey.inverting.diagnosis.points import Found, Workers
+from pfwd_survey.inverting.diagnosis.points import (
+    DiagnosisByPoint,
+    DiagnosisFailure,
+    Workers,
+    successful,
+)
 
 
 class _Diagnose(Protocol):
-    """Diagnoses of points, by their identity, with the words for the progress."""
+    """Diagnoses of points, with the end of the text that reports the progress."""
 
-    def __call__(self, points: Sequence[DiagnosisPoint], without: str = "") -> Found: ...
+    def __call__(self, points: Sequence[DiagnosisPoint], without: str = "") -> DiagnosisByPoint: ...
 
 
 def with_predictions(
     points: Sequence[DiagnosisPoint],
-    diagnoses_of_all: Found,
+    diagnoses_of_all: DiagnosisByPoint,
     diagnose: _Diagnose,
     mode: LeaveOut,
     allow: Allow | None,
     workers: Workers,
-) -> Found:
+) -> DiagnosisByPoint:
     """Return the diagnoses with how well held-out parts are predicted.
 
     In each round every point is diagnosed without one part, so that nothing of a held-out part
@@ -51,8 +56,8 @@ def with_predictions(
     allow : what may be fitted to a held-out drop
     workers : Workers
     """
-    parts: dict[int, list[HeldOutPart]] = {id(point): [] for point in points}
-    warnings: dict[int, list[str]] = {id(point): [] for point in points}
+    parts: dict[str, list[HeldOutPart]] = {point.name: [] for point in points}
+    warnings: dict[str, list[str]] = {point.name: [] for point in points}
     counts = [count_held_out(_records(point), mode) for point in points]
     for place in range(max(counts, default=0)):
         reduced = [
@@ -62,29 +67,27 @@ def with_predictions(
             for point, count in zip(points, counts, strict=True)
         ]
         diagnoses = diagnose(reduced, ", something held out")
-        tasks: list[tuple[int, PointRecords, FittedPoint]] = []
+        tasks: list[tuple[str, PointRecords, FittedPoint]] = []
         for point, other in zip(points, reduced, strict=True):
-            diagnosis = diagnoses[id(other)]
             if other is point:
                 continue
-            if isinstance(diagnosis, PointDiagnosis) and diagnosis.fitted is not None:
-                tasks.append((id(point), _records(point), diagnosis.fitted))
-            else:
-                warnings[id(point)].append(
-                    f"nothing is predicted without part {place + 1} ({mode}): {diagnosis}"
+            diagnosis = diagnoses[point.name]
+            if isinstance(diagnosis, DiagnosisFailure):
+                warnings[point.name].append(
+                    f"nothing is predicted without part {place + 1} ({mode}): {diagnosis.reason}"
                 )
+            elif diagnosis.fitted is not None:
+                tasks.append((point.name, _records(point), diagnosis.fitted))
         if tasks:
-            keys, *columns = zip(*tasks, strict=True)
+            names, *columns = zip(*tasks, strict=True)
             predict: Callable[..., HeldOutPart] = partial(
                 held_out_error, mode=mode, place=place, allow=allow
             )
-            for key, part in zip(keys, workers.map(predict, *columns), strict=True):
-                parts[key].append(part)
-    return {
-        key: _with_parts(diagnosis, mode, parts[key], warnings[key])
-        if isinstance(diagnosis, PointDiagnosis)
-        else diagnosis
-        for key, diagnosis in diagnoses_of_all.items()
+            for name, part in zip(names, workers.map(predict, *columns), strict=True):
+                parts[name].append(part)
+    return diagnoses_of_all | {
+        name: _with_parts(diagnosis, mode, parts[name], warnings[name])
+        for name, diagnosis in successful(diagnoses_of_all).items()
     }
 
 

@@ -48,16 +48,16 @@ def _group(place: int, point: DiagnosisPoint) -> object:
     return place if point.device is None else point.device
 
 
-def kept_answers(
-    work: Sequence[DiagnosisPoint], asked: Sequence[str]
-) -> dict[int, DiagnosisResult]:
-    """By place in the work: what surveys keep of the same question."""
-    found = {}
-    for place, (point, question) in enumerate(zip(work, asked, strict=True)):
-        kept = None if point.last is None else read_diagnosis(point.last)
-        if kept is not None and kept.question == question and not kept.unreadable:
-            found[place] = replace(kept, file=point.file, point=point.point, stored=True)
-    return found
+def stored_answers(
+    points: Sequence[DiagnosisPoint], questions: Mapping[str, str]
+) -> dict[str, DiagnosisResult]:
+    """Return the stored diagnoses that answer the same questions; all by the name of the point."""
+    answers = {}
+    for point in points:
+        stored = None if point.last is None else read_diagnosis(point.last)
+        if stored and stored.question == questions[point.name] and not stored.unreadable:
+            answers[point.name] = replace(stored, file=point.file, point=point.point, stored=True)
+    return answers
 
 
 def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:

@@ -1,4 +1,4 @@
-"""Points, each by itself: in this process or in several."""
+"""Diagnoses of single points, in this process or in several."""
 
 from __future__ import annotations
 
@@ -28,24 +28,38 @@ _AT_ONCE = 2
 _R = TypeVar("_R")
 _G = TypeVar("_G")
 DeviceValues = dict[str, dict[str, float]]
-Found = dict[int, PointDiagnosis | str]
-"""Diagnoses, or why there is none, by the identity of the point."""
 Progress = Callable[[str, int, int], None]
-"""Told what is being tried, how many points are done, and of how many."""
+"""Receives the kind of work, the number of points done, and their total number."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisFailure:
+    """The reason why a point could not be diagnosed."""
+
+    reason: str
+
+
+DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
+"""Diagnoses and failures by `DiagnosisPoint.name`."""
+
+
+def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
+    """Return the diagnoses without the failures, in the same order."""
+    return {name: d for name, d in outcomes.items() if isinstance(d, PointDiagnosis)}
 
 
 @dataclass(frozen=True)
-class Look:
-    """How a point is looked at, see `inversion.diagnosis.diagnose_point`.
+class DiagnosisRequest:
+    """Options of the diagnosis of a point, see `inversion.diagnosis.diagnose_point`.
 
     Parameters
     ----------
-    device, spread : values of device effects that are known, and their deviations
-    likely : effects that are tried first
-    begun : values from which they may begin
-    plain : whether every sample counts alike from the beginning
-    leave_out : whether each drop is tried on the ground of the others
-    brief : whether what the survey needs of it is enough
+    device, spread : values of known device effects, and their deviations
+    likely : names of the effects that are tried first
+    begun : values at which the search may start
+    plain : whether all samples have the same weight from the start
+    leave_out : whether each drop is predicted on the ground of the others
+    brief : whether the numbers that the survey needs are enough
     """
 
     device: DeviceValues | None = None
@@ -57,14 +71,14 @@ class Look:
     brief: bool = False
 
 
-class Told:
-    """Counts points for who wants to know how far it is; several devices may share one.
+class ProgressCounter:
+    """Thread-safe counter of diagnosed points, shared by the devices of a survey.
 
     Parameters
     ----------
     progress : callable or None
-    what : str, what is being tried
-    total : int, points that are looked at, as far as is known
+    what : str, kind of the work
+    total : int, number of points that are to be diagnosed, as far as is known
     """
 
     def __init__(self, progress: Progress | None, what: str, total: int) -> None:
@@ -75,20 +89,18 @@ class Told:
         self.total = total
 
     def expect(self, more: int) -> None:
-        """So many points more are going to be looked at."""
+        """Add a number of points that are to be diagnosed."""
         with self._lock:
             self.total += more
 
-    def counted(self, results: Iterable[PointDiagnosis | str]) -> list[PointDiagnosis | str]:
-        """Results in a list."""
-        found = []
+    def counted(self, results: Iterable[_R]) -> Iterator[_R]:
+        """Yield the results and report each."""
         for result in results:
-            found.append(result)
             with self._lock:
                 self._done += 1
                 if self._progress is not None:
                     self._progress(self._what, self._done, self.total)
-        return found
+            yield result
 
 
 class Workers:
@@ -130,42 +142,49 @@ class Workers:
         return self._waiting.map(function, groups)
 
 
-def are_plain(found: Sequence[PointDiagnosis]) -> bool:
-    """Whether at most of the points every sample counted alike."""
-    return 2 * sum(d.plain for d in found) > len(found)
+def are_plain(diagnoses: Sequence[PointDiagnosis]) -> bool:
+    """Return whether all samples had the same weight at more than half of the points."""
+    return 2 * sum(d.plain for d in diagnoses) > len(diagnoses)
 
 
 def diagnose_all(
-    work: Sequence[DiagnosisPoint], looks: Sequence[Look], workers: Workers, told: Told
-) -> list[PointDiagnosis | str]:
-    """Diagnoses, or why there is none, in order."""
-    records = [point.records for point in work if point.records is not None]
-    return told.counted(workers.map(_diagnose, records, looks)) if records else []
+    points: Sequence[DiagnosisPoint],
+    requests: Sequence[DiagnosisRequest],
+    workers: Workers,
+    counter: ProgressCounter,
+) -> DiagnosisByPoint:
+    """Diagnose points that have records, in order, each by its own request."""
+    records = [point.records for point in points]
+    outcomes = counter.counted(workers.map(_diagnose, records, requests))
+    return {point.name: outcome for point, outcome in zip(points, outcomes, strict=True)}
 
 
-def _diagnose(records: PointRecords, look: Look) -> PointDiagnosis | str:
-    begun = time.perf_counter()
+def _diagnose(
+    records: PointRecords, request: DiagnosisRequest
+) -> PointDiagnosis | DiagnosisFailure:
+    start = time.perf_counter()
     try:
-        found = diagnose_point(
+        diagnosis = diagnose_point(
             records,
             _library(),
-            look.device,
-            look.likely,
-            look.begun,
-            look.leave_out,
-            look.spread,
-            plain=look.plain,
-            brief=look.brief,
+            request.device,
+            request.likely,
+            request.begun,
+            request.leave_out,
+            request.spread,
+            plain=request.plain,
+            brief=request.brief,
         )
     except InversionError as err:
-        return str(err)
+        return DiagnosisFailure(str(err))
     except np.linalg.LinAlgError as err:
         # One odd record costs its own point, not those of all files.
-        return f"the fit broke down ({err}): check the header, and the unit of the times"
-    return replace(found, elapsed=time.perf_counter() - begun)
+        reason = f"the fit broke down ({err}): check the header, and the unit of the times"
+        return DiagnosisFailure(reason)
+    return replace(diagnosis, elapsed=time.perf_counter() - start)
 
 
 @cache
 def _library() -> SurrogateLibrary:
-    """Of this process."""
+    """Return the library of this process."""
     return SurrogateLibrary()

@@ -17,7 +17,7 @@ from inversion.forward.model import Instrument
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
-from pfwd_survey.inverting.diagnosis.points import Found, Workers
+from pfwd_survey.inverting.diagnosis.points import DiagnosisByPoint, DiagnosisFailure, Workers
 from pfwd_survey.inverting.diagnosis.result import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -124,10 +124,10 @@ def test_a_point_that_cannot_be_diagnosed_without_a_part_says_so(point: Diagnosi
     (one,) = diagnose_entries([point], leave_out="next")
     assert one.diagnosis is not None
 
-    def refuse(points: Sequence[DiagnosisPoint], without: str = "") -> Found:
-        return {id(reduced): "no load" for reduced in points}
+    def refuse(points: Sequence[DiagnosisPoint], without: str = "") -> DiagnosisByPoint:
+        return {reduced.name: DiagnosisFailure("no load") for reduced in points}
 
-    found = {id(point): one.diagnosis}
+    found: DiagnosisByPoint = {point.name: one.diagnosis}
     (diagnosis,) = with_predictions([point], found, refuse, "drop", None, Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
     assert diagnosis.held_out_by == ()

@@ -9,7 +9,11 @@ from threading import Event
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.points import Told, Workers
+from inversion.diagnosis import PointRecords
+from pfwd_survey.inverting.diagnosis import points
+from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, with_unique_names
+from pfwd_survey.inverting.diagnosis.points import DiagnosisFailure, ProgressCounter, Workers
 
 GROUPS = [[1.0, 4.0], [9.0], [], [16.0, 25.0, 36.0], [49.0], [64.0], [81.0]]
 
@@ -62,8 +66,39 @@ def test_who_stops_does_not_wait_for_the_work_that_has_not_begun() -> None:
 
 def test_one_count_is_shared() -> None:
     said: list[tuple[str, int, int]] = []
-    told = Told(lambda *one: said.append(one), "each point", 2)
-    assert told.counted(iter(["a", "b"])) == ["a", "b"]
-    told.expect(1)
-    told.counted(["c"])
+    counter = ProgressCounter(lambda *one: said.append(one), "each point", 2)
+    assert list(counter.counted(iter(["a", "b"]))) == ["a", "b"]
+    counter.expect(1)
+    assert list(counter.counted(["c"])) == ["c"]
     assert said == [("each point", 1, 2), ("each point", 2, 2), ("each point", 3, 3)]
+
+
+def test_points_of_one_name_are_told_apart() -> None:
+    """Drops of a point that were declared differently are two points of its name."""
+    names = ["A", "A", "A (2)", "A", None]
+    entries = [DiagnosisPoint("s", None, None, point=name) for name in names]
+    named = with_unique_names([*entries, "refused"])
+    assert named[-1] == "refused"
+    assert [entry.name for entry in named[:-1] if isinstance(entry, DiagnosisPoint)] == [
+        "s, point A",
+        "s, point A (2)",
+        "s, point A (2) (2)",
+        "s, point A (3)",
+        "s, point None",
+    ]
+
+
+def test_each_of_two_points_of_one_name_has_its_own_outcome(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def diagnose(records: PointRecords, _request: object) -> DiagnosisFailure:
+        return DiagnosisFailure(f"drop {records.numbers[0]} has no load")
+
+    monkeypatch.setattr(points, "_diagnose", diagnose)
+    entries = [
+        DiagnosisPoint("s", None, PointRecords("A", (), (number,)), point="A") for number in (1, 7)
+    ]
+    assert [diagnosed.error for diagnosed in diagnose_entries(entries)] == [
+        "s: drop 1 has no load",
+        "s: drop 7 has no load",
+    ]

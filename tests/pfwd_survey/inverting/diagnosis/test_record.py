@@ -13,7 +13,7 @@ from inversion.diagnosis import findings as engine
 from inversion.diagnosis.findings import ModelState
 from pfwd_survey.inverting.diagnosis import points, result
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
-from pfwd_survey.inverting.diagnosis.points import Look
+from pfwd_survey.inverting.diagnosis.points import DiagnosisFailure, DiagnosisRequest
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 
 STATE = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.01, 0.01, 1e5, 3.9e7)
@@ -100,8 +100,9 @@ def test_a_fit_that_breaks_down_costs_its_own_point(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(points, "diagnose_point", diagnose_point)
     records: Any = object()
-    broken, refused, whole = (points._diagnose(records, Look()) for _ in range(3))
-    assert "the fit broke down (Singular matrix)" in str(broken)
-    assert refused == "no load"
+    broken, refused, whole = (points._diagnose(records, DiagnosisRequest()) for _ in range(3))
+    assert isinstance(broken, DiagnosisFailure)
+    assert "the fit broke down (Singular matrix)" in broken.reason
+    assert refused == DiagnosisFailure("no load")
     assert isinstance(whole, PointDiagnosis)
     assert whole.elapsed >= 0.0

@@ -12,19 +12,25 @@ import pytest
 
 from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
-from pfwd_survey.inverting.diagnosis import device_effects, rival_device, shared_device
+from pfwd_survey.inverting.diagnosis import device_effects, minority_effects, shared_device
 from pfwd_survey.inverting.diagnosis.device_effects import (
     alternatives_of,
     device_findings,
     with_device,
 )
-from pfwd_survey.inverting.diagnosis.points import Look, Told, Workers
+from pfwd_survey.inverting.diagnosis.points import (
+    DiagnosisByPoint,
+    DiagnosisFailure,
+    DiagnosisRequest,
+    ProgressCounter,
+    Workers,
+)
 from pfwd_survey.inverting.diagnosis.shared_device import (
-    _Asked,
-    _look_again_at_worse,
-    _look_without_device,
-    _looks_of_survey,
-    looked_at_first,
+    _diagnose_without_device,
+    _rediagnose_worse,
+    _requests_with_device,
+    diagnose_individually,
+    rediagnose_with_device,
 )
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
@@ -64,22 +70,27 @@ def diagnosis(left: float, *effects: Any, plain: bool = True) -> PointDiagnosis:
     )  # fmt: skip
 
 
+def by_name(outcomes: Sequence[Any]) -> DiagnosisByPoint:
+    """Outcomes by the names of the points of a `Survey`."""
+    return {str(place): outcome for place, outcome in enumerate(outcomes)}
+
+
 class Survey:
     """Points of one device whose diagnoses are made up; remembers how each was looked at."""
 
     def __init__(self, patch: pytest.MonkeyPatch, cold: Sequence[Any], warm: Any = None) -> None:
         self.points: list[Any] = [
-            SimpleNamespace(device="unit", records=object(), place=place)
+            SimpleNamespace(device="unit", records=object(), place=place, name=str(place))
             for place in range(len(cold))
         ]
         self.cold, self._warm = cold, warm
         self.calls: list[int] = []
-        self.looks: list[tuple[int, Look]] = []
+        self.looks: list[tuple[int, DiagnosisRequest]] = []
         patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
-        patch.setattr(rival_device, "diagnose_all", self._diagnose_all)
+        patch.setattr(minority_effects, "diagnose_all", self._diagnose_all)
 
     def _diagnose_all(
-        self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
+        self, points: Sequence[Any], looks: Sequence[DiagnosisRequest], workers: Any, told: Any
     ) -> Any:
         self.calls.append(len(points))
         self.looks += [(p.place, look) for p, look in zip(points, looks, strict=True)]
@@ -87,18 +98,17 @@ class Survey:
             self._warm if look.likely else self.cold[point.place]
             for point, look in zip(points, looks, strict=True)
         ]
-        return told.counted(found)
+        return dict(zip((p.name for p in points), told.counted(found), strict=True))
 
     def first(self) -> tuple[dict[int, Any], set[int]]:
         """Looks at them; places of those that were looked at in brief."""
         self.progress: list[tuple[str, int, int]] = []
-        told = Told(
+        counter = ProgressCounter(
             lambda *one: self.progress.append(one), "each point by itself", len(self.points)
         )
-        found, brief = looked_at_first(self.points, Workers(1), True, told)
-        places = {id(point): point.place for point in self.points}
-        assert set(found) == set(places)
-        return {places[key]: value for key, value in found.items()}, {places[k] for k in brief}
+        found, brief = diagnose_individually(self.points, Workers(1), True, counter)
+        assert set(found) == {point.name for point in self.points}
+        return {int(name): value for name, value in found.items()}, set(map(int, brief))
 
 
 def test_few_points_are_looked_at_from_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,11 +183,12 @@ def test_points_that_leave_much_begin_as_the_best_one_ended_too() -> None:
         diagnosis(0.03, LAG, ("seating", "drop", "modulus_ratio", "-", 0.9)),
         diagnosis(0.01, LAG, ("seating", "drop", "modulus_ratio", "-", 0.5)),
         diagnosis(0.02, LAG, SEATING),
-        "refused",
+        DiagnosisFailure("refused"),
     ]
     seating, ground = (0, "seating", "modulus_ratio", None), (0, "", "modulus_ratio", None)
     first[0].values[ground] = 0.7
-    looks = _looks_of_survey(first, DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {}, 9))
+    findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {}, 9)
+    looks = list(_requests_with_device(by_name(first), findings).values())
     begun = [[start[seating] for start in look.begun] for look in looks]
     # Its own values, those in the middle, and of what leaves more than the middle the best one's.
     assert begun == [[0.9, 0.8, 0.5], [0.5, 0.8], [0.8, 0.8], []]
@@ -223,26 +234,26 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
 def test_what_ends_worse_with_its_device_begins_from_nothing(
     monkeypatch: pytest.MonkeyPatch, left: float, other: float, again: bool, taken: bool
 ) -> None:
-    first: list[Any] = [*[diagnosis(0.02, LAG)] * 4, diagnosis(left, LAG), "no load"]
+    first: list[Any] = [
+        *[diagnosis(0.02, LAG)] * 4,
+        diagnosis(left, LAG),
+        DiagnosisFailure("no load"),
+    ]
     survey = Survey(monkeypatch, [diagnosis(other, SEATING)] * 6)
     device = {"sensor_lag": {"delay": 6e-4}}
     findings = DeviceFindings(device, {}, 9)
-    looks = [Look(device=device, likely=["seating"], begun=[{}])] * 6
-    asked = [
-        _Asked(point, look, findings, None, {})
-        for point, look in zip(survey.points, looks, strict=True)
-    ]
-    anew = list(first)
+    outcomes = by_name(first)
     progress: list[tuple[str, int, int]] = []
-    told = Told(lambda *one: progress.append(one), "with what other points show", 6)
-    _look_again_at_worse(asked, anew, Workers(1), told)
-    expected = Look(device=device, leave_out=False)
+    counter = ProgressCounter(lambda *one: progress.append(one), "with what other points show", 6)
+    _rediagnose_worse(survey.points, outcomes, findings, Workers(1), counter)
+    anew = list(outcomes.values())
+    expected = DiagnosisRequest(device=device, leave_out=False)
     assert survey.looks == ([(4, expected)] if again else [])
     assert progress == ([("with what other points show", 1, 7)] if again else [])
     assert anew[:4] == first[:4]
     assert (anew[4] is survey.cold[4]) == taken
     assert (anew[4] is first[4]) != taken
-    assert anew[5] == "no load"
+    assert anew[5] is first[5]
 
 
 KNOWN = {
@@ -350,13 +361,13 @@ class Rivals(Survey):
         self._left = left
 
     def _diagnose_all(
-        self, points: Sequence[Any], looks: Sequence[Look], workers: Any, told: Any
+        self, points: Sequence[Any], looks: Sequence[DiagnosisRequest], workers: Any, told: Any
     ) -> Any:
-        found = iter(super()._diagnose_all(points, looks, workers, told))
-        return [
-            diagnosis(self._left(point.place, look), *GEOPHONE) if look.device else next(found)
-            for point, look in zip(points, looks, strict=True)
-        ]
+        found = super()._diagnose_all(points, looks, workers, told)
+        for point, look in zip(points, looks, strict=True):
+            if look.device:
+                found[point.name] = diagnosis(self._left(point.place, look), *GEOPHONE)
+        return found
 
 
 def survey_of_rivals(patch: pytest.MonkeyPatch, left: Any, count: int = 7) -> Rivals:
@@ -366,12 +377,12 @@ def survey_of_rivals(patch: pytest.MonkeyPatch, left: Any, count: int = 7) -> Ri
     return Rivals(patch, cold, left)
 
 
-def with_rival(survey: Rivals) -> list[tuple[int, Look]]:
+def with_rival(survey: Rivals) -> list[tuple[int, DiagnosisRequest]]:
     return [(place, look) for place, look in survey.looks if look.device]
 
 
 def test_what_one_point_shows_is_tried_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def left(place: int, look: Look) -> float:
+    def left(place: int, look: DiagnosisRequest) -> float:
         return (0.03 if place in (1, 6) else 0.012) if look.begun else 0.011
 
     survey = survey_of_rivals(monkeypatch, left)
@@ -427,20 +438,53 @@ def test_a_record_that_contradicts_the_device_is_told_by_itself(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     survey = Survey(monkeypatch, [diagnosis(0.25, SEATING)] * 4)
-    device = {"sensor_lag": {"delay": 6e-4}}
-    asked = [
-        _Asked(point, Look(device=device), DeviceFindings(device, {}, 9), None, {})
-        for point in survey.points
-    ]
     # 30 % are left of the base model.
-    anew: list[Any] = [diagnosis(0.01), diagnosis(0.31), "no load", diagnosis(0.3)]
-    told = Told(None, "", 4)
-    found = _look_without_device(asked, anew, True, Workers(1), told)
-    assert survey.looks == [(1, Look(leave_out=True))]
-    assert told.total == 5
-    assert list(found) == [id(survey.points[1])]
+    failure = DiagnosisFailure("no load")
+    again = by_name([diagnosis(0.01), diagnosis(0.31), failure, diagnosis(0.3)])
+    counter = ProgressCounter(None, "", 4)
+    found = _diagnose_without_device(survey.points, again, True, Workers(1), counter)
+    assert survey.looks == [(1, DiagnosisRequest(leave_out=True))]
+    assert counter.total == 5
+    assert list(found) == ["1"]
     (other,) = found.values()
     assert isinstance(other, PointDiagnosis)
     assert other.effects == survey.cold[1].effects
     (said,) = other.warnings
     assert "leaves 31 % of the peak here, the base model alone 30 %" in said
+
+
+def test_points_that_fail_alone_or_again_are_diagnosed_with_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    failure, refused = DiagnosisFailure("no load"), DiagnosisFailure("refused")
+    survey = Survey(monkeypatch, [failure, diagnosis(0.02, SEATING), failure, failure])
+    survey._warm = diagnosis(0.01, SEATING)
+    findings = DeviceFindings(
+        {"sensor_lag": {"delay": 6e-4}},
+        {"sensor_lag": {"delay": 1e-5}},
+        9,
+        spread={"sensor_lag": {"delay": 1e-5}},
+        of_others=({}, {}),
+    )
+    monkeypatch.setattr(shared_device, "device_findings", lambda *_: findings)
+    far = diagnosis(0.02, (*LAG[:-1], 2e-3), SEATING)
+    alone = by_name([diagnosis(0.02, LAG, SEATING), refused, far, refused])
+    counter = ProgressCounter(None, "", 0)
+    again = rediagnose_with_device(survey.points, alone, Workers(1), None, counter)
+    assert list(again) == ["0", "1", "2", "3"]
+    first, recovered, contradicting = again["0"], again["1"], again["2"]
+    assert isinstance(first, PointDiagnosis)
+    assert isinstance(recovered, PointDiagnosis)
+    assert isinstance(contradicting, PointDiagnosis)
+    assert [effect.name for effect in recovered.effects] == ["sensor_lag", "seating"]
+    assert (first.warnings, recovered.warnings) == ((), ())
+    assert "it contradicts them" in contradicting.warnings[0]
+    assert again["3"] is failure
+
+
+def test_one_point_has_no_device_in_common(monkeypatch: pytest.MonkeyPatch) -> None:
+    survey = Survey(monkeypatch, [diagnosis(0.02, LAG)] * 2)
+    alone = by_name([diagnosis(0.02, LAG), DiagnosisFailure("no load")])
+    counter = ProgressCounter(None, "", 0)
+    assert rediagnose_with_device(survey.points, alone, Workers(1), None, counter) == {}
+    assert survey.calls == []

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from inversion.diagnosis import FoundEffect, FoundParameter, PointDiagnosis
 from inversion.diagnosis.findings import ModelState
-from pfwd_survey.inverting.diagnosis.rival_device import find_rival, gain, looks_with
+from pfwd_survey.inverting.diagnosis.minority_effects import (
+    find_minority_effects,
+    gain,
+    requests_with,
+)
+from pfwd_survey.inverting.diagnosis.points import DiagnosisByPoint, DiagnosisFailure
 
 STATE = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.3, 0.3, 1e5, 4e7)
 
@@ -33,53 +38,56 @@ def point(left: float, plain: bool = True, **device: float) -> PointDiagnosis:
     )  # fmt: skip
 
 
-def test_the_device_of_the_point_that_leaves_the_least_is_the_rival() -> None:
+def by_name(diagnoses: Sequence[PointDiagnosis]) -> dict[str, PointDiagnosis]:
+    return {str(place): diagnosis for place, diagnosis in enumerate(diagnoses)}
+
+
+def test_the_device_of_the_point_that_leaves_the_least_is_tried() -> None:
     alone = [
         point(0.02, lag=1.0),
         point(0.018, lag=1.0, filter=3.0),
         point(0.015, geophone=9.0, lag=2.0),
         point(0.02, geophone=12.0, lag=4.0),
         point(0.02, geophone=20.0),
-        "no load",
     ]
-    rival = find_rival(alone, ["lag"])
-    assert rival is not None
+    minority = find_minority_effects(by_name(alone), ["lag"])
+    assert minority is not None
     # In the middle of the points that show all of it; they may miss by 15 %.
-    assert rival.values == {"geophone": {"size": 10.5}, "lag": {"size": 3.0}}
-    assert rival.deviations["geophone"]["size"] == pytest.approx(1.575)
-    assert rival.showing == (2, 3)
-    assert rival.others == (0, 1, 4)
+    assert minority.values == {"geophone": {"size": 10.5}, "lag": {"size": 3.0}}
+    assert minority.deviations["geophone"]["size"] == pytest.approx(1.575)
+    assert minority.showing == ("2", "3")
+    assert minority.others == ("0", "1", "4")
 
 
 @pytest.mark.parametrize(
     "alone",
     [
-        # What most show is no rival, and what all show has no others.
+        # What most show is tried on none, and what all show has no others.
         [point(0.02, lag=1.0), point(0.02, lag=2.0), point(0.02)],
         [point(0.02, geophone=1.0)] * 3,
         [point(0.02), point(0.02)],
         [point(0.02, geophone=1.0)],
-        ["no load", point(0.02, geophone=1.0)],
     ],
 )
-def test_without_disagreement_there_is_no_rival(alone: list[Any]) -> None:
-    assert find_rival(alone, ["lag"]) is None
+def test_without_disagreement_there_is_no_minority(alone: list[PointDiagnosis]) -> None:
+    assert find_minority_effects(by_name(alone), ["lag"]) is None
 
 
 @pytest.mark.parametrize(("left", "heard"), [(0.0299, True), (0.0301, False)])
 def test_what_leaves_much_more_than_the_others_is_no_witness(left: float, heard: bool) -> None:
     alone = [point(left, geophone=9.0), point(0.02), point(0.02), point(0.02)]
-    assert (find_rival(alone, []) is not None) == heard
-    rival = find_rival([point(0.02, geophone=9.0), point(left), point(0.02), point(0.02)], [])
-    assert rival is not None
-    assert (1 in rival.others) == heard
+    assert (find_minority_effects(by_name(alone), []) is not None) == heard
+    alone = [point(0.02, geophone=9.0), point(left), point(0.02), point(0.02)]
+    minority = find_minority_effects(by_name(alone), [])
+    assert minority is not None
+    assert ("1" in minority.others) == heard
 
 
 @pytest.mark.parametrize(("left", "heard"), [(0.149, True), (0.151, False)])
 def test_what_is_hardly_explained_is_no_witness(left: float, heard: bool) -> None:
     """Effects that leave more than half of the residual are not what is behind it."""
     alone = [point(left, geophone=9.0), point(0.149), point(0.149)]
-    assert (find_rival(alone, []) is not None) == heard
+    assert (find_minority_effects(by_name(alone), []) is not None) == heard
 
 
 def test_the_others_are_asked_as_those_that_show_it_ended_and_from_nothing() -> None:
@@ -87,17 +95,17 @@ def test_the_others_are_asked_as_those_that_show_it_ended_and_from_nothing() -> 
     shown = {(0, "", "modulus_ratio", None): 0.7, (0, "geophone", "size", None): 9.0}
     own = replace(point(0.02, plain=False), values=ground | {(0, "lag", "size", None): 1.0})
     alone = [own, replace(point(0.02, geophone=9.0), values=shown), point(0.02)]
-    rival = find_rival(alone, [])
-    assert rival is not None
-    begun, anew = looks_with(rival, alone)
-    assert set(begun) == set(anew) == {0, 2}
-    assert (anew[0].likely, anew[0].begun) == ((), ())
-    assert begun[0].likely == ["seating"]
+    minority = find_minority_effects(by_name(alone), [])
+    assert minority is not None
+    warm, cold = requests_with(minority, by_name(alone))
+    assert set(warm) == set(cold) == {"0", "2"}
+    assert (cold["0"].likely, cold["0"].begun) == ((), ())
+    assert warm["0"].likely == ["seating"]
     # On their ground and on its own.
-    assert begun[0].begun == [shown, shown | ground]
-    for look in (*anew.values(), *begun.values()):
-        assert look.device == rival.values
-        assert look.spread == rival.deviations
+    assert warm["0"].begun == [shown, shown | ground]
+    for look in (*cold.values(), *warm.values()):
+        assert look.device == minority.values
+        assert look.spread == minority.deviations
         # As at most of them.
         assert look.plain
         assert look.brief
@@ -105,15 +113,20 @@ def test_the_others_are_asked_as_those_that_show_it_ended_and_from_nothing() -> 
 
 def test_what_sharing_gains_is_paid_for_once() -> None:
     alone = [point(0.02, lag=1.0), point(0.015, geophone=9.0), point(0.02)]
-    rival = find_rival(alone, [])
-    assert rival is not None
-    assert rival.others == (0, 2)
-    others = {0: point(0.01, geophone=9.5), 2: point(0.02, geophone=9.5)}
+    minority = find_minority_effects(by_name(alone), [])
+    assert minority is not None
+    assert minority.others == ("0", "2")
+    others: DiagnosisByPoint = {
+        "0": point(0.01, geophone=9.5),
+        "2": point(0.02, geophone=9.5),
+    }
     # 80 ln 2 and one number less; nothing; and of the one that shows it its number.
     halved, number = 55.4518, 3.6889
-    assert gain(rival, alone, others, paid=False) == pytest.approx(halved + number, abs=1e-3)
+    assert gain(minority, by_name(alone), others, paid=False) == pytest.approx(
+        halved + number, abs=1e-3
+    )
     cost = 12.0 + 4.7875
     paid = halved + 2 * number - cost
-    assert gain(rival, alone, others, paid=True) == pytest.approx(paid, abs=1e-3)
-    refused = {0: "no load", 2: others[2]}
-    assert gain(rival, alone, refused, paid=False) == pytest.approx(0.0, abs=1e-9)
+    assert gain(minority, by_name(alone), others, paid=True) == pytest.approx(paid, abs=1e-3)
+    refused = others | {"0": DiagnosisFailure("no load")}
+    assert gain(minority, by_name(alone), refused, paid=False) == pytest.approx(0.0, abs=1e-9)
