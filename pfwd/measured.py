@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfwd.options import analysis_options, reading
 from pfwd.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
-from pfwd_device.drop import Channel
+from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.exporting.json_text import without_nan
-from pfwd_survey.exporting.peaks import Peaks, peaks_of
 from pfwd_survey.files.columns import DROP, LOAD, TIME, sensor_name
 from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.imported import Kind, kind_of
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import FEWEST_SAMPLES, STEP_TOLERANCE, TracePoint
+from pfwd_survey.inverting.drop_facts import unbroken_peaks
 from pfwd_survey.inverting.options import OPTION_OF_KEY
 from pfwd_survey.inverting.screening.signals import displacement_of
 
@@ -121,7 +121,7 @@ class Drop(Shown):
         return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
 
     def _peaks(self) -> Peaks | None:
-        return peaks_of(self._drop)
+        return unbroken_peaks(self._drop)
 
     def __repr__(self) -> str:
         drop = self._drop

@@ -86,7 +86,7 @@ class Survey(Shown):
     def __repr__(self) -> str:
         name = text_of(os.path.basename(os.path.normpath(self.path)))
         drops = len(self._content.drops)
-        stored = sum(row.result is not None for row in self._rows)
+        stored = sum(row.drop.last_result is not None for row in self._rows)
         lost = f", {count(len(self.damage), 'damage')}" if self.damage else ""
         return (
             f"Survey({name}: {count(len(self._content.points), 'point')}, {count(drops, 'drop')}, "
@@ -129,9 +129,9 @@ class Survey(Shown):
         names = [text_of(point.title) for point in self._content.points]
         place = {point.name: index for index, point in enumerate(self._content.points)}
         shown = [
-            (place[row.point.name], row.peaks.centre, not row.used)
+            (place[row.point.name], row.drop.peaks.centre, not row.used)
             for row in self._rows
-            if row.peaks is not None and row.peaks.centre is not None
+            if row.drop.peaks is not None and row.drop.peaks.centre is not None
         ]
         for discarded, marker in ((False, "o"), (True, "x")):
             part = [(at, 1e6 * peak) for at, peak, gone in shown if gone == discarded]
@@ -165,21 +165,22 @@ def open(path: str | os.PathLike[str]) -> Survey:
 
 
 def _usable(row: Row) -> bool:
-    return row.used and row.result is not None
+    return row.used and row.drop.last_result is not None
 
 
 def _stored(path: str, row: Row) -> Result:
     """A stored result as a new one would be: named as the survey is now, and withheld where what
     belongs to a modulus is missing."""
     values = row.values
-    record = {} if row.result is None else row.result.to_json()
+    result = row.drop.last_result
+    record = {} if result is None else result.to_json()
     return Result(
         {
             **dict.fromkeys(("file", "point", "drop", *_NEEDED)),
             **record,
             "file": path,
             "point": row.point.title,
-            "drop": row.drop.drop,
+            "drop": row.drop.number,
             "modulus_pa": values["modulus_pa"],
             "warnings": list(values["warnings"]),
         }

@@ -1,8 +1,16 @@
 """Errors of the survey. A message says what was expected, what came, where, and what to try."""
 
-from pfwd_device.errors import DeviceError
+from pfwd_device.errors import DeviceError, RecordingError
 
-__all__ = ["DeviceError", "OptionError", "SurveyError", "TraceError", "quote", "refusal"]
+__all__ = [
+    "DeviceError",
+    "OptionError",
+    "RecordingError",
+    "SurveyError",
+    "TraceError",
+    "quote",
+    "refusal",
+]
 
 LONGEST_QUOTE = (
     60  # characters of foreign text in a message: enough to find it, too few to flood a line

@@ -2,7 +2,7 @@
 
 import math
 
-from pfwd_survey.judging import JudgedPoint
+from pfwd_survey.judging import PointView
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.procedures import PointProgress, PointValue, Quantity, Verdict
 from pfwd_survey.procedures.point import UNSUPPORTED_MARK
@@ -22,12 +22,12 @@ def is_worth_a_line(progress: PointProgress) -> bool:
     return progress.measured_wanted is not None or progress.verdict is not Verdict.NONE
 
 
-def point_text(point: JudgedPoint) -> str:
+def point_text(point: PointView) -> str:
     """A complete point: what is judged, its interval, target, verdict, and the settlements."""
     progress = point.progress
     value = progress.value
     shown = "nothing to judge" if value is None else value_text(value)
-    parts = [f"point {clean(point.name)}: {shown}"]
+    parts = [f"point {clean(point.shown_name)}: {shown}"]
     if progress.target is not None:
         parts.append(f"target {target_text(progress.target)}")
     if progress.verdict is not Verdict.NONE:

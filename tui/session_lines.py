@@ -9,7 +9,7 @@ from typing import Any
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.results import DropAnalysis, DropResult
-from pfwd_survey.judging import Job, JudgedPoint
+from pfwd_survey.judging import Job, PointView
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
@@ -30,8 +30,8 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
+from pfwd_survey.measuring.live_view import CompletePoints
 from pfwd_survey.measuring.repeats import Repeats
-from pfwd_survey.measuring.standing import CompletePoints
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say
@@ -78,7 +78,7 @@ class SessionLines:
         """The session is over: print the points that were waiting for an analysis."""
         self._complete.rest()
 
-    def _point(self, point: JudgedPoint) -> None:
+    def _point(self, point: PointView) -> None:
         if not is_worth_a_line(point.progress):
             return
         said = point.as_json()

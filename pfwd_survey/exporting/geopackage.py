@@ -9,9 +9,9 @@ import numpy as np
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.maps import without_position
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.places import Place
 from pfwd_survey.exporting.point_rows import POINT_COLUMNS, point_rows
 from pfwd_survey.exporting.rows import Order
+from pfwd_survey.judging.places import Place
 
 LAYER = "points"
 

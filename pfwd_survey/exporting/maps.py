@@ -15,10 +15,10 @@ from pfwd_device.recording.drop_file import software_version
 from pfwd_device.text import clean
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.places import Place
 from pfwd_survey.exporting.point_rows import PointRow, point_rows
 from pfwd_survey.exporting.rows import Order, Row
 from pfwd_survey.judging.job import target_text
+from pfwd_survey.judging.places import Place
 
 NAMESPACE = "http://www.topografix.com/GPX/1/1"
 SCHEMA = f"{NAMESPACE} {NAMESPACE}/gpx.xsd"
@@ -102,7 +102,7 @@ def _feature(row: Row) -> dict[str, Any]:
     }
     return {
         "type": "Feature",
-        "id": f"{row.point.name}/{row.drop.drop}",
+        "id": f"{row.point.name}/{row.drop.number}",
         "geometry": row.place and _geometry(row.place),
         "properties": properties,
     }
@@ -162,7 +162,7 @@ def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None
     if moment is not None:
         _add(point, "time", moment)
     _add(point, "name", rows[0].point.title)
-    drops = [f"drop {row.drop.drop}: {_result_words(row)}" for row in rows]
+    drops = [f"drop {row.drop.number}: {_result_words(row)}" for row in rows]
     _add(point, "desc", "; ".join([_verdict_words(rows[0]), *drops]))
     _add(point, "type", "PFWD test point")
 

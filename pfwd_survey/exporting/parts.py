@@ -31,7 +31,7 @@ from pfwd_device.recording.survey_content import (
     read_result,
 )
 from pfwd_survey.exporting.rows import Order, Row, point_rows_of
-from pfwd_survey.judging import Job
+from pfwd_survey.judging import Job, point_view
 from pfwd_survey.spawning import beside, processors, worker_pool
 
 LARGE_LEDGER = 600_000
@@ -123,7 +123,7 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
             yield made.text
             continue
         for point in part:
-            rows = order.point(point).rows
+            rows = list(order.rows_of(order.point(point)))
             count += sum(row.has_result for row in rows)
             yield from texts(rows)
     vars(order)["results"] = count  # where `cached_property` keeps it
@@ -285,5 +285,5 @@ def _part(texts: Texts, survey_id: str, sent: Any) -> Part:
     """What was sent were `_PointsElsewhere`."""
     job, points = sent
     with no_collections():
-        rows = [row for point in points for row in point_rows_of(survey_id, job, point).rows]
+        rows = [row for point in points for row in point_rows_of(survey_id, point_view(point, job))]
         return Part("".join(texts(rows)), sum(row.has_result for row in rows))

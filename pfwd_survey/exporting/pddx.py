@@ -15,8 +15,9 @@ from itertools import groupby
 from pfwd_device.recording.drop_file import software_version
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.places import number
 from pfwd_survey.exporting.rows import Order, Row
+from pfwd_survey.judging.places import number
+from pfwd_survey.judging.view import later_declarations
 
 VERSION = "2.0"
 DELIMITER = ","
@@ -56,7 +57,7 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     # On a rig there is no pavement.
     on_rig = sum(row.values["kind"] == "stiffness" for row in rows)
     rows = [row for row in rows if row.values["kind"] != "stiffness"]
-    used = [row for row in rows if row.used and row.peaks is not None]
+    used = [row for row in rows if row.used and row.drop.peaks is not None]
     if not used:
         came = f"{on_rig} on a rig" if on_rig else "none"
         raise SurveyError(refusal(order.content.path, "drops with peaks to export", came))
@@ -150,11 +151,13 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
         where = f"{degrees}{DELIMITER}{place.altitude or 0:g}"
     chainage = _chainage(rows[0])
     drops: dict[str, str | None] = {}
+    kinds = dict(rows[0].point.progress.kinds)
     for count, row in enumerate(rows, start=1):
-        assert row.peaks is not None
-        numbers = [row.peaks.load / 1e3, *(peak * 1e6 for _, peak in row.peaks.displacements)]
+        peaks = row.drop.peaks
+        assert peaks is not None
+        numbers = [peaks.load / 1e3, *(peak * 1e6 for _, peak in peaks.displacements)]
         drops[f"DropData_{count}"] = DELIMITER.join(f"{figure:.2f}" for figure in numbers)
-        drops[f"DropKind_{count}"] = row.counts_as or None
+        drops[f"DropKind_{count}"] = kinds.get(row.drop.number)
         corrected = row.values["deflection_corrected_m"]
         if corrected is not None:
             drops[f"DropDeflectionCorrected_{count}"] = f"{corrected * 1e6:.2f}"
@@ -198,21 +201,20 @@ def _section(name: str, **entries: str | None) -> Iterator[str]:
 
 def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
     """Plate radius and distances of the sensors of a drop, m."""
-    assert row.peaks is not None
-    declared = {**(row.declared or {})}
-    for edit in row.point.edits:
-        if edit.get("what") == "declared" and isinstance(edit.get("value"), dict):
-            declared |= edit["value"]
+    peaks, point = row.drop.peaks, row.point.source
+    assert peaks is not None
+    assert point is not None
+    declared = {**(row.drop.declared or {}), **later_declarations(point)}
     radius = number(declared.get("plate_radius_m"))
     if radius is None:
         hint = "pfwd edit --set plate_radius_m=..."
         raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
-    return radius, tuple(offset for offset, _ in row.peaks.displacements)
+    return radius, tuple(offset for offset, _ in peaks.displacements)
 
 
 def _chainage(row: Row) -> float | None:
     """m, as a file of another program said it."""
-    noted = (row.declared or {}).get("imported")
+    noted = (row.drop.declared or {}).get("imported")
     return number(noted.get("chainage_m")) if isinstance(noted, dict) else None
 
 

@@ -4,13 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pfwd_device.recording.survey_content import SurveyPoint
 from pfwd_device.text import clean
-from pfwd_survey.exporting.places import Place, number
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
-from pfwd_survey.exporting.standing import Standing, standing_of
 from pfwd_survey.inverting.result_columns import ResultColumn
-from pfwd_survey.judging import Job
+from pfwd_survey.judging import PointView
+from pfwd_survey.judging.places import Place, number
 from pfwd_survey.judging.stations import chainage_of
 from pfwd_survey.procedures import Quantity
 
@@ -55,7 +53,7 @@ _NOTHING: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLU
 class PointRow:
     """A point, ready for an export."""
 
-    point: SurveyPoint
+    point: PointView
     place: Place | None
     values: Mapping[str, Any]
     """By the names of ``POINT_COLUMNS``; None: not known. Times are texts, ISO 8601."""
@@ -67,20 +65,17 @@ class PointRow:
 
 
 def point_rows(order: Order) -> list[PointRow]:
-    """The rows of all points of a survey, in their order."""
-    return [
-        _row(found.point, found.rows, standing_of(order.job, found), order.job)
-        for found in order.points
-    ]
+    """Return the rows of all points of a survey, in their order."""
+    return [_row(point, rows) for point, rows in order.points]
 
 
-def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing, job: Job) -> PointRow:
-    used = set(standing.progress.used)
-    counted = [row for row in drops if row.drop.drop in used] or list(drops)
+def _row(point: PointView, drops: Sequence[Row]) -> PointRow:
+    used = set(point.progress.used)
+    counted = [row for row in drops if row.drop.number in used] or list(drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
     values = dict(_NOTHING) | {
         "point": point.title,
-        "chainage_m": _chainage(point, drops, standing),
+        "chainage_m": _chainage(point),
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
         "altitude_m": place and place.altitude,
@@ -88,29 +83,29 @@ def _row(point: SurveyPoint, drops: Sequence[Row], standing: Standing, job: Job)
         "time_local": _first(row.time_local for row in counted),
         "discarded": point.discarded,
         "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
-        **_judged(standing, job.quantity, discarded=point.discarded),
+        **_judged(point),
     }
     return PointRow(point, place, values)
 
 
-def _judged(standing: Standing, quantity: Quantity, *, discarded: bool) -> dict[str, Any]:
-    progress = standing.progress
-    value = progress.value
+def _judged(point: PointView) -> dict[str, Any]:
+    job, progress, diagnosis = point.job, point.progress, point.diagnosis_in_force
+    quantity, value = job.quantity, progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
     found: dict[str, Any] = {
-        "procedure": standing.procedure,
+        "procedure": None if job.procedure is None else job.procedure.name,
         "quantity": str(quantity),
         "value": None if value is None else number(value.value),
         "interval_low": number(low),
         "interval_high": number(high),
         "unit": unit_of(quantity),
         "target": number(progress.target),
-        "verdict": "none" if discarded else str(progress.verdict),
+        "verdict": "none" if point.discarded else str(progress.verdict),
         "verdict_reason": progress.verdict_reason,
         "verdict_reason_code": progress.verdict_reason_code and str(progress.verdict_reason_code),
         "value_not_supported": None if value is None else value.not_supported,
         "drops_measured": len(progress.used),
-        "diagnosis": standing.diagnosis,
+        "diagnosis": None if diagnosis is None else diagnosis.verdict,
     }
     columns = (
         ("modulus", progress.fitted_modulus),
@@ -133,17 +128,18 @@ def unit_of(quantity: Quantity) -> str:
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
-def _chainage(point: SurveyPoint, drops: Sequence[Row], standing: Standing) -> float | None:
-    """m: of the station, as declared, as another program said it, or as the name has it."""
-    if standing.chainage_m is not None:
-        return standing.chainage_m
-    for row in drops:
-        declared = row.declared or {}
-        noted = declared.get("imported")
-        imported = noted.get("chainage_m") if isinstance(noted, Mapping) else None
-        for said in (declared.get("chainage_m"), imported):
-            if (found := number(said)) is not None:
-                return found
+def _chainage(point: PointView) -> float | None:
+    """Return the chainage, m: of the station, as declared, as imported, or that of the name."""
+    station = point.job.station(point.shown_name)
+    if station is not None and station.chainage_m is not None:
+        return station.chainage_m
+    for drop in point.drops:
+        declared = drop.declared or {}
+        imported = declared.get("imported")
+        noted = imported.get("chainage_m") if isinstance(imported, Mapping) else None
+        for value in (declared.get("chainage_m"), noted):
+            if (chainage := number(value)) is not None:
+                return chainage
     return chainage_of(point.title)
 
 

@@ -5,28 +5,26 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.index import no_collections
-from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
+from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
 from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS
-from pfwd_survey.exporting.peaks import Peaks, peaks_of
-from pfwd_survey.exporting.places import Place, local_of, number, place_of, utc_of
 from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
-from pfwd_survey.inverting.drop_facts import corrected_deflection, stored_facts
+from pfwd_survey.inverting.drop_facts import corrected_deflection
 from pfwd_survey.inverting.result_columns import N_LAYERS, Kind, nested_cells, result_columns
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
-from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_point
-from pfwd_survey.judging.contents import KeptDrop, kept_drops
+from pfwd_survey.judging import DropView, Job, PointView, job_of, point_view
+from pfwd_survey.judging.places import Place, local_of, number, place_of, utc_of
 from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
-from pfwd_survey.procedures import PointProgress, unit_of
+from pfwd_survey.procedures import Kind as DropKind
+from pfwd_survey.procedures import unit_of
 
 NO_RESULT = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
@@ -57,22 +55,13 @@ Results = Mapping[tuple[str, int], DropResult]
 class Row:
     """A drop, ready for an export."""
 
-    point: SurveyPoint
-    drop: SurveyDrop
-    declared: Mapping[str, Any] | None
-    """What was declared with the drop; None: the drop is damaged. The traces are not kept here: a
-    survey of many drops would fill the memory."""
+    point: PointView
+    drop: DropView
     place: Place | None
-    peaks: Peaks | None
-    result: DropResult | None
-    """None: there is none."""
     values: Mapping[str, Any]
-    """By the names of ``COLUMNS``; None: not known."""
-    counts_as: str = ""
-    """What it counts as beside the other drops of its point: seating, measured, rejected or
-    discarded."""
+    """Values by the names of ``COLUMNS``; None: not known."""
     time_local: str | None = None
-    """When, by the clock of the place, ISO 8601; None: nobody said."""
+    """Local time, ISO 8601; None: unknown."""
 
     @property
     def has_result(self) -> bool:
@@ -82,8 +71,8 @@ class Row:
     @property
     def used(self) -> bool:
         """Whether neither the drop nor its point is discarded, and it can be read."""
-        gone = self.point.discarded or self.drop.discarded
-        return not gone and self.declared is not None
+        gone = self.point.discarded or self.drop.discarded is not None
+        return not gone and self.drop.declared is not None
 
 
 class RowMaker(Protocol):
@@ -131,19 +120,31 @@ class Order:
         return job_of(self.content)
 
     @cached_property
-    def points(self) -> list["PointRows"]:
-        """All points with their rows; read and judged once."""
+    def points(self) -> list[tuple[PointView, tuple[Row, ...]]]:
+        """All points, each with the rows of its drops; read and judged once."""
         with no_collections():
-            return [self.point(point) for point in self.content.points]
+            views = map(self.point, self.content.points)
+            return [(view, tuple(self.rows_of(view))) for view in views]
 
-    def point(self, point: SurveyPoint) -> "PointRows":
-        """One point with its rows; read anew with every call."""
-        return point_rows_of(self.content.survey_id, self.job, point, self.inverted)
+    def point(self, point: SurveyPoint) -> PointView:
+        """Return one point, read with every call; with the results in place of the stored ones."""
+        view = point_view(point, self.job)
+        if self.inverted is None:
+            return view
+        drops = tuple(
+            drop.with_result(self.inverted.get((point.title, drop.number))) for drop in view.drops
+        )
+        # What was diagnosed was the fit of another result.
+        return replace(view, drops=drops, diagnosis=None)
 
     @cached_property
     def rows(self) -> list[Row]:
-        """All drops, point by point; read once."""
-        return [row for point in self.points for row in point.rows]
+        """All drops, point by point; made once."""
+        return [row for _, rows in self.points for row in rows]
+
+    def rows_of(self, point: PointView) -> Iterator[Row]:
+        """Return the rows of the drops of a point."""
+        return point_rows_of(self.content.survey_id, point, inverted=self.inverted is not None)
 
     @cached_property
     def results(self) -> int:
@@ -151,61 +152,28 @@ class Order:
         return sum(row.has_result for row in self.rows)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PointRows:
-    """A point with how it stands and the rows of its drops."""
-
-    point: SurveyPoint
-    measured: MeasuredPoint
-    progress: PointProgress
-    rows: tuple[Row, ...]
-
-
-class _Counted(NamedTuple):
-    """What a drop counts as beside the others of its point."""
-
-    kind: str
-    reason: str | None
-    """Why it takes no part; None: it does, or nobody said."""
-
-
-def point_rows_of(
-    survey_id: str, job: Job, point: SurveyPoint, inverted: Results | None = None
-) -> PointRows:
-    """A point of a survey, every drop of it read once: for the verdict and for its row.
+def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -> Iterator[Row]:
+    """Yield the rows of the drops of a point.
 
     Parameters
     ----------
     survey_id : str
-    job : Job
-        What the survey is measured by.
-    point : SurveyPoint
-    inverted : mapping, optional
-        Results in place of the stored ones.
+    point : PointView
+    inverted : bool
+        Whether the results were found for this export; discarded drops then have none.
     """
-    found = tuple(kept_drops(point))
-    measured = measured_point(point, found)
-    if inverted is not None:
-        drops = tuple(
-            drop.with_result(inverted.get((point.title, drop.facts.number)))
-            for drop in measured.drops
-        )
-        # What was diagnosed was the fit of another result.
-        measured = replace(measured, drops=drops, diagnosis=None)
-    progress = judge_point(job, measured)
-    stands = _point_columns(job, progress)
-    kinds = {number_: kind.value for number_, kind in progress.kinds}
-    reasons = {fact.number: fact.reason for fact in progress.excluded}
-    counted = [_Counted(kinds.get(d.drop.drop, ""), reasons.get(d.drop.drop)) for d in found]
-    rows = tuple(
-        _row(survey_id, job, point, kept, inverted, stands, counts)
-        for kept, counts in zip(found, counted, strict=True)
-    )
-    return PointRows(point, measured, progress, rows)
+    progress = point.progress
+    verdict = _point_columns(point)
+    kinds = dict(progress.kinds)
+    reasons = {drop.number: drop.reason for drop in progress.excluded}
+    for drop in point.drops:
+        reason = reasons.get(drop.number)
+        yield _row(survey_id, point, drop, verdict, kinds.get(drop.number), reason, inverted)
 
 
-def _point_columns(job: Job, progress: PointProgress) -> dict[str, Any]:
-    """How a point stands, as columns of the rows of its drops."""
+def _point_columns(point: PointView) -> dict[str, Any]:
+    """Return value and verdict of a point as columns of the rows of its drops."""
+    job, progress = point.job, point.progress
     value = progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
     return {
@@ -220,119 +188,111 @@ def _point_columns(job: Job, progress: PointProgress) -> dict[str, Any]:
     }
 
 
-def _corrected(kept: KeptDrop, result: DropResult | None) -> float | None:
-    """The peak of the centre with the response taken out that is declared now, m."""
-    record, setup = kept.record, kept.setup
-    if record is None or setup is None:
-        return None
-    found = kept.measured.facts.peak_deflection
-    if found is not None:
-        return found
+def _corrected_deflection(drop: DropView) -> float | None:
+    """Return the peak of the centre without the response that is declared now, m."""
+    if drop.own.peak_deflection is not None or drop.declared is None or drop.source is None:
+        return drop.own.peak_deflection
     try:
-        # One that is rejected for its point has a peak all the same.
-        facts = stored_facts(kept.drop.drop, setup, record.metadata, result)
-        if facts is not None:
-            return facts[0].peak_deflection
-        traces = record.drop if record.drop is not None else kept.drop.read_traces().drop
-        return corrected_deflection(traces, setup)
+        # A drop that is rejected for its point has a peak all the same.
+        return corrected_deflection(drop.source.read_traces().drop, drop.setup)
     except (RecordingError, SurveyError):
         return None
 
 
 def _row(
     survey_id: str,
-    job: Job,
-    point: SurveyPoint,
-    kept: KeptDrop,
-    inverted: Results | None,
-    stands: Mapping[str, Any],
-    counted: _Counted,
+    point: PointView,
+    drop: DropView,
+    verdict: Mapping[str, Any],
+    kind: DropKind | None,
+    reason: str | None,
+    inverted: bool,
 ) -> Row:
-    """The row of a drop.
+    """Return the row of a drop.
 
     Parameters
     ----------
     survey_id : str
-    job : Job
-    point : SurveyPoint
-    kept : KeptDrop
-    inverted : mapping, optional
-        Results in place of the stored ones.
-    stands : mapping
-        How the point stands, as columns.
-    counted : _Counted
+    point : PointView
+    drop : DropView
+    verdict : mapping
+        Value and verdict of the point, as columns.
+    kind : DropKind or None
+        Kind of the drop among the drops of its point.
+    reason : str or None
+        Reason why the drop takes no part.
+    inverted : bool
+        Whether the results were found for this export.
     """
-    drop, record = kept.drop, kept.record
-    fault = None if kept.fault is None else f"damaged: {kept.fault}"
-    result = kept.last if inverted is None else inverted.get((point.title, drop.drop))
-    place = place_of(point, drop, record)
-    peaks = None
-    if record is not None:
-        peaks = record.peaks if record.drop is None else peaks_of(record.drop)
+    stored_point = point.source
+    assert stored_point is not None  # an export reads a stored survey
+    zone = point.job.time_zone
+    place = place_of(stored_point, drop)
     values: dict[str, Any] = dict(_EMPTY)
-    values |= _facts(survey_id, point, drop, record, job.time_zone)
+    values |= _facts(survey_id, point, drop)
     values |= {
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
         "altitude_m": place and place.altitude,
-        "peak_load_n": peaks and peaks.load,
-        "deflection_recorded_m": peaks and peaks.centre,
-        "deflection_corrected_m": _corrected(kept, result),
+        "peak_load_n": drop.peaks and drop.peaks.load,
+        "deflection_recorded_m": drop.peaks and drop.peaks.centre,
+        "deflection_corrected_m": _corrected_deflection(drop),
     }
-    values |= stands
-    if record is not None and (reason := _never(point, record)) is not None:
-        values |= {"status": "rejected", "reason": reason, "warnings": []}
-    elif result is None:
-        discarded = inverted is not None and (point.discarded or drop.discarded)
+    values |= verdict
+    declared = {**(drop.declared or {}), **stored_point.declared}
+    obstacle = None if drop.declared is None else _obstacle(drop, declared)
+    if obstacle is not None:
+        values |= {"status": "rejected", "reason": obstacle, "warnings": []}
+    elif drop.last_result is None:
+        fault = None if drop.fault is None else f"damaged: {drop.fault}"
+        discarded = inverted and (point.discarded or drop.discarded is not None)
         why = "discarded drops are not inverted" if discarded else NOT_INVERTED
         values |= {"status": NO_RESULT, "reason": fault or why, "warnings": []}
     else:
-        values |= _result(result, point, record)
-    if record is not None:
-        values |= _peak_values(point, drop, record, values)
-    declared = None if record is None else record.declared
+        values |= _result(drop.last_result, stored_point, drop)
+    if drop.declared is not None:
+        values |= _peak_values(drop, declared, values)
     if values["status"] in ("seating", "measured"):
         # As the procedure counts now, whatever it was when it was inverted.
-        if counted.kind in ("seating", "measured"):
-            values["status"] = counted.kind
-        elif counted.kind == "rejected" and not drop.discarded:
-            values |= {"status": counted.kind, "reason": counted.reason}
-    local = _text(local_of(record, job.time_zone))
-    return Row(point, drop, declared, place, peaks, result, values, counted.kind, local)
+        if kind in (DropKind.SEATING, DropKind.MEASURED):
+            values["status"] = kind.value
+        elif kind is DropKind.REJECTED and drop.discarded is None:
+            values |= {"status": kind.value, "reason": reason}
+    return Row(point, drop, place, values, _text(local_of(drop, zone)))
 
 
-def _never(point: SurveyPoint, record: DropFacts) -> str | None:
-    """Why a drop is never inverted; None: it can be."""
-    if on_rig({**record.declared, **point.declared}):
+def _obstacle(drop: DropView, declared: Mapping[str, Any]) -> str | None:
+    """Return the reason why a drop is never inverted; None: it can be."""
+    if on_rig(declared):
         return STIFFNESS_TEST
-    only = record.drop is not None and record.drop.only_peaks is not None
-    return ONLY_PEAKS if only else None
+    return None if drop.has_traces else ONLY_PEAKS
 
 
 def _peak_values(
-    point: SurveyPoint, drop: SurveyDrop, record: DropFacts, values: Mapping[str, Any]
+    drop: DropView, declared: Mapping[str, Any], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What peaks alone say, and the stiffness of a rig."""
-    declared = {**record.declared, **point.declared}
-    only = None if record.drop is None else record.drop.only_peaks
+    """Return the indices of a drop without traces, or the stiffness of a rig."""
     if on_rig(declared):
+        assert drop.source is not None
         try:
-            traces = record.drop if record.drop is not None else drop.read_traces().drop
-            setup = setup_from({k: Declaration(v, "") for k, v in declared.items()}, point.title)
+            traces = drop.source.read_traces().drop
+            setup = setup_from(
+                {key: Declaration(value, "") for key, value in declared.items()}, drop.source.point
+            )
         except (RecordingError, SurveyError):
             return {"kind": "stiffness"}
-        found = stiffness_of(traces, setup)
+        stiffness = stiffness_of(traces, setup)
         return {
             "kind": "stiffness",
-            "secant_stiffness_n_per_m": found and found.secant_n_per_m,
-            "dynamic_stiffness_n_per_m": found and found.dynamic_n_per_m,
+            "secant_stiffness_n_per_m": stiffness and stiffness.secant_n_per_m,
+            "dynamic_stiffness_n_per_m": stiffness and stiffness.dynamic_n_per_m,
         }
     radius = number(declared.get("plate_radius_m"))
-    if only is None or radius is None:
-        return {"kind": "traces" if only is None else "peaks"}
-    said = number(declared.get("poisson_ratio"))
-    ratio = ASSUMED_POISSON_RATIO if said is None else said
-    basin = basin_of(only, radius, ratio)
+    if drop.has_traces or drop.peaks is None or radius is None:
+        return {"kind": "traces" if drop.has_traces else "peaks"}
+    declared_ratio = number(declared.get("poisson_ratio"))
+    ratio = ASSUMED_POISSON_RATIO if declared_ratio is None else declared_ratio
+    basin = basin_of(drop.peaks, radius, ratio)
     warnings = list(values["warnings"] or [])
     if basin.left_out:
         places = ", ".join(f"{offset:g} m" for offset in basin.left_out)
@@ -352,44 +312,42 @@ def _peak_values(
     }
 
 
-def _facts(
-    survey_id: str,
-    point: SurveyPoint,
-    drop: SurveyDrop,
-    record: DropFacts | None,
-    zone: str | None,
-) -> dict[str, Any]:
-    declared = {**(record.declared if record else {}), **point.declared}
-    # Said of the point later, wins over what was recorded with the drop.
-    operators = [edit.get("value") for edit in point.edits if edit.get("what") == "operator"]
-    metadata = record.metadata if record else {}
-    identity = metadata.get("identity")
+def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
+    """Return what is known of a drop apart from its peaks and its result, as columns."""
+    stored_point, stored_drop = point.source, drop.source
+    assert stored_point is not None
+    assert stored_drop is not None
+    declared = {**(drop.declared or {}), **stored_point.declared}
+    # An edit of the point wins over what was recorded with the drop.
+    edits = stored_point.edits
+    operators = [edit.get("value") for edit in edits if edit.get("what") == "operator"]
+    identity = drop.metadata.get("identity")
     serial = identity.get("serial_number") if isinstance(identity, Mapping) else None
-    target = drop.target if drop.target is not None else point.target
+    target = stored_drop.target if stored_drop.target is not None else stored_point.target
     return {
         "survey_id": survey_id or None,
         "point": point.title,
-        "drop": drop.drop,
-        "record": drop.number,
-        "discarded": point.discarded or drop.discarded,
-        "time_utc": _text(utc_of(record, zone)),
+        "drop": drop.number,
+        "record": drop.record,
+        "discarded": point.discarded or drop.discarded is not None,
+        "time_utc": _text(utc_of(drop, point.job.time_zone)),
         "site": _text(declared.get("site")),
-        "operator": _text([*operators, metadata.get("operator"), declared.get("operator")]),
+        "operator": _text([*operators, drop.metadata.get("operator"), declared.get("operator")]),
         "device": _text([declared.get("device"), serial]),
         "target_pa": number(target),
         "notes": [*drop.notes, *point.notes],
     }
 
 
-def _result(result: DropResult, point: SurveyPoint, record: DropFacts | None) -> dict[str, Any]:
-    """The result as columns; a modulus is left out when what belongs to it is missing."""
+def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
+    """Return the result as columns; a modulus without its accessories is left out."""
     found = _cells(result)
     nested = {
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
     warnings = found.get("warnings") or []
-    warnings += _stale(result, point, record)
+    warnings += _stale(result, point, drop)
     missing = missing_parts(result)
     if found.get("modulus_pa") is not None and missing:
         found["modulus_pa"] = found["peak_modulus_pa"] = None
@@ -440,9 +398,9 @@ def missing_parts(result: DropResult) -> list[str]:
     return [name for name, there in parts.items() if not there]
 
 
-def _stale(result: DropResult, point: SurveyPoint, record: DropFacts | None) -> list[str]:
-    """What has been declared otherwise since the result was made."""
-    now = {**(record.declared if record else {})}
+def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[str]:
+    """Return one sentence for each declaration that changed since the result was made."""
+    now = {**(drop.declared or {})}
     for edit in point.edits:
         value = edit.get("value")
         if edit.get("what") == "declared" and isinstance(value, Mapping):

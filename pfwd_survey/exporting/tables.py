@@ -87,8 +87,8 @@ def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
 def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
     """The lines of rows as JSON."""
     for row in rows:
-        result = None if row.result is None else row.result.to_json()
-        more = {"declared": row.declared or {}, "result": result}
+        result = None if row.drop.last_result is None else row.drop.last_result.to_json()
+        more = {"declared": row.drop.declared or {}, "result": result}
         yield json_text({**row.values, **more}) + "\n"
 
 

@@ -160,19 +160,29 @@ def stored_facts(
     return None
 
 
-def recorded_deflection(drop: Drop) -> float | None:
-    """Peak of the centre as recorded, m; None where samples around the trigger are missing."""
+def unbroken_peaks(drop: Drop) -> Peaks | None:
+    """Return the peaks of a drop before its first missing samples.
+
+    None: samples around the trigger are missing.
+    """
     if drop.only_peaks is not None:
-        return drop.only_peaks.centre
-    whole, missing, _ = whole_part(drop)
-    if missing is not None or not whole.load.size:
-        return None
-    peak = trace_peaks(whole).centre
+        return drop.only_peaks
+    unbroken, missing, _ = whole_part(drop)
+    return trace_peaks(unbroken) if missing is None and unbroken.load.size else None
+
+
+def recorded_deflection(drop: Drop) -> float | None:
+    """Return the peak of the centre as recorded, m; None: `unbroken_peaks` has none."""
+    peaks = unbroken_peaks(drop)
+    peak = None if peaks is None else peaks.centre
     return peak if peak is not None and math.isfinite(peak) else None
 
 
 def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
-    """The same with the declared response of the geophone taken out, m."""
+    """Return the peak of the centre without the declared response of the geophone, m.
+
+    None: samples around the trigger are missing.
+    """
     if drop.only_peaks is not None:
         return recorded_deflection(drop)
     if setup.is_stiffness_test or whole_part(drop)[1] is not None:

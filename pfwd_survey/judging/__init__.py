@@ -1,41 +1,38 @@
-"""What a survey is measured by, and how its points stand: the one place that says so.
+"""The job of a survey, its points and their verdicts: the one place that judges.
 
-The screen, the headless logger, a replay, the report and the exports call the same function, with
-the same job, and cannot differ::
+Screen, log, replay, reports, exports and scripts read the same views and cannot differ::
 
-    from pfwd_survey.judging import job_of, judged_points
+    from pfwd_survey.judging import point_views
 
-    job = job_of(survey)                    # procedure, targets, stations, ... with their dates
-    for point in judged_points(survey, job):
+    for point in point_views(survey):       # judged by the job of the survey
         point.progress.verdict              # Verdict.PASS, FAIL, UNDECIDED or NONE
         point.progress.value                # PointValue: quantity, value, interval, unit
         point.as_json()                     # the line of a complete point
 
-- `job`: the job of a survey, kept in it as dated events, and what is written when it changes.
-- `drops`: a drop as it takes part in the judgement of its point.
-- `verdicts`: `judge_point`, from a job and the drops of a point to value and verdict.
-- `contents`: the same from a survey that is read: `judged_points`.
+- `job`: the job of a survey, stored in it as dated events, and the events of its changes.
+- `drops`: `DropView`, a drop of a point.
+- `verdicts`: `PointView`, a point with its drops, its value and its verdict.
+- `view`: `SurveyView`, and the views of a survey in a folder or an exported file.
 - `stations`: the stations of a job, from CSV or GPX.
 """
 
-from pfwd_survey.judging.contents import judged_points, kept_result, measured_point
-from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
+from pfwd_survey.judging.drops import DropView, drop_from_traces
 from pfwd_survey.judging.job import Job, JobRequest, Station, job_of, target_si
-from pfwd_survey.judging.verdicts import JudgedPoint, MeasuredPoint, judge_point, value_of_drop
+from pfwd_survey.judging.verdicts import PointView, value_of_drop
+from pfwd_survey.judging.view import SurveyView, point_view, point_views, survey_view
 
 __all__ = [
+    "DropView",
     "Job",
     "JobRequest",
-    "JudgedPoint",
-    "MeasuredDrop",
-    "MeasuredPoint",
+    "PointView",
     "Station",
+    "SurveyView",
+    "drop_from_traces",
     "job_of",
-    "judge_point",
-    "judged_points",
-    "kept_result",
-    "measured_drop",
-    "measured_point",
+    "point_view",
+    "point_views",
+    "survey_view",
     "target_si",
     "value_of_drop",
 ]

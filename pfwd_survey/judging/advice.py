@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from pfwd_survey.judging.drops import MeasuredDrop
+from pfwd_survey.judging.drops import DropView
 from pfwd_survey.judging.job import Job
 from pfwd_survey.procedures import Kind, PointDrop, PointProgress
 from pfwd_survey.procedures.preconditions import presumed_load
@@ -81,8 +81,8 @@ class Advice:
 
 def advice_on_drop(
     job: Job,
-    drop: MeasuredDrop,
-    others: Sequence[MeasuredDrop],
+    drop: DropView,
+    others: Sequence[DropView],
     *,
     contact_residual: float | None = None,
     usual_residuals: Sequence[float] = (),
@@ -95,8 +95,8 @@ def advice_on_drop(
     Parameters
     ----------
     job : Job
-    drop : MeasuredDrop
-    others : sequence of MeasuredDrop
+    drop : DropView
+    others : sequence of DropView
         The other drops of its point.
     contact_residual : float, optional
         Of a fit that noise does not explain, over the peak; None: it is explained, or not there.
@@ -153,7 +153,7 @@ def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
     return worst if others <= OTHERS_FIT and residuals[worst] > least else None
 
 
-def _load(job: Job, drop: MeasuredDrop, others: Sequence[PointDrop]) -> list[Advice]:
+def _load(job: Job, drop: DropView, others: Sequence[PointDrop]) -> list[Advice]:
     facts = drop.facts
     load = facts.peak_load
     if load is None:

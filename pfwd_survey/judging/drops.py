@@ -1,108 +1,116 @@
-"""A drop as it takes part in the judgement of its point, by its own record and beside the others.
+"""One drop of a survey, and what it counts as among the drops of its point.
 
-What counts as a rebound is told by comparison with the largest drop of the point, which may come
-later: a drop is therefore never judged once and for all, but with all drops that are known.
+A rebound is recognised by comparison with the largest drop of its point, which may come later.
+Hence a drop has facts of its own record, and `classify_drops` decides with all drops of the point.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from pfwd_device import Drop
+from pfwd_device.drop import Peaks
+from pfwd_device.recording.survey_content import SurveyDrop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.drop_facts import point_drop, with_modulus
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import (
-    Screening,
-    pulse_peak,
-    rebound_reason,
-    screen,
-)
+from pfwd_survey.inverting.screening.drops import pulse_peak, rebound_reason, screen
 from pfwd_survey.procedures import Kind, PointDrop
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredDrop:
-    """What is known of one drop."""
+@dataclass(frozen=True, eq=False)
+class DropView:
+    """One drop of a survey, as every reader has it."""
 
-    facts: PointDrop
-    """By its own record: rejected, discarded, or measured; what it counts as follows from the
-    other drops."""
-    pulse_peak: float
-    """By which it is compared with them, N; 0: it is not."""
+    own: PointDrop
+    """Facts of its own record alone: rejected or measured."""
+    own_pulse_peak: float
+    """Peak by which rebounds are recognised, N; 0: the drop is not compared."""
     setup: PointSetup
-    """What is declared of it now."""
-    unmoved: "MeasuredDrop | None" = None
-    """As it was before it was moved to another point, for who restores it; None: it was not."""
+    """Setup that is declared now."""
+    discarded: str | None = None
+    """Reason of the person who discarded it, which may be empty; None: it is not discarded."""
+    moved_to: str | None = None
+    """Sentence that names the point to which it was moved; None: it was not moved."""
+    result: DropResult | None = None
+    """Result that counts: the last sound one, if it rests on the setup."""
+    sound_result: DropResult | None = None
+    """Last sound result that is no trial, whatever setup it rests on."""
+    last_result: DropResult | None = None
+    """Last result that is no trial, even if it lacks values."""
+    record: int | None = None
+    """Number within the survey; None: it is not saved."""
+    notes: tuple[str, ...] = ()
+    declared: Mapping[str, Any] | None = None
+    """Keys of a header as recorded; None: the record is damaged, or the drop is being measured."""
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Position, times, operator, identity and marks as recorded."""
+    peaks: Peaks | None = None
+    """Peaks as recorded; None: samples around the trigger are missing, or there is no record."""
+    has_traces: bool = True
+    """False for a drop of which only the peaks were recorded."""
+    fault: str | None = None
+    """Damage of the record or of its results; None: no damage."""
+    source: SurveyDrop | None = None
+    """The stored drop, for its traces; None: it is being measured."""
 
-    def with_result(self, result: DropResult | None) -> "MeasuredDrop":
-        """The same with the modulus of the result that counts."""
-        facts = with_modulus(self.facts, result, self.setup)
-        unmoved = None if self.unmoved is None else self.unmoved.with_result(result)
-        if facts == self.facts and unmoved is None:
-            return self
-        return dataclasses.replace(self, facts=facts, unmoved=unmoved)
+    @property
+    def number(self) -> int:
+        """Number within the point."""
+        return self.own.number
 
-    def with_discarding(self, reason: str | None) -> "MeasuredDrop":
-        """The same as a person discarded it; None: nobody did."""
-        if self.unmoved is not None:
-            return self.unmoved.with_discarding(reason)
-        kind = self.facts.kind
-        if kind is Kind.REJECTED:  # it stays what it is
-            return self
-        kind = Kind.MEASURED if reason is None else Kind.DISCARDED
-        facts = dataclasses.replace(self.facts, kind=kind, reason=reason or None)
-        return dataclasses.replace(self, facts=facts)
+    @cached_property
+    def facts(self) -> PointDrop:
+        """Facts with the modulus in force, after a person discarded or moved the drop."""
+        if self.moved_to is not None:
+            return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
+        facts = with_modulus(self.own, self.result, self.setup)
+        if self.discarded is None or facts.kind is Kind.REJECTED:
+            return facts
+        reason = self.discarded or None
+        return dataclasses.replace(facts, kind=Kind.DISCARDED, reason=reason)
 
-    def with_move(self, where: str) -> "MeasuredDrop":
-        """The same as it was moved to another point: here it did not fall."""
-        facts = PointDrop(self.facts.number, Kind.REJECTED, reason=where)
-        return MeasuredDrop(facts, 0.0, self.setup, self.unmoved or self)
+    @property
+    def pulse_peak(self) -> float:
+        """Peak for the comparison with the other drops of its point, N; 0: it is not compared."""
+        return 0.0 if self.moved_to is not None else self.own_pulse_peak
+
+    def with_result(self, result: DropResult | None) -> "DropView":
+        """Return the drop with a result in place of the stored ones."""
+        return dataclasses.replace(self, result=result, sound_result=result, last_result=result)
 
 
-def measured_drop(
-    drop: Drop,
-    setup: PointSetup,
-    screening: Screening | None = None,
-    discarded: str | None = None,
-) -> MeasuredDrop:
-    """A drop by its own record.
+def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
+    """Return a drop with the facts of its traces.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-    screening : Screening, optional
-        Of the drop, where it was looked at before.
-    discarded : str, optional
-        Why a person discarded it; "" without a reason, None: nobody did.
+    **more
+        Further fields of the DropView.
     """
-    own = screen(drop, setup) if screening is None else screening
-    if drop.only_peaks is not None and not setup.is_stiffness_test:
-        return MeasuredDrop(_measured(point_drop(drop, setup, own)), 0.0, setup).with_discarding(
-            discarded
-        )
-    found = point_drop(drop, setup, own)
-    if found.kind is Kind.REJECTED:
-        return MeasuredDrop(found, 0.0, setup)
-    return MeasuredDrop(_measured(found), pulse_peak(drop), setup).with_discarding(discarded)
+    facts = point_drop(drop, setup, screen(drop, setup))
+    if facts.kind is Kind.REJECTED:
+        return DropView(facts, 0.0, setup, **more)
+    # The number of seating drops is counted with all drops of the point.
+    facts = dataclasses.replace(facts, kind=Kind.MEASURED)
+    only_peaks = drop.only_peaks is not None and not setup.is_stiffness_test
+    return DropView(facts, 0.0 if only_peaks else pulse_peak(drop), setup, **more)
 
 
-def _measured(facts: PointDrop) -> PointDrop:
-    """Which drops are seating is counted with all of them."""
-    return dataclasses.replace(facts, kind=Kind.MEASURED)
-
-
-def compared(drops: Sequence[MeasuredDrop]) -> list[PointDrop]:
-    """The drops of a point beside each other: rebounds rejected, seating drops counted.
+def classify_drops(drops: Sequence[DropView]) -> list[PointDrop]:
+    """Return the facts of the drops of a point: rebounds rejected, seating drops counted.
 
     Parameters
     ----------
-    drops : sequence of MeasuredDrop
+    drops : sequence of DropView
         In the order they fell.
     """
     largest = max((drop.pulse_peak for drop in drops), default=0.0)
-    found, rejected = [], 0
+    classified, rejected = [], 0
     for drop in drops:
         facts = drop.facts
         if facts.kind is not Kind.REJECTED and drop.pulse_peak > 0:
@@ -116,5 +124,5 @@ def compared(drops: Sequence[MeasuredDrop]) -> list[PointDrop]:
             before = rejected if drop.setup.procedure is not None else 0
             if facts.number - before <= drop.setup.seating_drops:
                 facts = dataclasses.replace(facts, kind=Kind.SEATING)
-        found.append(facts)
-    return found
+        classified.append(facts)
+    return classified

@@ -6,47 +6,39 @@ or an import that begins a survey writes an event with its rules; then nothing i
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging.contents import measured_point
-from pfwd_survey.judging.drops import compared
-from pfwd_survey.judging.job import Job
-from pfwd_survey.judging.verdicts import (
-    MeasuredPoint,
-    diagnosis_now,
-    judge_point,
-    plate_of_point,
-)
-from pfwd_survey.procedures import PointDrop, PointProgress, PointValue, Quantity, Verdict
+from pfwd_survey.judging.verdicts import PointView
+from pfwd_survey.procedures import PointDrop, PointValue, Quantity, Verdict
 from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd_survey.procedures.moduli import e_lwd, e_vd, half_width_95, mean
 from pfwd_survey.procedures.point import ReasonCode
 from pfwd_survey.procedures.valuing import known
 
 
-def changed_verdicts(survey: SurveyContent, job: Job) -> Iterator[str]:
+def changed_verdicts(survey: SurveyContent, points: Iterable[PointView]) -> Iterator[str]:
     """Yield one sentence for each point whose verdict these rules changed.
 
     Parameters
     ----------
     survey : SurveyContent
-    job : Job
-        Of the survey.
+        Holds the event with the rules that it was recorded under.
+    points : iterable of PointView
+        Its points.
     """
     if any(_rules_of(event) >= RULES_VERSION for event in survey.events):
         return
-    for point in survey.points:
+    for point in points:
         if point.discarded:
             continue
-        measured = measured_point(point)
-        progress = judge_point(job, measured)
-        earlier = earlier_verdict(job, measured, progress)
+        progress = point.progress
+        earlier = earlier_verdict(point)
         if earlier is not progress.verdict:
             yield (
-                f"point {point.title}: the verdict was {earlier.word}, by the rules of this "
+                f"point {point.shown_name}: the verdict was {earlier.word}, by the rules of this "
                 f"version it is {progress.verdict.word}: {progress.verdict_reason}"
             )
 
@@ -59,25 +51,18 @@ def _rules_of(event: Mapping[str, Any]) -> float:
     return version if isinstance(version, int | float) else 1
 
 
-def earlier_verdict(job: Job, point: MeasuredPoint, progress: PointProgress) -> Verdict:
-    """Return the verdict that version 0.1 gave.
-
-    Parameters
-    ----------
-    job : Job
-    point : MeasuredPoint
-    progress : PointProgress
-        Of the point by the present rules.
-    """
+def earlier_verdict(point: PointView) -> Verdict:
+    """Return the verdict that version 0.1 gave."""
+    progress = point.progress
     if progress.target is None or progress.verdict is Verdict.NONE:
         return Verdict.NONE
-    used = [drop for drop in compared(point.drops) if drop.number in progress.used]
+    used = [drop for drop in point.facts if drop.number in progress.used]
     other_faults = (ReasonCode.VALUE_MISSING, ReasonCode.SCATTER)
     if progress.value is None or not progress.complete:
         return Verdict.UNDECIDED
-    if progress.verdict_reason_code in other_faults or plate_of_point(point.drops).faults:
+    if progress.verdict_reason_code in other_faults or point.plate.faults:
         return Verdict.UNDECIDED
-    ends = _earlier_interval(job, used, progress.value, diagnosis_now(point))
+    ends = _earlier_interval(used, progress.value, point.diagnosis_in_force)
     if ends is None:
         return Verdict.UNDECIDED
     low, high = ends
@@ -91,7 +76,7 @@ def earlier_verdict(job: Job, point: MeasuredPoint, progress: PointProgress) -> 
 
 
 def _earlier_interval(
-    job: Job, used: list[PointDrop], value: PointValue, diagnosis: DiagnosisResult | None
+    used: list[PointDrop], value: PointValue, diagnosis: DiagnosisResult | None
 ) -> tuple[float, float] | None:
     """Return the interval that version 0.1 gave: the same half-width to either side."""
     if value.quantity is Quantity.MODULUS:
@@ -106,11 +91,11 @@ def _earlier_interval(
         parts = [part for part in (half_width_95(moduli), model) if part is not None]
         middle, half = mean(moduli), math.hypot(*parts) if parts else None
     else:
-        middle, half = value.value, half_width_95(_peak_values(job, used, value))
+        middle, half = value.value, half_width_95(_peak_values(used, value))
     return None if half is None else (middle - half, middle + half)
 
 
-def _peak_values(job: Job, used: list[PointDrop], value: PointValue) -> list[float]:
+def _peak_values(used: list[PointDrop], value: PointValue) -> list[float]:
     """Return the judged quantity of every drop, from its peaks."""
     drops = [drop for drop in used if drop.peak_deflection]
     deflections, loads = known(drops, "peak_deflection"), known(drops, "peak_load")

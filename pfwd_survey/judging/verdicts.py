@@ -1,17 +1,20 @@
-"""From the job and the drops of a point to its value, interval, target and verdict."""
+"""One test point: its drops and, by the job, its value, interval, target and verdict."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
+from pfwd_device.recording.survey_content import SurveyPoint
 from pfwd_survey.inverting.diagnosis.holding import holds
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging.drops import MeasuredDrop, compared
+from pfwd_survey.judging.drops import DropView, classify_drops
 from pfwd_survey.judging.job import Job
 from pfwd_survey.procedures import (
     DiagnosedModulus,
     Kind,
+    PointDrop,
     PointModulus,
     PointProgress,
     PointValue,
@@ -30,62 +33,88 @@ SAME_PLATE = 1e-9
 """Relative difference up to which two declared radii are one."""
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredPoint:
-    """What is known of one point."""
+@dataclass(frozen=True, eq=False)
+class PointView:
+    """One test point of a survey, as every reader has it."""
 
     name: str
-    """As it was named last."""
-    drops: Sequence[MeasuredDrop]
-    """All of them, in the order they fell."""
+    """Name that its drops have."""
+    drops: Sequence[DropView] = ()
+    """All drops, in the order they fell."""
     target: float | None = None
-    """Said of the point itself, Pa or m; None: nobody did."""
+    """Target of the point itself, Pa or m; None: it has none of its own."""
     discarded: bool = False
     diagnosis: DiagnosisResult | None = None
-    """The last one, whether or not it still holds; None: its residual was not diagnosed."""
+    """Last diagnosis, even if the point has changed since; None: there is none."""
+    title: str = ""
+    """Name that it was given later; empty: it has its first name."""
+    job: Job = field(default_factory=Job)
+    """Job that it is judged by."""
+    fallback_target: tuple[float, str] | None = None
+    """Target where the survey has none, and its source; None: that of the procedure counts."""
+    notes: tuple[str, ...] = ()
+    position: tuple[float, float] | None = None
+    """Latitude and longitude, degrees; None: unknown."""
+    replayed: Sequence[DropView] = ()
+    """Stored drops of a survey that is replayed; each counts from when it comes again."""
+    source: SurveyPoint | None = None
+    """The stored point, for its edits; None: it is being measured."""
 
+    @property
+    def shown_name(self) -> str:
+        """Name that it has now."""
+        return self.title or self.name
 
-@dataclass(frozen=True, slots=True)
-class JudgedPoint:
-    """A point and how it stands."""
+    @cached_property
+    def facts(self) -> Sequence[PointDrop]:
+        """Facts of the drops, each compared with the others."""
+        return tuple(classify_drops(self.drops))
 
-    name: str
-    progress: PointProgress
-    discarded: bool = False
+    @cached_property
+    def plate(self) -> "PointPlate":
+        """Plate and Poisson's ratio that are declared for its drops."""
+        return _plate_of(self)
+
+    @cached_property
+    def diagnosis_in_force(self) -> DiagnosisResult | None:
+        """Diagnosis of the drops and the setup as they are now; None: there is none."""
+        if self.diagnosis is None or not self.drops:
+            return None
+        numbers = [fact.number for fact in self.facts if fact.kind not in _TAKING_NO_PART]
+        return self.diagnosis if holds(self.diagnosis, self.drops[-1].setup, numbers) else None
+
+    @cached_property
+    def progress(self) -> PointProgress:
+        """Value, target and verdict by the procedure of the job."""
+        return _judge(self)
+
+    def drop(self, number: int) -> DropView | None:
+        """Return a drop by its number within the point; None: there is none."""
+        return next((drop for drop in self.drops if drop.number == number), None)
 
     def as_json(self) -> dict[str, Any]:
-        """The line of a point, SI units."""
-        return point_line(self.name, self.progress)
+        """Return the line of a complete point, SI units."""
+        progress = self.progress
+        said: Mapping[str, Any] = progress.as_dict()
+        return {
+            "point": self.shown_name,
+            "complete": progress.complete,
+            "value": said["value"],
+            "target": progress.target,
+            "verdict": progress.verdict.value,
+            "verdict_reason": progress.verdict_reason,
+            "verdict_reason_code": said["verdict_reason_code"],
+            **in_force_as_dict(progress.modulus_in_force),
+            "used": list(progress.used),
+            "compaction": said["compaction"],
+        }
 
 
-def point_line(name: str, progress: PointProgress) -> dict[str, Any]:
-    """A point as one JSON object: its name, and what ``pfwd report --json`` has for it."""
-    said: Mapping[str, Any] = progress.as_dict()
-    return {
-        "point": name,
-        "complete": progress.complete,
-        "value": said["value"],
-        "target": progress.target,
-        "verdict": progress.verdict.value,
-        "verdict_reason": progress.verdict_reason,
-        "verdict_reason_code": said["verdict_reason_code"],
-        **in_force_as_dict(progress.modulus_in_force),
-        "used": list(progress.used),
-        "compaction": said["compaction"],
-    }
+_TAKING_NO_PART = (Kind.DISCARDED, Kind.REJECTED)
 
 
-def diagnosis_now(point: MeasuredPoint) -> DiagnosisResult | None:
-    """The diagnosis of a point, while its drops and what is declared are as they were."""
-    if point.diagnosis is None or not point.drops:
-        return None
-    left_out = (Kind.DISCARDED, Kind.REJECTED)
-    numbers = [fact.number for fact in compared(point.drops) if fact.kind not in left_out]
-    return point.diagnosis if holds(point.diagnosis, point.drops[-1].setup, numbers) else None
-
-
-def _diagnosed(point: MeasuredPoint) -> DiagnosedModulus | None:
-    diagnosis = diagnosis_now(point)
+def _diagnosed(point: PointView) -> DiagnosedModulus | None:
+    diagnosis = point.diagnosis_in_force
     after = None if diagnosis is None else diagnosis.after
     if diagnosis is None or after is None or after.modulus_pa is None:
         return None
@@ -105,23 +134,20 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
 
 
 def modulus_in_force(
-    diagnosis: DiagnosisResult, point: MeasuredPoint | None = None, job: Job | None = None
+    diagnosis: DiagnosisResult, point: PointView | None = None
 ) -> PointModulus | None:
     """Return the modulus that a diagnosis puts in force at its point; None: there is none.
 
     Parameters
     ----------
     diagnosis : DiagnosisResult
-    point : MeasuredPoint, optional
-        As its survey has it. Without fits there, or without a survey, the fit is that of the base
-        model.
-    job : Job, optional
-        Of the survey.
+    point : PointView, optional
+        The point in its survey. Without fits there, or without a survey, the fit is that of the
+        base model.
     """
     fitted = None
     if point is not None:
-        progress = judge_point(job or Job(), dataclasses.replace(point, diagnosis=diagnosis))
-        fitted = progress.fitted_modulus
+        fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
     after = diagnosis.after
     if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
         return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed")
@@ -129,32 +155,18 @@ def modulus_in_force(
     return None if fitted is None or fitted.not_supported is not None else fitted
 
 
-def judge_point(
-    job: Job, point: MeasuredPoint, *, fallback: tuple[float, str] | None = None
-) -> PointProgress:
-    """What the job's procedure says of a point.
+def _judge(point: PointView) -> PointProgress:
+    """Return the verdict of the job's procedure on a point.
 
-    Parameters
-    ----------
-    job : Job
-    point : MeasuredPoint
-    fallback : tuple of float and str, optional
-        Target (Pa or m) of points for which the survey has none, and where it is from.
-
-    Returns
-    -------
-    PointProgress
-        With the target in this order: said of the point, of its station, of the job, `fallback`,
-        the procedure's own.
+    The target is the first of these: of the point, of its station, of the job, the fallback, that
+    of the procedure.
     """
-    procedure = job.procedure_in_force
-    facts = compared(point.drops)
-    radius, ratio, faults = plate_of_point(point.drops)
-    target, source = target_of(job, point, fallback)
+    radius, ratio, faults = point.plate
+    target, source = _target_of(point)
     setup = point.drops[-1].setup if point.drops else None
     progress = judge(
-        procedure,
-        facts,
+        point.job.procedure_in_force,
+        point.facts,
         plate_radius=radius,
         poisson_ratio=ratio,
         target=target,
@@ -175,18 +187,17 @@ def judge_point(
     return progress
 
 
-def target_of(
-    job: Job, point: MeasuredPoint, fallback: tuple[float, str] | None = None
-) -> tuple[float | None, str]:
-    """What a point has to reach, Pa or m, and who said so; the first of the quantity judged."""
-    station = job.station(point.name)
-    said = (
+def _target_of(point: PointView) -> tuple[float | None, str]:
+    """Return the target of a point, Pa or m, and its source; the first for the judged quantity."""
+    job = point.job
+    station = job.station(point.shown_name)
+    candidates = (
         (point.target, "of the point"),
         (None if station is None else station.target, "of the station"),
         (job.target, "of the survey"),
-        fallback or (None, ""),
+        point.fallback_target or (None, ""),
     )
-    known = [(value, source) for value, source in said if value is not None]
+    known = [(value, source) for value, source in candidates if value is not None]
     if not known:
         return None, ""
     fitting = [pair for pair in known if is_for(job.procedure_in_force, pair[0])]
@@ -205,17 +216,16 @@ class PointPlate(NamedTuple):
     """One sentence where drops were measured with different plates."""
 
 
-def plate_of_point(drops: Sequence[MeasuredDrop]) -> PointPlate:
-    """Return plate and Poisson's ratio that are declared for the drops of a point."""
+def _plate_of(point: PointView) -> PointPlate:
     loaded = [
         drop
-        for drop, fact in zip(drops, compared(drops), strict=True)
-        if fact.kind not in (Kind.REJECTED, Kind.DISCARDED)
+        for drop, fact in zip(point.drops, point.facts, strict=True)
+        if fact.kind not in _TAKING_NO_PART
     ]
     if not loaded:
-        if not drops:
+        if not point.drops:
             return PointPlate(USUAL_RADIUS, None, [])
-        setup = drops[-1].setup
+        setup = point.drops[-1].setup
         return PointPlate(setup.plate_radius or USUAL_RADIUS, setup.poisson_ratio, [])
     last = loaded[-1].setup
     radii = sorted({drop.setup.plate_radius for drop in loaded})
@@ -226,7 +236,7 @@ def plate_of_point(drops: Sequence[MeasuredDrop]) -> PointPlate:
     return PointPlate(last.plate_radius, last.poisson_ratio, faults)
 
 
-def value_of_drop(job: Job, drop: MeasuredDrop) -> PointValue | None:
+def value_of_drop(job: Job, drop: DropView) -> PointValue | None:
     """What the job's procedure judges, of one drop alone; None: the drop does not say it.
 
     One drop has no scatter: only the modulus of the inversion has an interval, that of its model.

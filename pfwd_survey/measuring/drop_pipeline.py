@@ -17,12 +17,12 @@ from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
-from pfwd_survey.judging import MeasuredPoint
+from pfwd_survey.judging.places import place_in
+from pfwd_survey.judging.verdicts import PointView
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.diagnosing import PointDiagnoses
 from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
-from pfwd_survey.measuring.position import place_in
 from pfwd_survey.measuring.setup_file import setup_of
 from pfwd_survey.measuring.survey_recorder import SurveyRecorder
 
@@ -98,10 +98,10 @@ class DropPipeline:
         waiting = not self._live or time.monotonic() <= self._rebounds_until
         return not self.held and (self.settled or not waiting)
 
-    def know(self, name: str, known: MeasuredPoint) -> None:
-        """Take in what the survey held of a point before: rebounds are told by its largest drop."""
-        largest = max((drop.pulse_peak for drop in known.drops), default=0.0)
-        self._largest[name] = max(largest, self._largest.get(name, 0.0))
+    def know(self, point: PointView) -> None:
+        """Compare further drops of a stored point with its largest one, to recognise rebounds."""
+        largest = max((drop.pulse_peak for drop in point.drops), default=0.0)
+        self._largest[point.name] = max(largest, self._largest.get(point.name, 0.0))
 
     def number_for(self, point: str, wanted: int | None = None) -> int:
         """The number that a drop gets: as recorded if that is free, else the next one."""

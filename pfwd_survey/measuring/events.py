@@ -14,7 +14,7 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import Job, MeasuredPoint
+from pfwd_survey.judging import Job, PointView
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,13 +224,10 @@ class JobKnown:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointKnown:
-    """What the survey held of a point before."""
+    """A point that the survey holds already."""
 
-    point: str
-    """Name, as its drops have it."""
-    measured: MeasuredPoint
-    records: Mapping[int, int]
-    """Number of each drop within the survey, by its number within the point."""
+    point: PointView
+    """Its job is that of the listener."""
     comes_again: bool = False
     """Whether its drops come again, one by one, in a replay."""
 

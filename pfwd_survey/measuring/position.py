@@ -77,15 +77,6 @@ class Fix:
     """Monotonic clock, s."""
 
 
-def place_in(said: Any) -> tuple[float, float] | None:
-    """Latitude and longitude of what was recorded or said, degrees; None: they are not there."""
-    try:
-        place = float(said["latitude"]), float(said["longitude"])
-    except (KeyError, TypeError, ValueError):
-        return None
-    return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
-
-
 class NmeaParser:
     """Sentences out of bytes, however they were cut.
 

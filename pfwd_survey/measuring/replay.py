@@ -13,7 +13,7 @@ from pfwd_device.recording import CaptureReader, DropRecord, Survey
 from pfwd_device.text import clean
 from pfwd_device.wire.messages import DropOffer
 from pfwd_survey.errors import SurveyError, refusal
-from pfwd_survey.judging.contents import said_later
+from pfwd_survey.judging.view import later_declarations
 from pfwd_survey.measuring.drop_metadata import feed_item_of
 from pfwd_survey.measuring.feeds import Ended, FeedItem, ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.pace import Pace
@@ -128,7 +128,7 @@ def survey_feed(
 
 def _drops(survey: Survey) -> Iterator[FeedItem | Pause]:
     before: datetime.datetime | None = None
-    later = {point.name: said_later(point) for point in survey.points}
+    later = {point.name: later_declarations(point) for point in survey.points}
     for drop in survey.drops:
         record = drop.read()
         # What was declared of the point since holds for its drops.

@@ -46,7 +46,7 @@ from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, JobRequest
+from pfwd_survey.judging import Job, JobRequest, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.calibration_change import (
@@ -148,7 +148,8 @@ class Session:
         self._changed_verdicts: tuple[str, ...] = ()
         if writer is not None and writer.points:
             survey = writer.contents()
-            self._changed_verdicts = tuple(changed_verdicts(survey, self.job))
+            stored = point_views(survey, self.job)
+            self._changed_verdicts = tuple(changed_verdicts(survey, stored))
         self._known_points: set[str] = set()
         known = writer.points if writer is not None else ()
         stations = self.job.stations
@@ -358,7 +359,7 @@ class Session:
         self._known_points.add(name)
         known = known_point(self._recorder.writer, name)
         if known is not None:
-            self._pipeline.know(known.point, known.measured)
+            self._pipeline.know(known.point)
             self._tell(known)
 
     def _tell_similar_point(self) -> None:

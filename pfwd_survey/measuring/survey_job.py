@@ -9,7 +9,7 @@ from pfwd_device.identity import Identity
 from pfwd_device.recording import SurveyWriter
 from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.judging import Job, JobRequest, job_of, measured_point
+from pfwd_survey.judging import Job, JobRequest, job_of, point_view
 from pfwd_survey.measuring.events import PointKnown
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.setup_file import MeasuringSetup, with_procedure
@@ -120,6 +120,5 @@ def points_coming_again(survey: SurveyContent) -> Iterator[PointKnown]:
 
 
 def point_known(point: SurveyPoint, *, comes_again: bool = False) -> PointKnown:
-    """What a survey holds of a point."""
-    records = {drop.drop: drop.number for drop in point.drops}
-    return PointKnown(point.name, measured_point(point), records, comes_again)
+    """Return the event for a point that a survey holds."""
+    return PointKnown(point_view(point, Job()), comes_again)

@@ -14,13 +14,13 @@ from typing import Any, TypeGuard
 
 from inversion import SurrogateLibrary
 from pfwd_device import Drop
-from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyPoint, read_survey
+from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.header import PointSetup, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
-from pfwd_survey.inverting.diagnosis.holding import basis_of, last_diagnosis
+from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.keeping import keep_results
@@ -34,18 +34,10 @@ from pfwd_survey.inverting.options import (
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.bad_sensors import leave_out_bad_sensors
 from pfwd_survey.inverting.screening.drops import Screening, screen_point
-from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point, measured_drop
-from pfwd_survey.judging.contents import (
-    as_said,
-    last_sound,
-    said_later,
-    setup_now,
-    target_of_point,
-)
-from pfwd_survey.judging.drops import compared
+from pfwd_survey.judging import DropView, Job, PointView, job_of, point_view, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.job import target_text
-from pfwd_survey.judging.verdicts import diagnosis_now
+from pfwd_survey.judging.view import later_declarations, setup_now
 from pfwd_survey.peaks.basin import Basin, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import (
@@ -200,7 +192,7 @@ def gather(
         own_procedure=own,
         otherwise=(
             *_said_otherwise(own, job.procedure_in_force, options.target, points),
-            *changed_verdicts(survey, job),
+            *changed_verdicts(survey, point_views(survey, job)),
         ),
     )
 
@@ -349,52 +341,44 @@ class _Gatherer:
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
 
-    def points(self, point: SurveyPoint) -> list[ReportPoint]:
-        """A point; several of them when it was measured with another plate on the way.
+    def points(self, stored: SurveyPoint) -> list[ReportPoint]:
+        """Return a point; several where another plate was used on the way.
 
-        All of them stand as the point as a whole does.
+        All of them have the verdict of the point as a whole.
         """
-        later = said_later(point)
-        groups: list[tuple[PointSetup, list[tuple[SurveyDrop, DropRecord]]]] = []
+        point = self._view(stored)
+        groups: list[tuple[PointSetup, list[tuple[DropView, DropRecord]]]] = []
         for drop in point.drops:
-            record = drop.read()
-            setup = setup_now(record.declared, later, f"{self.survey.folder}, point {point.title}")
+            assert drop.source is not None
+            record = drop.source.read()
+            where = f"{self.survey.folder}, point {point.title}"
+            setup = setup_now(record.declared, later_declarations(stored), where)
             setup = replace(setup, point=point.title)
             if not groups or basis_of(groups[-1][0]) != basis_of(setup):
                 groups.append((setup, []))
             groups[-1][1].append((drop, record))
             self._note_instrument(record)
-        worked = [(setup, kept, self._drops(point, setup, kept)) for setup, kept in groups]
-        measured = [
-            as_said(drop, measured_drop(record.drop, setup)).with_result(found.result)
-            for setup, kept, drops in worked
-            for (drop, record), found in zip(kept, drops, strict=True)
-        ]
-        whole = MeasuredPoint(
-            point.title,
-            measured,
-            target_of_point(point),
-            point.discarded,
-            self._diagnosis(point),
-        )
-        progress = judge_point(self.job, whole, fallback=self.options.fallback)
-        facts = {fact.number: fact for fact in compared(measured)}
+        worked = [(setup, drops, self._drops(point, setup, drops)) for setup, drops in groups]
+        results = {drop.number: drop.result for _, _, found in worked for drop in found}
+        drops = tuple(drop.with_result(results[drop.number]) for drop in point.drops)
+        point = replace(point, drops=drops)
+        facts = {fact.number: fact for fact in point.facts}
         return [
             self._point(
                 point,
                 setup,
-                kept,
-                tuple(replace(drop, facts=facts[drop.number]) for drop in drops),
-                progress,
-                None if point.discarded else diagnosis_now(whole),
+                drops,
+                tuple(replace(drop, facts=facts[drop.number]) for drop in found),
             )
-            for setup, kept, drops in worked
+            for setup, drops, found in worked
         ]
 
-    def _diagnosis(self, point: SurveyPoint) -> DiagnosisResult | None:
-        """The last one of a point: made for this report, or kept."""
-        made = (self.new.get((point.title, drop.drop)) for drop in reversed(point.drops))
-        return next((found for found in made if found is not None), None) or last_diagnosis(point)
+    def _view(self, stored: SurveyPoint) -> PointView:
+        """Return a point with the diagnosis and the target of this report."""
+        point = point_view(stored, self.job)
+        made = (self.new.get((point.title, drop.number)) for drop in reversed(point.drops))
+        diagnosis = next((new for new in made if new is not None), None) or point.diagnosis
+        return replace(point, diagnosis=diagnosis, fallback_target=self.options.fallback)
 
     def _note_instrument(self, record: DropRecord) -> None:
         identity = record.metadata.get("identity")
@@ -403,50 +387,51 @@ class _Gatherer:
 
     def _drops(
         self,
-        point: SurveyPoint,
+        point: PointView,
         setup: PointSetup,
-        drops: Sequence[tuple[SurveyDrop, DropRecord]],
+        drops: Sequence[tuple[DropView, DropRecord]],
     ) -> tuple[ReportDrop, ...]:
         where = f"{self.survey.folder}, point {point.title}"
-        whole = TracePoint(where, setup, tuple(record.drop for _, record in drops))
-        screenings = leave_out_bad_sensors(whole, screen_point(whole))
+        traces = TracePoint(where, setup, tuple(record.drop for _, record in drops))
+        screenings = leave_out_bad_sensors(traces, screen_point(traces))
         self.tell(f"point {point.title}: {len(drops)} drops")
         return tuple(
-            self._drop(kept, record, setup, screening)
-            for (kept, record), screening in zip(drops, screenings, strict=True)
+            self._drop(drop, record, setup, screening)
+            for (drop, record), screening in zip(drops, screenings, strict=True)
         )
 
     def _point(
         self,
-        point: SurveyPoint,
+        point: PointView,
         setup: PointSetup,
-        drops: Sequence[tuple[SurveyDrop, DropRecord]],
-        found: tuple[ReportDrop, ...],
-        progress: PointProgress,
-        diagnosis: DiagnosisResult | None,
+        drops: Sequence[tuple[DropView, DropRecord]],
+        report_drops: tuple[ReportDrop, ...],
     ) -> ReportPoint:
         warnings = list(setup_warnings(setup, [record.drop for _, record in drops]))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        warnings += _said_of_layers(found, self.job.procedure_in_force)
+        warnings += _said_of_layers(report_drops, self.job.procedure_in_force)
         return ReportPoint(
             name=point.title,
             setup=setup,
-            drops=found,
-            progress=progress,
+            drops=report_drops,
+            progress=point.progress,
             position=_position(point, drops, setup),
             notes=point.notes,
             discarded=point.discarded,
-            diagnosis=diagnosis,
+            diagnosis=None if point.discarded else point.diagnosis_in_force,
             warnings=tuple(warnings),
         )
 
     def _drop(
-        self, kept: SurveyDrop, record: DropRecord, setup: PointSetup, screening: Screening
+        self, drop: DropView, record: DropRecord, setup: PointSetup, screening: Screening
     ) -> ReportDrop:
+        assert drop.source is not None
+        assert drop.record is not None
+        file = drop.source.file
         result, stored, warnings = None, False, list(screening.warnings)
-        if not kept.discarded and screening.status != "rejected":
-            result = None if self.options.anew else last_sound(kept)
+        if drop.discarded is None and screening.status != "rejected":
+            result = None if self.options.anew else drop.sound_result
             options = self._analysis
             if result is not None and not rests_on(result, setup):
                 options = with_layers_of(options, result)
@@ -454,26 +439,26 @@ class _Gatherer:
                 warnings.append("declared values were changed since: inverted anew")
             stored = result is not None
             if result is None:
-                self.tell(f"  drop {kept.drop} is inverted")
+                self.tell(f"  drop {drop.number} is inverted")
                 analysis = analyse_drop(record.drop, setup, screening, options, self._library)
-                result = drop_result(str(kept.file or self.survey.folder), analysis)
+                result = drop_result(str(file or self.survey.folder), analysis)
             warnings += [text for text in result.warnings or () if text not in warnings]
         curves = None
         if result is not None:
             curves = curves_of(record.drop, setup, screening, result, self._library)
         marks = record.metadata.get("marks") or ()
         return ReportDrop(
-            number=kept.drop,
-            record=kept.number,
-            facts=PointDrop(kept.drop, Kind.MEASURED),  # as the point as a whole has it, later
+            number=drop.number,
+            record=drop.record,
+            facts=PointDrop(drop.number, Kind.MEASURED),  # as the point as a whole has it, later
             result=result,
             stored=stored,
             curves=curves,
             warnings=tuple(warnings),
             time_local=_local_time(record.metadata),
             marks=tuple(map(str, marks)),
-            notes=kept.notes,
-            checksum=_checksum(kept.file),
+            notes=drop.notes,
+            checksum=_checksum(file),
             left_out=screening.left_out,
             basin=_basin(record.drop, setup),
             stiffness=stiffness_of(record.drop, setup) if setup.is_stiffness_test else None,
@@ -527,16 +512,17 @@ def _local_time(metadata: Mapping[str, Any]) -> str:
 
 
 def _position(
-    point: SurveyPoint, drops: Sequence[tuple[SurveyDrop, DropRecord]], setup: PointSetup
+    point: PointView, drops: Sequence[tuple[DropView, DropRecord]], setup: PointSetup
 ) -> Mapping[str, Any] | None:
-    """What a person said wins over the receiver, the receiver over what was declared."""
-    for said in (point.position, *(drop.position for drop, _ in drops)):
-        if _is_place(said):
-            return {**said, "source": "edited"}
-    for _, record in drops:
-        said = record.metadata.get("position")
-        if _is_place(said):
-            return {**said}
+    """Return the position: an edit, else that of the receiver, else as declared."""
+    stored = [point.source, *(drop.source for drop, _ in drops)]
+    for edited in (source.position for source in stored if source is not None):
+        if _is_place(edited):
+            return {**edited, "source": "edited"}
+    for drop, _ in drops:
+        received = drop.metadata.get("position")
+        if _is_place(received):
+            return {**received}
     declared = {"latitude": setup.latitude, "longitude": setup.longitude}
     return {**declared, "source": "declared"} if _is_place(declared) else None
 

@@ -7,11 +7,11 @@ import pytest
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.header import declared_values
-from pfwd_survey.judging import JobRequest, Station, judged_points
+from pfwd_survey.judging import JobRequest, Station, SurveyView, point_views
 from pfwd_survey.measuring.events import DropSaved, PointKnown
+from pfwd_survey.measuring.live_view import apply_event
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
-from pfwd_survey.measuring.standing import Standing
 from pfwd_survey.procedures import Kind, plain_procedure
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
 from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed
@@ -38,7 +38,7 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
     for drop in ("3", "4"):
         assert main(["edit", survey, "--point", "1", "--drop", drop, "--move", "2", "--json"]) == 0
     capsys.readouterr()
-    first, second = judged_points(read_survey(survey))
+    first, second = point_views(read_survey(survey))
     assert (first.progress.used, first.progress.verdict) == ((2,), "pass")
     assert (second.name, second.progress.used, second.progress.verdict) == ("2", (2,), "fail")
     reasons = {drop.number: drop.reason for drop in first.progress.excluded}
@@ -50,7 +50,7 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
 
 def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
     main(["edit", survey, "--drop", "1", "--move", "2"])
-    first, _ = judged_points(read_survey(survey))
+    first, _ = point_views(read_survey(survey))
     assert dict(first.progress.kinds)[2] == "seating"
 
 
@@ -81,15 +81,15 @@ def test_while_it_is_measured(survey: str) -> None:
         session.run()
         assert writer.next_number("2") == 2
     known = log.of(PointKnown)[-1]
-    assert (known.point, [drop.facts.number for drop in known.measured.drops]) == ("2", [1])
+    assert (known.point.name, [drop.number for drop in known.point.drops]) == ("2", [1])
     assert "expected a drop of the survey, came number 99" in log.texts
     assert log.of(DropSaved) == []
-    assert [point.name for point in judged_points(read_survey(survey))] == ["1", "2"]
+    assert [point.name for point in point_views(read_survey(survey))] == ["1", "2"]
 
 
 def counting(survey: str) -> dict[str, list[int]]:
     """Numbers within their points of the drops that count."""
-    points = judged_points(read_survey(survey))
+    points = point_views(read_survey(survey))
     return {
         point.name: [
             number
@@ -110,12 +110,12 @@ def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str
         session.ask(lambda it: it.edit(Edit("restore"), number=99))
         session.run()
     assert counting(survey) == {"1": [1, 3, 4], "2": []}
-    standing = Standing()
+    view = SurveyView()
     for event in log:
-        standing.take(event)
-    kinds = dict(standing.progress_of("1").kinds)
+        view, _ = apply_event(view, event)
+    kinds = dict(view.points["1"].progress.kinds)
     assert (kinds[2], kinds[3]) == (Kind.DISCARDED, Kind.MEASURED)
-    assert dict(standing.progress_of("2").kinds)[1] is Kind.REJECTED
+    assert dict(view.points["2"].progress.kinds)[1] is Kind.REJECTED
     assert "restore: expected a drop of the survey, came number 99" in log.texts
 
 

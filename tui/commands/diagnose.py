@@ -164,7 +164,7 @@ def _key(result: DiagnosisResult) -> _Key:
 
 def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "dict[_Key, PointModulus | None]":
     """Return the moduli in force; each survey is read once."""
-    from pfwd_survey.judging.contents import moduli_in_force
+    from pfwd_survey.judging.view import moduli_in_force
 
     moduli: dict[_Key, PointModulus | None] = {}
     for file in dict.fromkeys(str(result.file) for result in results):

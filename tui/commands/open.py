@@ -27,12 +27,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(args: argparse.Namespace) -> int:
     from pfwd_survey.exporting.json_text import json_text
-    from pfwd_survey.judging import judged_points
+    from pfwd_survey.judging import point_views
     from tui.screen.opened.rows import OpenedSurvey
 
     opened = OpenedSurvey(args.survey)
     opened.read()
-    for point in judged_points(opened.survey, opened.job):
+    for point in point_views(opened.survey, opened.job):
         print(json_text(point.as_json()), flush=True)
     return 0
 

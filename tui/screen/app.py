@@ -19,7 +19,7 @@ from textual.screen import Screen
 from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.files.moving import moved_to
 from pfwd_survey.judging import JobRequest
-from pfwd_survey.measuring.contents import survey_contents
+from pfwd_survey.judging.view import read_points
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropAnalysed,
@@ -256,7 +256,7 @@ class PfwdApp(App[int]):
 
     def _read(self, folder: Path) -> None:
         try:
-            points = survey_contents(folder, judged=self.source.writes)
+            points = read_points(folder)
         except (SurveyError, DeviceError, OSError) as err:
             if self.state.session is None and not self.source.writes:
                 self.runner.put(Notice(str(err), serious=True))

@@ -214,13 +214,13 @@ def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path
 def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -> None:
     """The same function as screen, log and report."""
     from pfwd_survey.files.reading import survey_content
-    from pfwd_survey.judging import judged_points
+    from pfwd_survey.judging import point_views
 
     with SurveyWriter.open(judged) as writer:
         writer.edit("target", None, point="A/1")
         writer.note_event("job", {"target": 60e6})
     first, _ = points_of(judged, tmp_path / "p.csv")
-    point = next(iter(judged_points(survey_content(judged))))
+    point = next(iter(point_views(survey_content(judged))))
     assert first["verdict"] == point.progress.verdict == "fail"
     assert float(first["target"]) == 60e6
     assert float(first["value"]) == point.progress.value.value

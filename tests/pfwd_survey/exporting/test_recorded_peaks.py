@@ -11,9 +11,9 @@ import pytest
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter, drop_payload, payload
 from pfwd_device.recording import read_survey as read
-from pfwd_survey.exporting import rows
 from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.exporting.peaks import peaks_of
+from pfwd_survey.inverting.drop_facts import unbroken_peaks
+from pfwd_survey.judging import view
 from tests.pfwd_survey.exporting.conftest import rows_of
 
 
@@ -34,14 +34,14 @@ def computed_anew() -> Iterator[None]:
 def counted(monkeypatch: pytest.MonkeyPatch) -> Callable[[], tuple[int, int]]:
     """How many drops' arrays were unpacked, and of how many drops peaks were computed."""
     unpacked, computed = [], []
-    arrays, of = payload._arrays, rows.peaks_of
+    arrays, of = payload._arrays, view.unbroken_peaks
 
     def noted(*arguments: Any) -> Any:
         unpacked.append(1)
         return arrays(*arguments)
 
     monkeypatch.setattr(payload, "_arrays", noted)
-    monkeypatch.setattr(rows, "peaks_of", lambda drop: computed.append(1) or of(drop))
+    monkeypatch.setattr(view, "unbroken_peaks", lambda drop: computed.append(1) or of(drop))
     return lambda: (len(unpacked), len(computed))
 
 
@@ -101,7 +101,7 @@ def test_what_was_recorded_is_what_the_traces_say(survey: Path) -> None:
         assert (facts.peaks is None) == missing
         assert (facts.declared, facts.metadata.keys()) == (record.declared, record.metadata.keys())
         if facts.peaks is not None:
-            assert facts.peaks == peaks_of(record.drop)
+            assert facts.peaks == unbroken_peaks(record.drop)
             assert facts.peaks.centre == facts.peaks.displacements[0][1]
 
 

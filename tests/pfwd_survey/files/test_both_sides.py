@@ -14,7 +14,7 @@ from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.drop_facts import point_drop
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.inverting.screening.signals import channels_outward
-from pfwd_survey.measuring.contents import peaks_of
+from pfwd_survey.measuring.stored_drops import peaks_of
 from tests.pfwd_survey.files.trace_lines import HEADER
 
 HEAVYDYN = [-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1]

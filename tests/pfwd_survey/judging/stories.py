@@ -14,7 +14,7 @@ from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import screen_next
-from pfwd_survey.judging import JobRequest, JudgedPoint, Station, job_of, measured_point
+from pfwd_survey.judging import JobRequest, PointView, Station, SurveyView, job_of, point_view
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropSaved,
@@ -23,8 +23,8 @@ from pfwd_survey.measuring.events import (
     JobKnown,
     PointDiagnosed,
 )
+from pfwd_survey.measuring.live_view import CompletePoints, apply_event
 from pfwd_survey.measuring.setup_file import setup_of
-from pfwd_survey.measuring.standing import CompletePoints, Standing
 from pfwd_survey.measuring.survey_job import known_point, point_known
 from pfwd_survey.procedures import Kind, find_procedure, plain_procedure
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
@@ -37,7 +37,6 @@ PROCEDURES = (
     plain_procedure(0, 1),
     *map(find_procedure, ("mndot", "mchw-885", "tp-bf-stb-b8.3", "paper")),
 )
-TITLES = {"1": "1", "12+300": "1", "left": "1", "2": "2", "3": "2"}
 """What points may be called, and the name that their drops have."""
 
 DECLARED = declared_values(SETUP)
@@ -124,9 +123,9 @@ class Told:
         self._begin()
 
     def _begin(self) -> None:
-        self.standing, self.state = Standing(), SessionState()
+        self.view, self.state = SurveyView(), SessionState()
         self.state.take(SessionBegan(None, "1"))
-        self._said: list[JudgedPoint] = []
+        self._said: list[PointView] = []
         self._complete = CompletePoints(self._said.append, analysed=True)
         self._largest = dict.fromkeys(POINTS, 0.0)
 
@@ -153,14 +152,14 @@ class Told:
 
     def tell(self, event: Any) -> None:
         """Tell it to everybody who listens."""
-        self.standing.take(event)
+        self.view, _ = apply_event(self.view, event)
         self.state.take(event)
         self._complete.take(event)
 
     @property
     def last_lines(self) -> dict[str, dict[str, Any]]:
         """What the headless log said of each point last, by the name that its drops have."""
-        return {TITLES[point.name]: point.as_json() for point in self._said}
+        return {point.name: point.as_json() for point in self._said}
 
     def _drop(self, writer: SurveyWriter, point: str, peak: float, modulus: float | None) -> None:
         number = writer.next_number(point)
@@ -202,7 +201,7 @@ class Told:
         point = next((p for p in writer.contents().points if p.name == name and p.drops), None)
         if point is None:
             return
-        measured = measured_point(point)
+        measured = point_view(point, job_of(writer.contents()))
         left_out = (Kind.DISCARDED, Kind.REJECTED)
         used = [d.facts.number for d in measured.drops if d.facts.kind not in left_out]
         found = DiagnosisResult(
@@ -226,7 +225,7 @@ class Told:
         for point in read_survey(self.folder).points:
             known = point_known(point)
             self.tell(known)
-            peaks = [drop.pulse_peak for drop in known.measured.drops]
+            peaks = [drop.pulse_peak for drop in known.point.drops]
             self._largest[point.name] = max(peaks, default=0.0)
 
 
@@ -234,7 +233,7 @@ def _names(writer: SurveyWriter) -> set[str]:
     return {point.name for point in writer.contents().points}
 
 
-def shown(point: JudgedPoint) -> tuple[Any, ...]:
+def shown(point: PointView) -> tuple[Any, ...]:
     """What must be alike wherever a point is judged."""
     progress = point.progress
     value = progress.value

@@ -6,7 +6,7 @@ import pytest
 
 from inversion.effects import BY_NAME
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.judging import Job, MeasuredDrop, MeasuredPoint, judge_point
+from pfwd_survey.judging import DropView, Job, PointView
 from pfwd_survey.judging.advice import (
     _OF_EFFECT,
     FEWEST_OTHERS,
@@ -29,8 +29,8 @@ SETUP = PointSetup(plate_radius=0.15)
 PLAIN, E_VD = Job(procedure=plain_procedure()), Job(procedure=find_procedure("tp-bf-stb-b8.3"))
 
 
-def measured(number: int, load: float = 7000.0, deflection: float = 4e-4) -> MeasuredDrop:
-    return MeasuredDrop(PointDrop(number, Kind.MEASURED, load, deflection), load, SETUP)
+def measured(number: int, load: float = 7000.0, deflection: float = 4e-4) -> DropView:
+    return DropView(PointDrop(number, Kind.MEASURED, load, deflection), load, SETUP)
 
 
 OTHERS = [measured(1), measured(2)]
@@ -127,14 +127,14 @@ def test_a_channel_at_the_end_of_its_range() -> None:
 def test_the_ground_is_not_blamed_for_a_drop_from_higher() -> None:
     depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * 1.2]
     drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
-    progress = judge_point(PLAIN, MeasuredPoint("1", drops))
+    progress = PointView("1", drops, job=PLAIN).progress
     (found,) = advice_on_point(progress, {4: 7000.0, 6: 7000.0})
     assert "drop 6 moves 20 % more than drop 4" in found.text
     assert advice_on_point(progress, {4: 7000.0, 6: 8400.0}) == []
 
 
 def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
-    rejected = dataclasses.replace(measured(3, 3000.0), facts=PointDrop(3, Kind.REJECTED))
+    rejected = dataclasses.replace(measured(3, 3000.0), own=PointDrop(3, Kind.REJECTED))
     assert advice_on_drop(PLAIN, rejected, OTHERS, sensors_left_out=(1,)) == []
 
 
@@ -150,7 +150,7 @@ def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
 def test_first_and_last_drop_differ(last: float, expected: list[Advised]) -> None:
     depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * last]
     drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
-    progress = judge_point(PLAIN, MeasuredPoint("1", drops))
+    progress = PointView("1", drops, job=PLAIN).progress
     assert [advice.about for advice in advice_on_point(progress)] == expected
 
 

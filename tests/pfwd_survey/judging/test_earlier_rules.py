@@ -12,8 +12,7 @@ from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.files.header import PointSetup, declared_values
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, MeasuredPoint, job_of, judge_point
-from pfwd_survey.judging.drops import MeasuredDrop, measured_drop
+from pfwd_survey.judging import DropView, Job, PointView, drop_from_traces, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts, earlier_verdict
 from pfwd_survey.procedures import Kind, PointDrop, Verdict, find_procedure, plain_procedure
 from pfwd_survey.procedures.judging import RULES_EVENT, RULES_VERSION
@@ -23,19 +22,18 @@ SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
 GERMAN = find_procedure("tp-bf-stb-b8.3")
 
 
-def drops(peak: float, count: int = 6, **result: Any) -> list[MeasuredDrop]:
+def drops(peak: float, count: int = 6, **result: Any) -> list[DropView]:
     """Drops of one height; the deflection is 0.5 mm per 8 kN, E_vd 45 MPa at 8 kN."""
     made = []
     for number in range(1, count + 1):
-        drop = measured_drop(half_sine_drop(number, peak * (1 + 1e-4 * number)), SETUP)
+        drop = drop_from_traces(half_sine_drop(number, peak * (1 + 1e-4 * number)), SETUP)
         made.append(drop.with_result(DropResult.from_json(result_of(number) | result)))
     return made
 
 
-def verdicts(job: Job, some: list[MeasuredDrop], target: float) -> tuple[Verdict, Verdict]:
-    point = MeasuredPoint("1", some, target=target)
-    progress = judge_point(job, point)
-    return earlier_verdict(job, point, progress), progress.verdict
+def verdicts(job: Job, some: list[DropView], target: float) -> tuple[Verdict, Verdict]:
+    point = PointView("1", some, target=target, job=job)
+    return earlier_verdict(point), point.progress.verdict
 
 
 @pytest.mark.parametrize(
@@ -92,16 +90,16 @@ def recorded(folder: Path, peak: float, *events: tuple[str, dict[str, Any]]) -> 
 
 def test_the_survey_names_its_changed_points_until_it_has_the_rules(tmp_path: Path) -> None:
     old = read_survey(recorded(tmp_path / "old", 5100.0))
-    (text,) = changed_verdicts(old, job_of(old))
+    (text,) = changed_verdicts(old, point_views(old))
     assert text == (
         "point 1: the verdict was pass, by the rules of this version it is undecided: wrong drop "
         "height: 5.1 kN, this procedure needs 7.07 kN (within 10 %, our tolerance)"
     )
     right = read_survey(recorded(tmp_path / "right", 7070.0))
-    assert list(changed_verdicts(right, job_of(right))) == []
+    assert list(changed_verdicts(right, point_views(right))) == []
     event = (RULES_EVENT, {"version": RULES_VERSION})
     new = read_survey(recorded(tmp_path / "new", 5100.0, event))
-    assert list(changed_verdicts(new, job_of(new))) == []
+    assert list(changed_verdicts(new, point_views(new))) == []
 
 
 def test_an_import_begins_a_survey_with_the_rules(tmp_path: Path) -> None:
@@ -111,12 +109,12 @@ def test_an_import_begins_a_survey_with_the_rules(tmp_path: Path) -> None:
     traces = [str(path) for path in (tmp_path / "traces").iterdir()]
     list(import_files(traces, tmp_path / "new"))
     new = read_survey(tmp_path / "new")
-    assert list(changed_verdicts(new, job_of(new))) == []
+    assert list(changed_verdicts(new, point_views(new))) == []
     # A copy of an old survey has its rules: its verdicts were made by them.
     list(import_files([str(tmp_path / "old.h5")], tmp_path / "copy"))
     list(import_files(traces, tmp_path / "copy"))
     copy = read_survey(tmp_path / "copy")
-    assert len(list(changed_verdicts(copy, job_of(copy)))) == 1
+    assert len(list(changed_verdicts(copy, point_views(copy)))) == 1
 
 
 def test_sound_points_keep_their_verdict() -> None:
@@ -141,7 +139,7 @@ def test_sound_points_keep_their_verdict() -> None:
             own = modulus * of_modulus
             ends = [own * (1 - width * (1 + skew)), own * (1 + width * (1 - skew))]
             result = result_of(number, own) | {"modulus_interval_pa": ends}
-            drop = MeasuredDrop(facts, facts.peak_load or 0.0, SETUP)
+            drop = DropView(facts, facts.peak_load or 0.0, SETUP)
             some.append(drop.with_result(DropResult.from_json(result)))
         earlier, present = verdicts(job, some, modulus * float(generator.uniform(0.7, 1.4)))
         kept += earlier is present

@@ -21,10 +21,10 @@ from pfwd_survey.exporting.maps import NAMESPACE
 from pfwd_survey.exporting.registry import OWN
 from pfwd_survey.exporting.tables import jsonl_texts
 from pfwd_survey.files.reading import survey_content
-from pfwd_survey.judging import JobRequest, JudgedPoint, job_of, judged_points
+from pfwd_survey.judging import JobRequest, PointView, job_of, point_views
 from pfwd_survey.judging.job import target_text
+from pfwd_survey.measuring.live_view import CompletePoints
 from pfwd_survey.measuring.measure import replay
-from pfwd_survey.measuring.standing import CompletePoints
 from pfwd_survey.reporting import gathering, shown
 from pfwd_survey.reporting.blocks import Mark
 from pfwd_survey.reporting.certificate_blocks import points_table
@@ -32,7 +32,7 @@ from pfwd_survey.reporting.point_facts import verdict_of
 from pfwd_survey.reporting.template import point_values
 from pfwd_survey.reporting.texts import load_texts
 from tests.pfwd_survey.judging import stories
-from tests.pfwd_survey.judging.stories import TITLES, Told, whole
+from tests.pfwd_survey.judging.stories import Told, whole
 from tui.screen.opened.rows import OpenedSurvey
 from tui.screen.session.state import SessionState
 
@@ -50,10 +50,10 @@ def surveys() -> Iterator[Path]:
         yield Path(place)
 
 
-def read(folder: Path) -> dict[str, JudgedPoint]:
+def read(folder: Path) -> dict[str, PointView]:
     """The points of a survey as they are judged when it is read, by the name of their drops."""
     survey = read_survey(folder)
-    return dict(zip((p.name for p in survey.points), judged_points(survey), strict=True))
+    return dict(zip((p.name for p in survey.points), point_views(survey), strict=True))
 
 
 # The live session, the log, sessions that go on, the replay and `pfwd open`.
@@ -77,15 +77,15 @@ def check_session(told: Told) -> None:
     """What was told while it was measured is what is read afterwards."""
     known = read(told.folder)
     for name, point in known.items():
-        assert stories.shown(told.standing.judged(name)) == stories.shown(point), "live"
-        assert told.state.standing.progress_of(name) == point.progress, "on the screen"
+        assert stories.shown(told.view.points[name]) == stories.shown(point), "live"
+        assert told.state.view.points[name].progress == point.progress, "on the screen"
         if point.progress.complete:
             assert name in told.last_lines
     for name, line in told.last_lines.items():
         _same_line(line, known[name], "log")
 
 
-def _same_line(line: Mapping[str, Any], point: JudgedPoint, where: str) -> None:
+def _same_line(line: Mapping[str, Any], point: PointView, where: str) -> None:
     """The line of a complete point. Which drops take part, and why, may change with a later drop
     while what is compared here stays: then there is no new line."""
     progress = point.progress
@@ -94,9 +94,9 @@ def _same_line(line: Mapping[str, Any], point: JudgedPoint, where: str) -> None:
     assert (line["value"] or {}).get("value") == (progress.value and progress.value.value), where
 
 
-def check_replay(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+def check_replay(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of a replay: the points, the lines and the screen of ``replay --live``."""
-    said: list[JudgedPoint] = []
+    said: list[PointView] = []
     complete, state = CompletePoints(said.append, analysed=False), SessionState()
 
     def listen(event: Any) -> None:
@@ -105,18 +105,18 @@ def check_replay(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
 
     replay(folder, listen)
     complete.rest()
-    lines = {TITLES[point.name]: point.as_json() for point in said}
+    lines = {point.name: point.as_json() for point in said}
     measured = {point.name for point in read_survey(folder).points if point.drops}
     for name, point in known.items():
         if name not in measured:  # a replay has nothing to begin it with
             continue
-        assert state.standing.progress_of(name) == point.progress, "replay --live"
+        assert state.view.points[name].progress == point.progress, "replay --live"
         assert (name in lines) >= point.progress.complete
         if name in lines:
             _same_line(lines[name], point, "replay")
 
 
-def check_opened(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+def check_opened(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of ``pfwd open``: as it judges the points, and as it keeps them for the next time."""
     opened, again = OpenedSurvey(folder), OpenedSurvey(folder)
     opened.read()
@@ -156,7 +156,7 @@ def check_documents(story: list[Any]) -> None:
         check_notebook(told.folder, known)
 
 
-def check_report(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+def check_report(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of a report: ``--json``, the table of its first page, and a workbook that is filled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gathering, "curves_of", lambda *_: None)  # takes long, and judges nothing
@@ -164,7 +164,7 @@ def check_report(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
         report = gathering.gather(folder)
     texts = load_texts("en")
     table = points_table(report, texts)
-    by_title = {point.name: point for point in known.values()}
+    by_title = {point.shown_name: point for point in known.values()}
     for point, cells in zip(report.points, table.rows, strict=True):
         progress = by_title[point.name].progress
         assert point.progress == progress, "reported"
@@ -209,9 +209,9 @@ def _number(value: Any) -> float | None:
 
 
 def _by_point(
-    rows: Any, known: Mapping[str, JudgedPoint], where: str, digits: int | None = None
+    rows: Any, known: Mapping[str, PointView], where: str, digits: int | None = None
 ) -> None:
-    by_title = {point.name: point.progress for point in known.values()}
+    by_title = {point.shown_name: point.progress for point in known.values()}
     for row in rows:
         _same(row, by_title[str(row["point"])], where, digits)
 
@@ -221,37 +221,37 @@ def _csv(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def _check_table(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_table(path: Path, known: Mapping[str, PointView]) -> None:
     rows = _csv(path)
     _by_point(rows, known, "table")
-    kinds = {point.name: dict(point.progress.kinds) for point in known.values()}
+    kinds = {point.shown_name: dict(point.progress.kinds) for point in known.values()}
     for row in rows:
         if row["status"] in ("seating", "measured") and row["discarded"] == "false":
             assert row["status"] == kinds[row["point"]][int(row["drop"])]
 
 
-def _check_points(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_points(path: Path, known: Mapping[str, PointView]) -> None:
     rows = _csv(path)
-    assert [row["point"] for row in rows] == [point.name for point in known.values()]
+    assert [row["point"] for row in rows] == [point.shown_name for point in known.values()]
     _by_point(rows, known, "points")
 
 
-def _check_jsonl(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_jsonl(path: Path, known: Mapping[str, PointView]) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
     _by_point(map(json.loads, lines), known, "jsonl")
 
 
-def _check_parquet(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_parquet(path: Path, known: Mapping[str, PointView]) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     _by_point(parquet.read_table(path).to_pylist(), known, "parquet")
 
 
-def _check_geojson(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_geojson(path: Path, known: Mapping[str, PointView]) -> None:
     features = json.loads(path.read_text(encoding="utf-8"))["features"]
     _by_point((feature["properties"] for feature in features), known, path.suffix)
 
 
-def _check_xlsx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_xlsx(path: Path, known: Mapping[str, PointView]) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.load_workbook(path, read_only=True)
     for sheet in ("points", "drops"):
@@ -263,7 +263,7 @@ def _check_xlsx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
     book.close()
 
 
-def _check_gpkg(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_gpkg(path: Path, known: Mapping[str, PointView]) -> None:
     raw = pytest.importorskip("pyogrio.raw")
     about, _, _, columns = raw.read(path)
     values = zip(*(column.tolist() for column in columns), strict=True)
@@ -272,9 +272,9 @@ def _check_gpkg(path: Path, known: Mapping[str, JudgedPoint]) -> None:
     _by_point(without_nan, known, "gpkg")
 
 
-def _check_gpx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
+def _check_gpx(path: Path, known: Mapping[str, PointView]) -> None:
     kept = [point for point in known.values() if not point.discarded]
-    by_title = {point.name: point.progress for point in kept}
+    by_title = {point.shown_name: point.progress for point in kept}
     points = list(ElementTree.parse(path).iter(f"{{{NAMESPACE}}}wpt"))
     assert points or not any(progress.used for progress in by_title.values())
     for point in points:
@@ -288,8 +288,8 @@ def _check_gpx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
             assert f" = {progress.value.value * scale:.4g} " in words
 
 
-def _check_pddx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
-    by_title = {point.name: point.progress for point in known.values()}
+def _check_pddx(path: Path, known: Mapping[str, PointView]) -> None:
+    by_title = {point.shown_name: point.progress for point in known.values()}
     for section in path.read_text(encoding="utf-8").split("[Test Location")[1:]:
         said = dict(line.split(" = ", 1) for line in section.splitlines() if " = " in line)
         progress = by_title[said["TestComment"]]
@@ -300,8 +300,8 @@ def _check_pddx(path: Path, known: Mapping[str, JudgedPoint]) -> None:
         assert said.get("PointTarget") == (None if target is None else f"{target * scale:.2f}")
 
 
-def _check_h5(path: Path, known: Mapping[str, JudgedPoint]) -> None:
-    for point, expected in zip(judged_points(survey_content(path)), known.values(), strict=True):
+def _check_h5(path: Path, known: Mapping[str, PointView]) -> None:
+    for point, expected in zip(point_views(survey_content(path)), known.values(), strict=True):
         assert point.progress == expected.progress, "exported whole"
 
 
@@ -328,7 +328,7 @@ def any_counts(folder: Path) -> bool:
     return any(not d.discarded for point in points if not point.discarded for d in point.drops)
 
 
-def check_second_process(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+def check_second_process(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of a part of the rows that another process makes, from what is sent to it."""
     content = read_survey(folder)
     for part in parts.parts_of(content.points):
@@ -337,7 +337,7 @@ def check_second_process(folder: Path, known: Mapping[str, JudgedPoint]) -> None
         _by_point(map(json.loads, made.text.splitlines()), known, "the second process")
 
 
-def check_notebook(folder: Path, known: Mapping[str, JudgedPoint]) -> None:
+def check_notebook(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of what a script has: ``pfwd.open(SURVEY).to_dict()``."""
     import pfwd
 

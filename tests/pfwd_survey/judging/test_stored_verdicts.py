@@ -19,7 +19,7 @@ from scipy.stats import t as student
 
 from pfwd_device.recording import read_survey
 from pfwd_device.recording.survey_content import SurveyContent, SurveyDrop, SurveyPoint
-from pfwd_survey.judging import Job, JobRequest, Station, job_of, judged_points
+from pfwd_survey.judging import Job, JobRequest, Station, job_of, point_views
 from pfwd_survey.procedures import PointProgress, Procedure, Quantity
 from pfwd_survey.procedures.judging import RULES_VERSION
 from tests.pfwd_survey.judging import stories
@@ -109,7 +109,7 @@ def played(number: int, folder: Path) -> SurveyContent:
 
 def outcomes(survey: SurveyContent) -> dict[str, Any]:
     """Return the outcome of each point that has drops."""
-    judged = zip(survey.points, judged_points(survey), strict=True)
+    judged = zip(survey.points, point_views(survey), strict=True)
     return {point.name: outcome(each.progress) for point, each in judged if point.drops}
 
 

@@ -11,9 +11,8 @@ from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from pfwd_survey.inverting.kept import PLATES
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, MeasuredDrop, MeasuredPoint, Station, judge_point
-from pfwd_survey.judging.drops import compared, measured_drop
-from pfwd_survey.judging.verdicts import point_line
+from pfwd_survey.judging import DropView, Job, PointView, Station, drop_from_traces
+from pfwd_survey.judging.drops import classify_drops
 from pfwd_survey.procedures import (
     Kind,
     Number,
@@ -22,15 +21,16 @@ from pfwd_survey.procedures import (
     find_procedure,
     plain_procedure,
 )
+from tests.pfwd_survey.judging.judged import judge_point
 from tests.pfwd_survey.reporting.surveys import half_sine_drop, result_of
 
 SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
 MODULI = (30e6, 40e6, 42e6, 45e6, 45.1e6, 45.2e6)
 
 
-def drops(setup: PointSetup = SETUP, moduli: tuple[float, ...] = MODULI) -> list[MeasuredDrop]:
+def drops(setup: PointSetup = SETUP, moduli: tuple[float, ...] = MODULI) -> list[DropView]:
     return [
-        measured_drop(half_sine_drop(number, 8000.0), setup).with_result(
+        drop_from_traces(half_sine_drop(number, 8000.0), setup).with_result(
             DropResult.from_json(result_of(number, modulus))
         )
         for number, modulus in enumerate(moduli, 1)
@@ -39,7 +39,7 @@ def drops(setup: PointSetup = SETUP, moduli: tuple[float, ...] = MODULI) -> list
 
 def test_the_nearest_target_counts() -> None:
     job = Job(procedure=plain_procedure(), target=50e6, stations=(Station("12", target=30e6),))
-    point = MeasuredPoint("12", drops())
+    point = PointView("12", drops())
     own = dataclasses.replace(point, target=60e6)
     other = dataclasses.replace(point, name="13")
     said = [(judge_point(job, p).target, judge_point(job, p).verdict) for p in (own, point, other)]
@@ -56,7 +56,7 @@ def test_the_nearest_target_counts() -> None:
 
 def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
     job = Job(procedure=find_procedure("mndot"), target=6e-4)
-    point = MeasuredPoint("1", drops(), target=45e6)
+    point = PointView("1", drops(), target=45e6)
     assert judge_point(job, point).target == 6e-4
     alone = judge_point(dataclasses.replace(job, target=None), point)
     assert alone.verdict is Verdict.NONE
@@ -64,7 +64,7 @@ def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
 
 
 def test_a_discarded_point_has_no_verdict() -> None:
-    point = MeasuredPoint("1", drops(), target=30e6, discarded=True)
+    point = PointView("1", drops(), target=30e6, discarded=True)
     progress = judge_point(Job(procedure=plain_procedure()), point)
     assert (progress.verdict, progress.verdict_reason) == (
         Verdict.NONE,
@@ -75,7 +75,7 @@ def test_a_discarded_point_has_no_verdict() -> None:
 def test_drops_under_two_plates_are_no_point() -> None:
     other = dataclasses.replace(SETUP, plate_radius=0.1)
     mixed = [*drops()[:5], *drops(other)[5:]]
-    progress = judge_point(Job(procedure=plain_procedure(), target=30e6), MeasuredPoint("1", mixed))
+    progress = judge_point(Job(procedure=plain_procedure(), target=30e6), PointView("1", mixed))
     assert progress.verdict is Verdict.UNDECIDED
     assert (
         progress.verdict_reason == "its drops were measured with plates of 0.1 m and 0.15 m radius"
@@ -83,10 +83,10 @@ def test_drops_under_two_plates_are_no_point() -> None:
 
 
 def test_a_drop_is_a_rebound_once_a_larger_one_shows_it() -> None:
-    low = measured_drop(half_sine_drop(1, 1700.0), SETUP)
-    full = measured_drop(half_sine_drop(2, 9900.0), SETUP)
-    assert [fact.kind for fact in compared([low])] == [Kind.MEASURED]
-    first, second = compared([low, full])
+    low = drop_from_traces(half_sine_drop(1, 1700.0), SETUP)
+    full = drop_from_traces(half_sine_drop(2, 9900.0), SETUP)
+    assert [fact.kind for fact in classify_drops([low])] == [Kind.MEASURED]
+    first, second = classify_drops([low, full])
     assert (first.kind, second.kind) == (Kind.REJECTED, Kind.MEASURED)
     assert "17% of the largest" in str(first.reason)
 
@@ -99,9 +99,10 @@ def test_a_rejected_drop_seats_nothing_where_a_procedure_counts() -> None:
         (by_procedure, ["rejected", "seating", "seating"]),
     ):
         some = [
-            measured_drop(half_sine_drop(n, p), setup) for n, p in ((1, 900.0), (2, 8e3), (3, 8e3))
+            drop_from_traces(half_sine_drop(n, p), setup)
+            for n, p in ((1, 900.0), (2, 8e3), (3, 8e3))
         ]
-        assert [fact.kind.value for fact in compared(some)] == kinds
+        assert [fact.kind.value for fact in classify_drops(some)] == kinds
 
 
 def diagnosis(
@@ -145,12 +146,12 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
     found = diagnosis(verdict, ends, residual)
     assert found.use == use
     assert found.use_reason
-    progress = judge_point(Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), 40e6))
+    progress = judge_point(Job(procedure=plain_procedure()), PointView("1", drops(), 40e6))
     fitted = progress.modulus_in_force
     assert fitted is not None
     assert fitted.source == "fitted"
     progress = judge_point(
-        Job(procedure=plain_procedure()), MeasuredPoint("1", drops(), 40e6, diagnosis=found)
+        Job(procedure=plain_procedure()), PointView("1", drops(), 40e6, diagnosis=found)
     )
     in_force, other = progress.modulus_in_force, progress.other_modulus
     assert in_force is not None
@@ -200,20 +201,21 @@ def test_a_modulus_that_the_data_do_not_support_decides_nothing(
     last = result_of(len(some), 45e6) | damage
     some[-1] = some[-1].with_result(DropResult.from_json(last))
     job = Job(procedure=plain_procedure())
-    progress = judge_point(job, MeasuredPoint("1", some, target=20e6))
+    point = PointView("1", some, target=20e6, job=job)
+    progress = point.progress
     assert progress.verdict is Verdict.UNDECIDED
     assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
     assert reason in progress.verdict_reason
     assert progress.value is not None
     assert reason in str(progress.value.not_supported)
     assert progress.modulus_in_force is None
-    assert point_line("1", progress)["modulus_source"] is None
+    assert point.as_json()["modulus_source"] is None
     # A diagnosis that may be used is not touched by a bad fit.
-    diagnosed = judge_point(job, MeasuredPoint("1", some, target=20e6, diagnosis=diagnosis()))
+    diagnosed = judge_point(job, PointView("1", some, target=20e6, diagnosis=diagnosis()))
     assert diagnosed.verdict is Verdict.PASS
     # A result that replaces it takes the mark away.
     some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6)))
-    assert judge_point(job, MeasuredPoint("1", some, target=20e6)).verdict is Verdict.PASS
+    assert judge_point(job, PointView("1", some, target=20e6)).verdict is Verdict.PASS
 
 
 @pytest.mark.parametrize(("deviation", "supported"), [(0.05, True), (0.4, False)])
@@ -221,7 +223,7 @@ def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
     deviation: float, supported: bool
 ) -> None:
     setup = dataclasses.replace(SETUP, extra={"imported": {"peak_deviations": {"6": deviation}}})
-    point = MeasuredPoint("1", drops(setup), target=20e6)
+    point = PointView("1", drops(setup), target=20e6)
     progress = judge_point(Job(procedure=plain_procedure()), point)
     assert (progress.verdict is Verdict.PASS) == supported
     if not supported:
@@ -236,24 +238,24 @@ def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
     some = drops()
     modest = {"at_bound": ["viscosity"], "contact_residual_rms_over_peak": 0.09}
     some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6) | modest))
-    progress = judge_point(Job(procedure=plain_procedure()), MeasuredPoint("1", some, target=20e6))
+    progress = judge_point(Job(procedure=plain_procedure()), PointView("1", some, target=20e6))
     assert progress.verdict is Verdict.PASS
     strict = plain_procedure()
     strict = dataclasses.replace(strict, checks={"most_residual": Number(0.05, "here", False)})
-    progress = judge_point(Job(procedure=strict), MeasuredPoint("1", some, target=20e6))
+    progress = judge_point(Job(procedure=strict), PointView("1", some, target=20e6))
     assert "at most 5 % is allowed" in progress.verdict_reason
 
 
 def test_a_diagnosis_changes_no_deflection() -> None:
     job = Job(procedure=find_procedure("mndot"))
-    plain = judge_point(job, MeasuredPoint("1", drops()))
-    with_one = MeasuredPoint("1", drops(), diagnosis=diagnosis())
+    plain = judge_point(job, PointView("1", drops()))
+    with_one = PointView("1", drops(), diagnosis=diagnosis())
     assert judge_point(job, with_one).value == plain.value
 
 
 def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
     job = Job(procedure=plain_procedure())
-    plain = judge_point(job, MeasuredPoint("1", drops())).value
+    plain = judge_point(job, PointView("1", drops())).value
     numbers = [drop.facts.number for drop in drops()]
     for other in (
         dataclasses.replace(diagnosis(), drops=(*numbers, 99)),
@@ -262,9 +264,9 @@ def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
         dataclasses.replace(diagnosis(), after=None),
         dataclasses.replace(diagnosis(), drops=()),
     ):
-        assert judge_point(job, MeasuredPoint("1", drops(), diagnosis=other)).value == plain
+        assert judge_point(job, PointView("1", drops(), diagnosis=other)).value == plain
     some = dataclasses.replace(diagnosis(), drops=tuple(numbers[1:]), left_out=(numbers[0],))
-    judged = judge_point(job, MeasuredPoint("1", drops(), diagnosis=some)).value
+    judged = judge_point(job, PointView("1", drops(), diagnosis=some)).value
     assert judged is not None
     assert judged.value == pytest.approx(38e6)
 

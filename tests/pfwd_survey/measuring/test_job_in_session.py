@@ -7,13 +7,13 @@ import pytest
 
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError
-from pfwd_survey.judging import JobRequest, Station, job_of, judged_points
+from pfwd_survey.judging import JobRequest, Station, job_of, point_views
 from pfwd_survey.measuring.events import DropSaved, JobKnown, SessionEvent
+from pfwd_survey.measuring.live_view import CompletePoints
 from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
 from pfwd_survey.measuring.setup_file import MeasuringSetup, parse_setup, with_procedure
-from pfwd_survey.measuring.standing import CompletePoints
 from pfwd_survey.procedures import find_procedure, plain_procedure
 from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed, began, connected, pieces, stream
 
@@ -49,7 +49,7 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
     log = session(folder, full, 2)
     statuses = [event.handed.screening.status for event in log.of(DropSaved)]
     assert statuses == ["measured"] * 3, "three seated the plate before"
-    (point,) = judged_points(read_survey(folder))
+    (point,) = point_views(read_survey(folder))
     assert point.progress.verdict == "pass"
     assert log.of(JobKnown)[0].differences == ()
     events = [event for event in read_survey(folder).events if event["event"] == "procedure"]
@@ -120,6 +120,6 @@ def test_a_replay_says_what_the_survey_says(tmp_path: Path, edit: tuple[str, Any
         complete.take(event)
 
     replay(folder, listen)
-    (point,) = judged_points(read_survey(folder))
+    (point,) = point_views(read_survey(folder))
     said = told[-1].as_json()
     assert said == point.as_json() | {"compaction": said["compaction"]}, "drop 7 came after it"

@@ -1,6 +1,5 @@
 """What a screen needs of a session: requests from another thread, a pace, what a survey holds."""
 
-import dataclasses
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -12,19 +11,19 @@ from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.measuring.contents import (
-    RecordingError,
-    add_result,
-    peaks_of,
-    recorded_drop,
-    stored_results,
-    survey_contents,
-)
+from pfwd_survey.judging.view import read_points
 from pfwd_survey.measuring.events import DropSaved, Edited, Notice, PointBegan
 from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.pace import Pace
 from pfwd_survey.measuring.plan import SessionPlan
 from pfwd_survey.measuring.session import Session
+from pfwd_survey.measuring.stored_drops import (
+    RecordingError,
+    add_result,
+    peaks_of,
+    recorded_drop,
+    stored_results,
+)
 from tests.pfwd_survey.reporting.surveys import result_of
 from tests.pfwd_survey.scripted_feed import (
     Log,
@@ -164,11 +163,11 @@ def test_the_survey_is_told_with_its_last_result_that_counts(tmp_path: Path) -> 
     add_result(folder, 1, whole)
     add_result(folder, 1, DropResult(modulus_pa=5e7))  # without all that belongs to it
     add_result(folder, 1, replace(whole, modulus_pa=9e7, refit="half-space"))
-    (point,) = survey_contents(folder)
+    (point,) = read_points(folder)
     first, second = point.drops
-    assert (first.drop, first.record, first.results) == (1, 1, 4)
-    assert first.result == whole
-    assert second.result is None
+    assert (first.number, first.record, len(first.source.results)) == (1, 1, 4)
+    assert first.sound_result == whole
+    assert second.sound_result is None
     assert [one.modulus_pa for one in stored_results(folder, 1)] == [9e7, 1e7, 2e7, 5e7]
 
 
@@ -178,7 +177,7 @@ def test_a_damaged_result_is_none(tmp_path: Path) -> None:
     add_result(folder, 1, DropResult(modulus_pa=1e7))
     (file,) = (folder / "results").glob("*.json")
     file.write_text("{")
-    assert survey_contents(folder)[0].drops[0].result is None
+    assert read_points(folder)[0].drops[0].sound_result is None
 
 
 def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) -> None:
@@ -197,7 +196,7 @@ def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) 
 
 def test_no_survey_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SurveyError, match="expected the folder of a survey"):
-        survey_contents(tmp_path / "none")
+        read_points(tmp_path / "none")
 
 
 def test_a_survey_that_is_written_takes_no_result_from_outside(tmp_path: Path) -> None:
@@ -225,16 +224,16 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
         feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
     assert [event.handed.place for event in log.of(DropSaved)] == [None, (48.2, 11.6)]
-    assert survey_contents(folder)[0].position == (48.2, 11.6)
+    assert read_points(folder)[0].position == (48.2, 11.6)
     with SurveyWriter.open(folder) as writer:
         writer.edit("position", {"latitude": 1.0, "longitude": 2.0}, point="1")
-    assert survey_contents(folder)[0].position == (1.0, 2.0)
+    assert read_points(folder)[0].position == (1.0, 2.0)
 
 
 def test_positions_are_read_or_are_none(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     place = {"latitude": 48.1, "longitude": 11.5}
     measured(folder, lambda it: it.edit(Edit("position", place), point="1"))
-    (point,) = survey_contents(folder)
+    (point,) = read_points(folder)
     assert point.position == (48.1, 11.5)
-    assert dataclasses.asdict(point)["target"] is None
+    assert point.target is None

@@ -18,6 +18,7 @@ from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.judging import DropView
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropAnalysed,
@@ -28,6 +29,7 @@ from pfwd_survey.measuring.events import (
     LiveSamples,
 )
 from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd_survey.procedures import Kind, PointDrop
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.settings import ScreenSettings
@@ -102,6 +104,12 @@ def handed_on(
 def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:
     marks = more.pop("marks", ())
     return DropSaved(handed_on(number, point, **more), marks)
+
+
+def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView:
+    """A drop of the survey with its last result."""
+    drop = DropView(PointDrop(number, Kind.MEASURED), 0.0, SETUP, **more)
+    return drop.with_result(result)
 
 
 def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:

@@ -11,7 +11,7 @@ import pytest
 
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.measuring.contents import PointContents
+from pfwd_survey.judging import PointView
 from pfwd_survey.measuring.events import InstrumentLost, Notice
 from tests.tui.screen.scripted import (
     NOON,
@@ -63,7 +63,7 @@ def events(text: str) -> list[Any]:
         channels=(ChannelIdentity(text[:32], Role.LOAD), ChannelIdentity("g", Role.GEOPHONE)),
         plate_radius=0.15,
     )
-    point = PointContents(text[:60], text, False, (text,), None, None, {}, ())
+    point = PointView(text[:60], title=text, notes=(text,))
     record = {
         "file": text,
         "device": text,

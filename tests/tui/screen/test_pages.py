@@ -9,7 +9,7 @@ from textual.widgets import Input, Label, Select
 
 from pfwd_survey.files.moving import MOVED_TO
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.measuring.contents import DropContents, PointContents
+from pfwd_survey.judging import PointView
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropNotSaved,
@@ -31,6 +31,7 @@ from tests.tui.screen.scripted import (
     result,
     saved,
     status,
+    stored_drop,
     told,
     until,
     whole_point,
@@ -236,14 +237,12 @@ def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
 
 
 def contents() -> ContentsRead:
-    first = tuple(DropContents(n, n, False, (), result(40e6 + n * 1e6), 2) for n in range(1, 4))
-    return ContentsRead(
-        (
-            PointContents("6", "km 12+300", False, (), (48.1, 11.5), 45e6, {}, first),
-            PointContents("7", "7", False, (), None, None, {}, ()),
-        ),
-        drops=True,
+    first = [stored_drop(n, result(40e6 + n * 1e6), record=n) for n in range(1, 4)]
+    points = (
+        PointView("6", first, 45e6, title="km 12+300", position=(48.1, 11.5)),
+        PointView("7"),
     )
+    return ContentsRead(points, drops=True)
 
 
 @pytest.mark.parametrize("size", SIZES)

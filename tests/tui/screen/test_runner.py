@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.measuring.contents import RecordingError
+from pfwd_survey.errors import DeviceError, RecordingError, SurveyError
 from pfwd_survey.measuring.events import Notice, Ready
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from tests.tui.screen.scripted import QuietSource, Session, samples

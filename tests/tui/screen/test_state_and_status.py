@@ -8,8 +8,7 @@ import pytest
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, MeasuredPoint
-from pfwd_survey.measuring.contents import DropContents, PointContents
+from pfwd_survey.judging import Job, PointView
 from pfwd_survey.measuring.events import (
     BatteryLow,
     DropNotSaved,
@@ -19,7 +18,6 @@ from pfwd_survey.measuring.events import (
     Notice,
     PointBegan,
     PointDiagnosed,
-    PointKnown,
     Ready,
     Rebounded,
     SensorCheck,
@@ -37,6 +35,7 @@ from tests.tui.screen.scripted import (
     samples,
     saved,
     status,
+    stored_drop,
     whole_point,
 )
 from tui.screen.pages.drop_texts import verdict_of
@@ -164,10 +163,10 @@ def test_another_point_begins_empty_and_the_first_one_stays() -> None:
 
 
 def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
-    kept = DropContents(1, 11, False, ("old",), DropResult(modulus_pa=30e6, status="measured"), 1)
-    other = DropContents(2, 12, True, (), None, 0)
-    held = PointKnown("7", MeasuredPoint("km 3", (), 45e6), {1: 11, 2: 12})
-    contents = PointContents("7", "km 3", False, (), (1.0, 2.0), 45e6, {}, (kept, other), held)
+    result = DropResult(modulus_pa=30e6, status="measured")
+    first = stored_drop(1, result, record=11, notes=("old",))
+    second = stored_drop(2, None, record=12, discarded="")
+    contents = PointView("7", (first, second), 45e6, title="km 3", position=(1.0, 2.0))
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
     drops = state.current.drops
     assert drops[1].modulus == 30e6
@@ -177,8 +176,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
 
 
 def test_in_a_replay_drops_come_one_by_one() -> None:
-    kept = DropContents(1, 11, True, (), DropResult(modulus_pa=30e6), 1)
-    contents = PointContents("7", "7", False, (), None, None, {}, (kept,))
+    contents = PointView("7", (stored_drop(1, DropResult(modulus_pa=30e6), record=11),))
     state = state_after(ContentsRead((contents,), drops=False))
     assert state.current.drops == {}
 

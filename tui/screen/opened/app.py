@@ -435,16 +435,16 @@ class OpenApp(App[int]):
         if point is None:
             self.say("choose a point first" if self.opened.survey else "still being read")
             return
-        from pfwd_survey.judging import judge_point, measured_point
-        from pfwd_survey.judging.contents import kept_drops
+        from pfwd_survey.judging import point_view
 
-        progress = judge_point(self.opened.job, measured_point(point))
+        view = point_view(point, self.opened.job)
+        progress = view.progress
         kinds = dict(progress.kinds)
         why = {excluded.number: excluded.reason for excluded in progress.excluded}
         rows = []
-        for kept in kept_drops(point):
-            facts, number = kept.measured.facts, kept.measured.facts.number
-            residual = None if kept.result is None else kept.result.residual_rms_over_peak
+        for drop in view.drops:
+            facts, number = drop.facts, drop.number
+            residual = None if drop.result is None else drop.result.residual_rms_over_peak
             cells = (
                 str(number),
                 kinds[number].value if number in kinds else "",
@@ -457,8 +457,7 @@ class OpenApp(App[int]):
             rows.append((str(number), cells))
         table.fill(rows)
         self.say(f"point {point.title}: {progress.verdict.word}, {progress.verdict_reason}")
-        drops = [(str(drop.drop), drop) for drop in point.drops]
-        self._overlay("#drops-plot", drops)
+        self._overlay("#drops-plot", [(str(drop.drop), drop) for drop in point.drops])
 
     def _overlay(self, where: str, drops: Sequence[tuple[str, Any]]) -> None:
         def draw() -> None:
@@ -511,12 +510,12 @@ class OpenApp(App[int]):
             ratio = f"{values[1] / values[0]:.3f}"
             rows.append(("ratio", ("second / first", "", ratio)))
         table.fill(rows)
-        from pfwd_survey.judging import judge_point, measured_point
+        from pfwd_survey.judging import point_view
 
         drops = []
         for row in pair:
             point = self.opened.point(row.name)
-            used = judge_point(self.opened.job, measured_point(point)).used if point else ()
+            used = point_view(point, self.opened.job).progress.used if point else ()
             drops += [
                 (f"{row.title}/{drop.drop}", drop) for drop in point.drops if drop.drop in used[-1:]
             ]

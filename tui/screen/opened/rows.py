@@ -16,7 +16,7 @@ from pfwd_survey.files.folders import refuse_no_survey
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
-    from pfwd_survey.judging import Job, MeasuredPoint
+    from pfwd_survey.judging import Job, PointView
 
 CACHE_VERSION = 4
 """To be raised when rows have other fields, or are judged otherwise."""
@@ -99,10 +99,10 @@ class OpenedSurvey:
         ------
         SurveyError, RecordingError
         """
+        from pfwd_survey.files.reading import survey_content
         from pfwd_survey.judging import job_of
-        from pfwd_survey.measuring.contents import read_survey
 
-        self.survey = read_survey(self.folder)
+        self.survey = survey_content(self.folder)
         self.job = job_of(self.survey)
         self.rows = [_bare(point, self.job) for point in self.survey.points]
         return self.rows
@@ -147,9 +147,10 @@ class OpenedSurvey:
 
     def changed_verdicts(self) -> list[str]:
         """Return one sentence for each point whose verdict this version changed."""
+        from pfwd_survey.judging import point_views
         from pfwd_survey.judging.earlier_rules import changed_verdicts
 
-        return list(changed_verdicts(self.survey, self.job))
+        return list(changed_verdicts(self.survey, point_views(self.survey, self.job)))
 
     def point(self, name: str) -> Any:
         """A point of the survey by the name its drops have; None before it is read."""
@@ -184,8 +185,8 @@ class OpenedSurvey:
 
 
 def _bare(point: Any, job: "Job") -> PointRow:
+    from pfwd_survey.judging.places import place_in
     from pfwd_survey.judging.stations import chainage_of
-    from pfwd_survey.measuring.position import place_in
 
     place = place_in(point.position) or place_in(point.declared)
     station = job.station(point.title)
@@ -208,18 +209,15 @@ def _bare(point: Any, job: "Job") -> PointRow:
 
 def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
     """The row with how its point stands; one that cannot be read says so."""
-    from pfwd_survey.judging import JudgedPoint, judge_point, measured_point
-    from pfwd_survey.measuring.contents import position_of
+    from pfwd_survey.judging import point_view
 
     try:
-        place = position_of(point)  # a receiver's is with the drops, which are read only now
-        if place is not None:
-            row = dataclasses.replace(row, latitude=place[0], longitude=place[1])
-        measured = measured_point(point)
-        judged = JudgedPoint(point.title, judge_point(job, measured), point.discarded)
+        view = point_view(point, job)
+        progress = view.progress
     except (SurveyError, DeviceError) as err:
         return dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
-    progress = judged.progress
+    if view.position is not None:  # of a receiver it is stored with the drops
+        row = dataclasses.replace(row, latitude=view.position[0], longitude=view.position[1])
     value = progress.value
     modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
@@ -238,22 +236,21 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
         modulus_marked=modulus is not None and modulus.not_supported is not None,
         value_marked=value is not None and value.not_supported is not None,
         measured=len(progress.used),
-        diagnosed=_diagnosed(measured),
+        diagnosed=_diagnosed(view),
     )
 
 
 _USE_WORDS = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
 
 
-def _diagnosed(point: "MeasuredPoint") -> str:
+def _diagnosed(point: "PointView") -> str:
     """Return the verdict of the diagnosis, its use, and the residual that it leaves.
 
     The modulus is not repeated: the column of the modulus has the one in force.
     """
-    from pfwd_survey.judging.verdicts import diagnosis_now
     from tui.screen.units import percent
 
-    diagnosis = diagnosis_now(point)
+    diagnosis = point.diagnosis_in_force
     if diagnosis is None or diagnosis.after is None:
         return ""
     residual = diagnosis.after.residual_rms_over_peak

@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping
 
 from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.measuring.contents import DropContents, peaks_of
+from pfwd_survey.judging import DropView
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
+from pfwd_survey.measuring.stored_drops import peaks_of
 from tui.screen.session.drop_state import DropState, PointState
 from tui.screen.session.screen_events import DropRead, Refitted
 
@@ -81,22 +82,24 @@ def add_refit(drop: DropState, event: Refitted) -> None:
             drop.results.append(event.result)
 
 
-def add_kept(point: PointState, kept: DropContents, *, shown: bool) -> None:
-    """A drop as the survey has it; one that is new to the screen only if it is to be shown."""
-    drop = point.drops.get(kept.drop)
+def add_stored(point: PointState, stored: DropView, *, shown: bool) -> None:
+    """Take over a drop of the survey; one that is new to the screen only if it is to be shown."""
+    drop = point.drops.get(stored.number)
     if drop is None:
         if not shown:
             return
-        drop = point.drops[kept.drop] = DropState(point.name, kept.drop)
+        drop = point.drops[stored.number] = DropState(point.name, stored.number)
         drop.final = True
-    drop.record, drop.discarded, drop.notes = kept.record, kept.discarded, kept.notes
-    if kept.result is not None and not drop.results:
-        drop.results = [kept.result]
-        drop.status = kept.result.status or "measured"
-        drop.reason = kept.result.reason or ""
-        load = kept.result.known_peak_load_n
+    drop.record, drop.notes = stored.record, stored.notes
+    drop.discarded = stored.discarded is not None
+    result = stored.sound_result
+    if result is not None and not drop.results:
+        drop.results = [result]
+        drop.status = result.status or "measured"
+        drop.reason = result.reason or ""
+        load = result.known_peak_load_n
         drop.peak_load = math.nan if load is None else load
-    elif kept.result is None and drop.handed is None:
+    elif result is None and drop.handed is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
     point.drops = dict(sorted(point.drops.items()))
 

@@ -14,8 +14,8 @@ from pfwd_survey.inverting.options import AnalysisOptions, with_layers_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.contents import add_result, recorded_drop, stored_results
 from pfwd_survey.measuring.events import HandedOn, Notice, TableBuilding
+from pfwd_survey.measuring.stored_drops import add_result, recorded_drop, stored_results
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DropRead, Refitted

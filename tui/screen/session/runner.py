@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.measuring.contents import RecordingError
+from pfwd_survey.errors import DeviceError, RecordingError, SurveyError
 from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
 from pfwd_survey.measuring.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded

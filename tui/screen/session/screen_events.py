@@ -5,7 +5,7 @@ from typing import Any
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult, TimeHistories
-from pfwd_survey.measuring.contents import PointContents
+from pfwd_survey.judging import PointView
 from pfwd_survey.measuring.events import HandedOn, SessionEvent
 from pfwd_survey.measuring.plan import Ending
 
@@ -36,9 +36,9 @@ class SessionEnded:
 class ContentsRead:
     """The survey as it is on the disk."""
 
-    points: tuple[PointContents, ...]
+    points: tuple[PointView, ...]
     drops: bool
-    """Whether its drops are to be shown too: in a replay they come one by one."""
+    """Whether its drops are shown too: in a replay they come one by one."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

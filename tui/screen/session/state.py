@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging import Job, value_of_drop
+from pfwd_survey.judging import Job, PointView, SurveyView, value_of_drop
 from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
 from pfwd_survey.measuring.events import (
     BatteryLow,
@@ -33,15 +33,15 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
+from pfwd_survey.measuring.live_view import apply_event
 from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.measuring.standing import Standing
 from pfwd_survey.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
 from tui.screen.session.device_state import Device, device_of, lost_samples
 from tui.screen.session.drop_changes import (
     add_answer,
-    add_kept,
     add_read,
     add_refit,
+    add_stored,
     edit_drop,
     edit_point,
     newest,
@@ -89,8 +89,8 @@ class SessionState:
         target: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.standing = Standing(Job(procedure=procedure or plain_procedure(), target=target))
-        """How the points stand, by the job of the survey once that is known."""
+        self.view = SurveyView(Job(procedure=procedure or plain_procedure(), target=target))
+        """The survey, judged by its own job once that is known."""
         self.device = Device()
         self.points: dict[str, PointState] = {}
         self.point = ""
@@ -128,7 +128,7 @@ class SessionState:
     @property
     def job(self) -> Job:
         """What the survey is measured by."""
-        return self.standing.job
+        return self.view.job
 
     @property
     def procedure(self) -> Procedure:
@@ -143,16 +143,12 @@ class SessionState:
         """What is to be done about a drop, and about its point once that is done."""
         if drop is None or drop.point not in self.points or drop.discarded:
             return []
-        facts = self.standing.facts_of(drop.point, drop.number)
+        point = self.points[drop.point]
+        view = self.view_of(point)
+        facts = view.drop(drop.number)
         if facts is None:
             return []
-        point = self.points[drop.point]
-        others = [
-            known
-            for number in point.drops
-            if number != drop.number
-            and (known := self.standing.facts_of(drop.point, number)) is not None
-        ]
+        others = [other for other in view.drops if other.number != drop.number]
         result = drop.result
         residual = None
         if result is not None and result.explained is False and not drop.saturated:
@@ -200,7 +196,8 @@ class SessionState:
         """What the procedure judges, of one drop."""
         if drop is None:
             return None
-        facts = self.standing.facts_of(drop.point, drop.number)
+        point = self.view.points.get(drop.point)
+        facts = None if point is None else point.drop(drop.number)
         return None if facts is None else value_of_drop(self.job, facts)
 
     @property
@@ -209,8 +206,12 @@ class SessionState:
         return self.progress_of(self.current)
 
     def progress_of(self, point: PointState) -> PointProgress:
-        """What the procedure says of a point; computed anew when something has changed."""
-        return self.standing.progress_of(point.name)
+        """Return value and verdict of a point."""
+        return self.view_of(point).progress
+
+    def view_of(self, point: PointState) -> PointView:
+        """Return a point as the survey has it."""
+        return self.view.points.get(point.name) or PointView(point.name, job=self.job)
 
     def why_left_out(self, drop: DropState) -> str:
         """Why a drop takes no part in the mean of its point; empty: it does, or is no candidate."""
@@ -240,7 +241,9 @@ class SessionState:
     def take(self, event: ScreenEvent) -> None:
         """Add an event."""
         self.version += 1
-        changed = self.standing.take(event) if isinstance(event, _JUDGED) else None
+        changed = None
+        if isinstance(event, _JUDGED):
+            self.view, changed = apply_event(self.view, event)
         self._take(event)
         if isinstance(event, JobKnown):
             for point in self.points.values():
@@ -249,14 +252,15 @@ class SessionState:
             self._count_anew(self.points[changed])
 
     def _count_anew(self, point: PointState) -> None:
-        """What its drops count as beside each other, as the judgement has it."""
-        progress = self.progress_of(point)
+        """Set the kinds of the drops of a point, which depend on each other."""
+        view = self.view_of(point)
+        progress = view.progress
         reasons = {drop.number: drop.reason for drop in progress.excluded}
         for number, kind in progress.kinds:
             drop = point.drops.get(number)
             if drop is None:
                 continue
-            measured = self.standing.facts_of(point.name, number)
+            measured = view.drop(number)
             if measured is not None and measured.facts.peak_deflection is not None:
                 drop.peak_deflection = measured.facts.peak_deflection
             if kind is Kind.DISCARDED:
@@ -435,19 +439,19 @@ class SessionState:
             edit_point(self.points.setdefault(event.point, PointState(event.point)), event)
 
     def _on_contents(self, event: ContentsRead) -> None:
-        for content in event.points:
-            if content.known is not None and event.drops:
-                self.standing.take(content.known)
-            point = self.points.setdefault(content.name, PointState(content.name))
-            point.title = content.title
+        for stored in event.points:
+            if stored.drops and event.drops:
+                self.view, _ = apply_event(self.view, PointKnown(stored))
+            point = self.points.setdefault(stored.name, PointState(stored.name))
+            point.title = stored.title
             point.position, point.discarded, point.notes = (
-                content.position,
-                content.discarded,
-                content.notes,
+                stored.position,
+                stored.discarded,
+                stored.notes,
             )
-            point.target = content.target if content.target is not None else point.target
-            for kept in content.drops:
-                add_kept(point, kept, shown=event.drops)
+            point.target = stored.target if stored.target is not None else point.target
+            for drop in stored.drops:
+                add_stored(point, drop, shown=event.drops)
             if event.drops:
                 self._count_anew(point)
         if event.drops:

@@ -8,7 +8,7 @@ from pfwd_survey.errors import DeviceError, SurveyError
 from pfwd_survey.files.editing import Edit, edit_survey
 from pfwd_survey.files.jobs import keep_events
 from pfwd_survey.judging import JobRequest
-from pfwd_survey.judging.contents import job_of_folder
+from pfwd_survey.judging.view import job_of_folder
 from pfwd_survey.measuring.events import Edited, JobKnown, Notice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner

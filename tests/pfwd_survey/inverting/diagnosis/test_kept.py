@@ -24,8 +24,7 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.worker.process import outcome_of
 from pfwd_survey.inverting.worker.tasks import DiagnosisTask
 from pfwd_survey.inverting.worker.worker import end_process, request, start_process
-from pfwd_survey.judging import measured_point
-from pfwd_survey.judging.verdicts import diagnosis_now
+from pfwd_survey.judging import point_views
 
 
 def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
@@ -51,7 +50,7 @@ def survey(made: Path, tmp_path: Path) -> Path:
 
 def holding(folder: Path) -> list[DiagnosisResult | None]:
     """By point: the diagnosis that is of its drops as they are now."""
-    return [diagnosis_now(measured_point(point)) for point in read_survey(folder).points]
+    return [point.diagnosis_in_force for point in point_views(read_survey(folder))]
 
 
 def test_the_same_question_is_answered_from_the_survey(

@@ -20,7 +20,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_survey.errors import OptionError, SurveyError
 from pfwd_survey.files.header import declared_values
 from pfwd_survey.inverting.diagnosis.holding import basis_of
-from pfwd_survey.judging import JobRequest, judged_points
+from pfwd_survey.judging import JobRequest, point_views
 from pfwd_survey.procedures import plain_procedure
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
@@ -73,7 +73,7 @@ def titles(rows: list[PointRow]) -> list[str]:
 
 def test_rows_stand_as_the_survey_is_judged(survey: Path) -> None:
     rows = opened(survey).rows
-    expected = list(judged_points(read_survey(survey)))
+    expected = list(point_views(read_survey(survey)))
     assert [row.verdict for row in rows] == [point.progress.verdict for point in expected]
     assert [row.state for row in rows] == ["PASS", "FAIL", "UNDECIDED", "PASS", "FAIL"]
     assert rows[2].chainage_m == 100.0

@@ -1,0 +1,101 @@
+"""Single drops of a stored survey: their traces and all their results."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfwd_device.drop import Drop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording.survey_content import read_result
+from pfwd_survey.errors import SurveyError
+from pfwd_survey.files.folders import refuse_no_survey
+from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.screening.drops import screen_next
+from pfwd_survey.inverting.screening.signals import (
+    channels_outward,
+    displacement_of,
+    remove_offset,
+)
+from pfwd_survey.judging.view import later_declarations
+from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.setup_file import setup_of
+
+
+def _read_result(path: Path) -> DropResult | None:
+    """A result as it was saved; None where it is damaged: the drop can be inverted again."""
+    try:
+        return DropResult.from_json(read_result(path), str(path))
+    except (RecordingError, SurveyError):
+        return None
+
+
+def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
+    """All results of a drop, by its number within the survey: trials, then those that count."""
+    drop = _find(read_survey(folder), record)
+    return [found for path in drop.results if (found := _read_result(path)) is not None]
+
+
+def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
+    """Keep another result of a drop of a survey that nobody writes now; the others stay.
+
+    Raises
+    ------
+    RecordingError
+        If another program writes it.
+    """
+    refuse_no_survey(folder)
+    with SurveyWriter.open(
+        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
+    ) as writer:
+        writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
+
+
+def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
+    """A drop of a survey with its setup and how it is judged among its point's drops.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is not there, or not whole.
+    """
+    survey = read_survey(folder)
+    wanted = _find(survey, record)
+    point = next(candidate for candidate in survey.points if candidate.name == wanted.point)
+    largest = 0.0
+    for drop in point.drops:
+        if drop.number > record:
+            break
+        kept = drop.read()
+        declared = {**kept.declared, **later_declarations(point)}
+        setup = setup_of(declared, f"drop {kept.point}")
+        screening, largest = screen_next(kept.drop, setup, largest)
+    file = str(wanted.file or survey.folder)
+    return HandedOn(point.name, kept.drop.number, record, file, kept.drop, setup, screening)
+
+
+def _find(survey: Survey, record: int) -> SurveyDrop:
+    for drop in survey.drops:
+        if drop.number == record:
+            return drop
+    raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")
+
+
+def peaks_of(drop: Drop) -> tuple[float, float]:
+    """Peak load, N, and peak displacement of the centre sensor, m; NaN where there is none."""
+    if drop.only_peaks is not None:
+        centre = drop.only_peaks.centre
+        return drop.only_peaks.load, float("nan") if centre is None else centre
+    load = remove_offset(drop.time, drop.load)
+    peak_load = _largest(load)
+    if not drop.channels:
+        return peak_load, float("nan")
+    return peak_load, _largest(displacement_of(channels_outward(drop)[0], drop.time))
+
+
+def _largest(values: Any) -> float:
+    found = values[np.isfinite(values)]
+    return float(found.max()) if len(found) else float("nan")
