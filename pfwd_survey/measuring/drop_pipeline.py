@@ -12,11 +12,10 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next, screen_point
+from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next
 from pfwd_survey.judging.places import place_in
 from pfwd_survey.judging.verdicts import PointView
 from pfwd_survey.measuring.analyses import Analyses
@@ -25,6 +24,7 @@ from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded,
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.setup_file import setup_of
 from pfwd_survey.measuring.survey_recorder import SurveyRecorder
+from pfwd_survey.procedures import Kind
 
 LAST_REBOUNDS = 3.0
 """s by the host; how long the end waits for bounces after the last drop."""
@@ -99,9 +99,11 @@ class DropPipeline:
         return not self.held and (self.settled or not waiting)
 
     def know(self, point: PointView) -> None:
-        """Compare further drops of a stored point with its largest one, to recognise rebounds."""
+        """Screen further drops of a stored point by its largest one and by the rejected ones."""
         largest = max((drop.pulse_peak for drop in point.drops), default=0.0)
         self._largest[point.name] = max(largest, self._largest.get(point.name, 0.0))
+        rejected = sum(fact.kind is Kind.REJECTED for fact in point.facts)
+        self._rejected.setdefault(point.name, rejected)
 
     def number_for(self, point: str, wanted: int | None = None) -> int:
         """The number that a drop gets: as recorded if that is free, else the next one."""
@@ -219,30 +221,14 @@ class DropPipeline:
     def _screen(self, drop: Drop, setup: PointSetup, point: str) -> Screening:
         try:
             screening, largest = screen_next(drop, setup, self._largest.get(point, 0.0))
-            before = self._rejected_before(drop.number, setup, point)
         except Exception as err:  # the drop is safe, and the next one has to be
             text = f"drop {point}/{drop.number} could not be judged: {type(err).__name__}: {err}"
             self._tell(Notice(text, serious=True, details=traceback.format_exc()))
             return Screening("rejected", f"could not be judged: {type(err).__name__}")
         self._largest[point] = largest
+        before = self._rejected.get(point, 0)
         self._rejected[point] = before + (screening.status == "rejected")
         return counted(screening, drop.number, before, setup)
-
-    def _rejected_before(self, number: int, setup: PointSetup, point: str) -> int:
-        """How many drops of the point were rejected, those of earlier sessions too."""
-        known = self._rejected.get(point)
-        if known is not None:
-            return known
-        if self.recorder is None or setup.procedure is None or number == 1:
-            return 0
-        survey = read_survey(self.recorder.writer.folder)
-        earlier = tuple(
-            earlier.read().drop
-            for earlier in survey.drops
-            if earlier.point == point and earlier.drop < number
-        )
-        found = screen_point(TracePoint("", setup, earlier))
-        return sum(screening.status == "rejected" for screening in found)
 
     def _earlier_drops(self, point: str, number: int) -> list[tuple[int, Drop]]:
         """Drops of a point from former sessions, with their numbers within the survey."""

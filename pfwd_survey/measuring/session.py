@@ -353,10 +353,12 @@ class Session:
         self._feed.settle()
 
     def _tell_known(self, name: str) -> None:
-        """What the survey held of a point before this session; once."""
+        """Report the drops of a point from before this session; once."""
         if self._recorder is None or name in self._known_points:
             return
         self._known_points.add(name)
+        if name not in self._recorder.writer.points:
+            return
         known = known_point(self._recorder.writer, name)
         if known is not None:
             self._pipeline.know(known.point)
@@ -725,6 +727,7 @@ class Session:
         self._declared = dict(item.record.declared)
         setup_of(self._declared, f"drop {item.record.point}")
         self._point = item.record.point
+        self._tell_known(self._point)
         self._detector = Detector(item.identity, item.settings)
         self._detector.begin(item.stream, item.first, item.at_rest)
         self._stream = item.stream
@@ -744,6 +747,7 @@ class Session:
         record = item.record
         setup_of(record.declared, f"drop {record.point}")
         self._point, self._declared = record.point, dict(record.declared)
+        self._tell_known(record.point)
         number = self._pipeline.number_for(record.point, record.drop.number)
         self._pipeline.take(renumbered(record, number), source=item)
         self._pipeline.end_of_rebounds()
