@@ -117,7 +117,6 @@ _CHANGING = {
     "Hysteresis",
     "Index",
     "LinkCounters",
-    "PointState",
     "PowerLaw",
     "Summary",
     "SurveyDrop",

@@ -6,7 +6,7 @@ folder or an exported file by the functions here, or from the events of a sessio
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -58,9 +58,10 @@ class SurveyView:
         points = {name: replace(point, job=job) for name, point in self.points.items()}
         return SurveyView(job, points)
 
-    def with_point(self, point: PointView) -> "SurveyView":
-        """Return the survey with a new point, or with another view of a known one."""
-        return SurveyView(self.job, {**self.points, point.name: replace(point, job=self.job)})
+    def with_points(self, points: Iterable[PointView]) -> "SurveyView":
+        """Return the survey with new points, or with other views of known ones."""
+        judged = {point.name: replace(point, job=self.job) for point in points}
+        return SurveyView(self.job, {**self.points, **judged})
 
 
 def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:

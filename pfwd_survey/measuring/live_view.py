@@ -4,7 +4,7 @@ Screen and headless log apply the same events. A survey that goes on reports its
 `PointKnown`; in a replay a stored drop counts from when it comes again.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,8 +30,8 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
     match event:
         case JobKnown(job):
             return view.with_job(job), None
-        case PointKnown():
-            point = _with_stored(view.points.get(event.point.name), event)
+        case PointKnown(stored):
+            return with_stored(view, [stored], comes_again=event.comes_again), stored.name
         case DropSaved(handed):
             point = _with_drop(_point_of(view, handed.point), handed)
         case DropAnalysed():
@@ -47,20 +47,35 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
             point = _with_edited_drop(owner, event)
         case _:
             return view, None
-    return view.with_point(point), point.name
+    return view.with_points([point]), point.name
+
+
+def with_stored(
+    view: SurveyView, points: Iterable[PointView], *, comes_again: bool = False
+) -> SurveyView:
+    """Return the survey with points as they are stored; drops that have come since are newer.
+
+    Parameters
+    ----------
+    view : SurveyView
+    points : iterable of PointView
+    comes_again : bool
+        Whether the stored drops come again, one by one, in a replay.
+    """
+
+    def merged(stored: PointView) -> PointView:
+        known = view.points.get(stored.name)
+        newer = () if known is None else known.drops
+        if comes_again:
+            return replace(stored, drops=newer, replayed=stored.drops)
+        drops = {drop.number: drop for drop in (*stored.drops, *newer)}
+        return replace(stored, drops=_sorted(drops))
+
+    return view.with_points(map(merged, points))
 
 
 def _point_of(view: SurveyView, name: str) -> PointView:
     return view.points.get(name) or PointView(name)
-
-
-def _with_stored(known: PointView | None, event: PointKnown) -> PointView:
-    """Return a point of the survey with the drops that have come since it was read."""
-    stored = event.point
-    newer = () if known is None else known.drops
-    if event.comes_again:
-        return replace(stored, drops=newer, replayed=stored.drops)
-    return replace(stored, drops=_sorted({drop.number: drop for drop in (*stored.drops, *newer)}))
 
 
 def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:

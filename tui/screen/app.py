@@ -357,7 +357,7 @@ class PfwdApp(App[int]):
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
             self._sounded.pop(state.point, None)
             return
-        if any(drop.waits or not drop.final for drop in state.current.drops.values()):
+        if any(drop.waits or not drop.final for drop in state.current_drops.values()):
             return
         if self._sounded.get(state.point) != progress.verdict.value:
             self._sounded[state.point] = progress.verdict.value

@@ -71,14 +71,14 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     folder = source.survey
     if folder is None or not source.writes:
         return []
-    points = [point for point in state.points.values() if point.drops]
-    drops = sum(len(point.drops) for point in points)
+    points = [point for point in state.points.values() if state.drops_of(point)]
+    drops = sum(len(state.drops_of(point)) for point in points)
     if not drops:
         return [f"{folder}: no drop was recorded"]
     verdicts = Counter(
         progress.verdict.value
         for point in points
-        if (progress := state.progress_of(point)).verdict is not Verdict.NONE
+        if (progress := point.progress).verdict is not Verdict.NONE
     )
     said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
     stood = f" ({said})" if said else ""

@@ -12,7 +12,7 @@ import pytest
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging import PointView
-from pfwd_survey.measuring.events import InstrumentLost, Notice
+from pfwd_survey.measuring.events import Edited, InstrumentLost, Notice
 from tests.tui.screen.scripted import (
     NOON,
     App,
@@ -116,8 +116,7 @@ def test_no_page_is_moved_by_what_it_shows(text: str) -> None:
 @pytest.mark.parametrize("text", HOSTILE[:8], ids=range(8))
 def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), saved(1))
-        app.state.current.title = text
+        await told(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
         await pilot.press("n")
         await pilot.pause()
         assert harmless(app.text.replace("\n", ""))

@@ -370,7 +370,7 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
         await pilot.press("3")
         trial = result(39e6, refit="half-space")
         await told(app, pilot, Refitted("7", 6, "half-space", trial, curves()))
-        drop = app.state.current.drops[6]
+        drop = app.state.drops["7"][6]
         assert drop.modulus == 47.6e6
         assert ("result", 6, trial) in app.source.session.asked  # type: ignore[attr-defined]
         await pilot.press("m")

@@ -74,7 +74,7 @@ def test_the_device_is_what_it_says() -> None:
 
 def test_a_drop_is_there_when_it_is_saved_and_has_a_modulus_when_it_is_analysed() -> None:
     state = state_after(ready(), saved(1))
-    drop = state.current.drops[1]
+    drop = state.drops["7"][1]
     assert drop.waits
     assert drop.peak_load == pytest.approx(9900, rel=1e-3)
     assert drop.peak_deflection == pytest.approx(6.4e-4, rel=0.06)  # from where the load begins
@@ -89,7 +89,7 @@ def test_a_drop_is_there_when_it_is_saved_and_has_a_modulus_when_it_is_analysed(
 def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
     state = state_after(ready(), saved(1), analysed(1, full=False))
     state.take(analysed(1, modulus=None, reason="the analysis ended by itself twice"))
-    drop = state.current.drops[1]
+    drop = state.drops["7"][1]
     assert drop.modulus == 47.3e6
     assert drop.final
     assert drop.status == "seating", "the first of three, whatever became of its search"
@@ -98,7 +98,7 @@ def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
 def test_a_drop_without_any_modulus_is_one_to_repeat_where_moduli_are_judged() -> None:
     events = (ready(), saved(1), analysed(1, modulus=None, reason="no table"))
     state = state_after(*events)
-    drop = state.current.drops[1]
+    drop = state.drops["7"][1]
     assert (drop.status, drop.fault) == ("seating", "no table")
     assert word(state) == "REPEAT"
     state = state_after(*events, JobKnown(Job(procedure=find_procedure("mndot"))))
@@ -147,7 +147,7 @@ def test_rebounds_notes_marks_and_names_are_kept() -> None:
         Edited("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
         Edited("discard", None, "7", None),
     )
-    drop = state.current.drops[1]
+    drop = state.drops["7"][1]
     assert drop.rebounds == [3300.0]
     assert drop.marks == ("3 samples missing",)
     assert drop.notes == ("wet",)
@@ -159,7 +159,7 @@ def test_another_point_begins_empty_and_the_first_one_stays() -> None:
     state = state_after(*whole_point(), PointBegan("8"))
     assert state.point == "8"
     assert state.last is None
-    assert len(state.points["7"].drops) == 6
+    assert len(state.drops["7"]) == 6
 
 
 def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
@@ -168,7 +168,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     second = stored_drop(2, None, record=12, discarded="")
     contents = PointView("7", (first, second), 45e6, title="km 3", position=(1.0, 2.0))
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
-    drops = state.current.drops
+    drops = state.drops["7"]
     assert drops[1].modulus == 30e6
     assert drops[2].handed is not None
     assert drops[2].discarded
@@ -178,7 +178,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
 def test_in_a_replay_drops_come_one_by_one() -> None:
     contents = PointView("7", (stored_drop(1, DropResult(modulus_pa=30e6), record=11),))
     state = state_after(ContentsRead((contents,), drops=False))
-    assert state.current.drops == {}
+    assert state.current_drops == {}
 
 
 def test_old_traces_leave_memory_but_no_drop_does() -> None:
@@ -186,7 +186,7 @@ def test_old_traces_leave_memory_but_no_drop_does() -> None:
     for number in range(1, 60):
         state.take(saved(number))
         state.take(analysed(number))
-    drops = state.current.drops
+    drops = state.drops["7"]
     assert len(drops) == 59
     assert drops[1].handed is None
     assert drops[1].curves is None

@@ -85,8 +85,7 @@ class DropPage(Page):
         if self.pfwd.shown_drop is None:
             return state.last
         point, number = self.pfwd.shown_drop
-        owner = state.points.get(point)
-        return owner.drops.get(number) if owner is not None else None
+        return state.drops.get(point, {}).get(number)
 
     @property
     def refit(self) -> Refitted | None:
@@ -195,7 +194,7 @@ class DropPage(Page):
         drop = self.drop
         if drop is None:
             return
-        numbers = sorted(self.pfwd.state.points[drop.point].drops)
+        numbers = sorted(self.pfwd.state.drops[drop.point])
         place = numbers.index(drop.number) + step
         if 0 <= place < len(numbers):
             self.pfwd.shown_drop = drop.point, numbers[place]

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import PointView
 from pfwd_survey.procedures import PointProgress, Quantity, Verdict
 from pfwd_survey.procedures.point import UNSUPPORTED_MARK
 from tui.screen.drawing.blocks import TableColumn, TableRow
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
-from tui.screen.session.drop_state import DropState, PointState
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
 from tui.screen.units import NOTHING, QuantityName, Units, judged_quantity, percent
 
@@ -239,9 +240,9 @@ VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
 }
 
 
-def point_summary(state: SessionState, point: PointState, units: Units, width: int) -> Line:
+def point_summary(state: SessionState, point: PointView, units: Units, width: int) -> Line:
     """What is judged, of how many drops, and whether the target is met; the modulus beside it."""
-    progress = state.progress_of(point)
+    progress = point.progress
     pieces = []
     own = progress.value
     if own is None:

@@ -78,12 +78,12 @@ class MeasurePage(Page):
         state = self.pfwd.state
         if self.chosen is None:
             return state.last
-        return state.current.drops.get(self.chosen)
+        return state.current_drops.get(self.chosen)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
         """The page."""
         app = self.pfwd
-        if self.chosen is not None and self.chosen not in app.state.current.drops:
+        if self.chosen is not None and self.chosen not in app.state.current_drops:
             self.chosen = None
         keys = list(self.KEYS)
         if app.source.pace is not None:  # a recording has its points and its drops
@@ -111,7 +111,8 @@ class MeasurePage(Page):
 
     def action_choose(self, step: int) -> None:
         """Another drop of this point."""
-        numbers = sorted(self.pfwd.state.current.drops)
+        state = self.pfwd.state
+        numbers = sorted(state.current_drops)
         if not numbers:
             return
         last = self.pfwd.state.last
@@ -201,6 +202,6 @@ class MeasurePage(Page):
         """A click on a drop chooses it."""
         row = self.view.text.split("\n")[event.row] if event.row >= 0 else ""
         first = row.replace("▶", " ").split()
-        if first and first[0].isdigit() and int(first[0]) in self.pfwd.state.current.drops:
+        if first and first[0].isdigit() and int(first[0]) in self.pfwd.state.current_drops:
             self.chosen = int(first[0])
             self.draw()

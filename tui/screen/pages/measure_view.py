@@ -88,10 +88,15 @@ class MeasureView:
     """Latitude and longitude now, degrees."""
 
     @property
+    def drops(self) -> dict[int, DropState]:
+        """Drops of the current point by their number."""
+        return self.state.current_drops
+
+    @property
     def drop(self) -> DropState | None:
         """The drop that is looked at."""
         if self.chosen is not None:
-            return self.state.current.drops.get(self.chosen)
+            return self.drops.get(self.chosen)
         return self.state.last
 
 
@@ -121,7 +126,7 @@ def is_done(view: MeasureView) -> bool:
     Also when the instrument has ended after it, as a demonstration does.
     """
     state, word = view.state, view.word.word
-    ended = word == "END" and not state.recorded and bool(state.current.drops)
+    ended = word == "END" and not state.recorded and bool(view.drops)
     complete = word == "POINT DONE" or (ended and state.progress.next_kind is None)
     return complete and view.chosen is None
 
@@ -156,7 +161,7 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
     if state.job.quantity is Quantity.MODULUS:
         facts.append(footnote(state.last, view, width))
     facts = facts[: max(1, room - ROWS - 1)]
-    table = min(len(state.current.drops) + 1, max(0, (room - len(facts)) // 4))
+    table = min(len(view.drops) + 1, max(0, (room - len(facts)) // 4))
     space = room - len(facts) - 1
     if space - table < BOTH_ROWS <= space:
         table = 0  # word and value are read from afar, the table is not
@@ -292,7 +297,7 @@ def _lot_pieces(view: MeasureView) -> list[Piece]:
     """How much of the lot is measured, and where the next station is."""
     state = view.state
     points = state.points.values()
-    complete = {point.shown_name for point in points if state.progress_of(point).complete}
+    complete = {point.shown_name for point in points if point.progress.complete}
     progress = lot_progress(state.job, complete)
     if not progress:
         return []
@@ -324,7 +329,7 @@ def key_line(keys: Sequence[tuple[str, str]], width: int) -> Line:
 
 
 def _full(view: MeasureView, width: int, room: int) -> list[Line]:
-    rows_wanted = min(len(view.state.current.drops) + 1, max(5, room // 4))
+    rows_wanted = min(len(view.drops) + 1, max(5, room // 4))
     live_rows = max(4, min(8, room // 6))
     middle = room - rows_wanted - live_rows - 1
     live = _live_lines(view, width, live_rows)
@@ -346,7 +351,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
     """The result with what every drop of the point says below it, where there is room."""
     used = max((place for place, row in enumerate(lines, 1) if row), default=0)
     rows = min(MOST_BARS, len(lines) - used - 1)
-    drops = [drop for _, drop in sorted(view.state.current.drops.items()) if not drop.discarded]
+    drops = [drop for _, drop in sorted(view.drops.items()) if not drop.discarded]
     if rows < LEAST_BARS or len(drops) < 2:
         return lines
     job = view.state.job
@@ -367,7 +372,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
 
 
 def _small(view: MeasureView, width: int, room: int) -> list[Line]:
-    rows_wanted = max(2, min(len(view.state.current.drops) + 1, 5, room // 4 + 1))
+    rows_wanted = max(2, min(len(view.drops) + 1, 5, room // 4 + 1))
     panel_rows = max(0, room - rows_wanted - ROWS - 2)
     right = result_lines(view, width, ROWS + 1, wide=True)
     lines = [*right, footnote(view.drop, view, width)]
@@ -560,7 +565,7 @@ def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
 
 def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
     """The drops of the point, newest last."""
-    drops = [view.state.current.drops[number] for number in sorted(view.state.current.drops)]
+    drops = [view.drops[number] for number in sorted(view.drops)]
     place = next((at for at, drop in enumerate(drops) if drop.number == view.chosen), None)
     shown = window(len(drops), place, max(1, rows - 1))
     table = [

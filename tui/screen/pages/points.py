@@ -7,6 +7,7 @@ from textual.binding import Binding, BindingType
 
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit, parse_position
+from pfwd_survey.judging import PointView
 from pfwd_survey.procedures import PointProgress, Verdict
 from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
 from tui.screen.drawing.lines import Line, cell, line, shorten
@@ -23,7 +24,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
-from tui.screen.session.drop_state import PointState
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.names import point_name_error, point_name_question
 from tui.screen.units import NOTHING, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
@@ -98,13 +99,18 @@ class PointsPage(Page):
     @property
     def names(self) -> list[str]:
         """Of the points, in their order."""
-        return [name for name, point in self.pfwd.state.points.items() if point.drops or name]
+        return list(self.pfwd.state.points)
 
     @property
-    def chosen(self) -> PointState:
+    def chosen(self) -> PointView:
         """The chosen point."""
         state = self.pfwd.state
         return state.points.get(self.point) or state.current
+
+    @property
+    def drops(self) -> dict[int, DropState]:
+        """Drops of the chosen point by their number."""
+        return self.pfwd.state.drops_of(self.chosen)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
         """The page."""
@@ -156,32 +162,33 @@ class PointsPage(Page):
     def _drops_below(self, width: int, room: int) -> list[Line]:
         """The drops of the chosen point below the points, as many as there is room for."""
         point = self.chosen
-        numbers = sorted(point.drops)
+        drops = self.drops
+        numbers = sorted(drops)
         shown = numbers[-max(0, room - 3) :]
         if room < LEAST_DROPS or not shown:
             return []
         state, units = self.pfwd.state, self.pfwd.units
         rows = [
             drop_row(
-                point.drops[number],
+                drops[number],
                 units,
                 chosen=False,
-                left_out=state.why_left_out(point.drops[number]),
+                left_out=state.why_left_out(drops[number]),
             )
             for number in shown
         ]
         heading = line(" ", *point_summary(state, point, units, width - 1))
         return [(), heading, *table_lines(drop_columns(units), rows, width)]
 
-    def _row(self, point: PointState, units: Units, *, chosen: bool) -> TableRow:
+    def _row(self, point: PointView, units: Units, *, chosen: bool) -> TableRow:
         state = self.pfwd.state
         place = point.position
-        progress = state.progress_of(point)
+        progress = point.progress
         shown, error, _ = point_value_text(progress, units)
         return TableRow(
             (
                 cell(point.shown_name).text,
-                str(len(point.drops)),
+                str(len(state.drops_of(point))),
                 shown,
                 f"±{error}" if error else NOTHING,
                 point_modulus_text(progress, units),
@@ -194,19 +201,20 @@ class PointsPage(Page):
             chosen,
         )
 
-    def _bar(self, point: PointState, chosen: bool) -> Bar:
+    def _bar(self, point: PointView, chosen: bool) -> Bar:
         state = self.pfwd.state
-        found = None if point.discarded else state.progress_of(point).value
+        found = None if point.discarded else point.progress.value
         quantity = judged_quantity(state.job.quantity)
         shown = self.pfwd.units.value(quantity, None if found is None else found.value)
         return Bar(cell(point.shown_name).text, shown, "measured", chosen)
 
     def _drops(self, width: int, room: int) -> list[Line]:
         app, point = self.pfwd, self.chosen
-        numbers = sorted(point.drops)
+        drops = self.drops
+        numbers = sorted(drops)
         place = numbers.index(self.drop) if self.drop in numbers else 0
         shown = window(len(numbers), place, max(1, room - 5))
-        rows = [drop_row(point.drops[numbers[at]], app.units, chosen=at == place) for at in shown]
+        rows = [drop_row(drops[numbers[at]], app.units, chosen=at == place) for at in shown]
         heading = line(cell(f" point {point.shown_name}", "strong"))
         summary = line(" ", *point_summary(app.state, point, app.units, width - 1))
         return [(), heading, summary, (), *table_lines(drop_columns(app.units), rows, width)]
@@ -219,7 +227,7 @@ class PointsPage(Page):
                 now = names.index(self.chosen.name) if self.chosen.name in names else 0
                 self.point = names[min(max(now + step, 0), len(names) - 1)]
         else:
-            numbers = sorted(self.chosen.drops)
+            numbers = sorted(self.drops)
             if numbers:
                 now = numbers.index(self.drop) if self.drop in numbers else 0
                 self.drop = numbers[min(max(now + step, 0), len(numbers) - 1)]
@@ -230,12 +238,12 @@ class PointsPage(Page):
         point = self.chosen
         if self.drop is None:
             self.point = point.name
-            self.drop = max(point.drops, default=None)
+            self.drop = max(self.drops, default=None)
             if self.drop is None:
                 self.pfwd.say("this point has no drops yet")
             self.draw()
             return
-        self.pfwd.open_drop(point.drops.get(self.drop))
+        self.pfwd.open_drop(self.drops.get(self.drop))
 
     def action_back(self) -> None:
         """Out of the point, then to the measure page."""
@@ -249,7 +257,7 @@ class PointsPage(Page):
         """The drop, or the point."""
         point = self.chosen
         if self.drop is not None:
-            self.pfwd.edits.discard(point.drops.get(self.drop))
+            self.pfwd.edits.discard(self.drops.get(self.drop))
             return
         what = "restore" if point.discarded else "discard"
         if self.pfwd.edits.add(Edit(what, None), point=point.name):
@@ -295,7 +303,7 @@ class PointsPage(Page):
 
     def action_move(self) -> None:
         """The drop belongs to another point."""
-        drop = None if self.drop is None else self.chosen.drops.get(self.drop)
+        drop = None if self.drop is None else self.drops.get(self.drop)
         if drop is None:
             self.pfwd.say("enter goes into the point; there w moves the chosen drop")
             return
@@ -314,7 +322,7 @@ class PointsPage(Page):
 
     def action_note(self) -> None:
         """A note on the drop or the point."""
-        drop = None if self.drop is None else self.chosen.drops.get(self.drop)
+        drop = None if self.drop is None else self.drops.get(self.drop)
         what = f"drop {drop.number}" if drop else f"point {self.chosen.shown_name}"
         check = "1 to 500 characters"
 
@@ -359,7 +367,7 @@ class PointsPage(Page):
         self.draw()
 
 
-def status_of(point: PointState, progress: PointProgress) -> str:
+def status_of(point: PointView, progress: PointProgress) -> str:
     """How a point stands, in a word or two."""
     if point.discarded:
         return "DISCARDED"

@@ -1,13 +1,12 @@
-"""What an event changes in the drop or the point that it is about."""
+"""Changes of a drop on the screen by an event."""
 
 import math
-from collections.abc import Mapping
 
 from pfwd_survey.inverting.sensor_fits import sensor_fits
 from pfwd_survey.judging import DropView
 from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
 from pfwd_survey.measuring.stored_drops import peaks_of
-from tui.screen.session.drop_state import DropState, PointState
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import DropRead, Refitted
 
 
@@ -82,14 +81,8 @@ def add_refit(drop: DropState, event: Refitted) -> None:
             drop.results.append(event.result)
 
 
-def add_stored(point: PointState, stored: DropView, *, shown: bool) -> None:
-    """Take over a drop of the survey; one that is new to the screen only if it is to be shown."""
-    drop = point.drops.get(stored.number)
-    if drop is None:
-        if not shown:
-            return
-        drop = point.drops[stored.number] = DropState(point.name, stored.number)
-        drop.final = True
+def add_stored(drop: DropState, stored: DropView) -> None:
+    """Take over a drop of the survey."""
     drop.record, drop.notes = stored.record, stored.notes
     drop.discarded = stored.discarded is not None
     result = stored.sound_result
@@ -101,7 +94,6 @@ def add_stored(point: PointState, stored: DropView, *, shown: bool) -> None:
         drop.peak_load = math.nan if load is None else load
     elif result is None and drop.handed is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
-    point.drops = dict(sorted(point.drops.items()))
 
 
 def sensors_left_out(drop: DropState) -> tuple[int, ...]:
@@ -126,25 +118,6 @@ def edit_drop(drop: DropState, event: Edited) -> None:
             drop.reason = "" if drop.handed is None else drop.handed.screening.reason or ""
     elif event.what == "note":
         drop.notes = (*drop.notes, str(event.value))
-
-
-def edit_point(point: PointState, event: Edited) -> None:
-    """Something was said of it."""
-    if event.what in ("discard", "restore"):
-        point.discarded = event.what == "discard"
-    elif event.what == "target":
-        point.target = float(event.value) if isinstance(event.value, int | float) else None
-    elif event.what == "note":
-        point.notes = (*point.notes, str(event.value))
-    elif event.what == "name":
-        point.title = str(event.value)
-    elif event.what == "position" and isinstance(event.value, Mapping):
-        point.position = (event.value["latitude"], event.value["longitude"])
-
-
-def newest(point: PointState) -> DropState | None:
-    """The drop with the highest number."""
-    return max(point.drops.values(), key=lambda drop: drop.number, default=None)
 
 
 def sensor_residuals(drop: DropState) -> dict[int, float]:

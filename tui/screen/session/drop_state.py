@@ -1,4 +1,4 @@
-"""Drops and points as the screen shows them."""
+"""Drops as the screen shows them."""
 
 import math
 from dataclasses import dataclass, field
@@ -67,22 +67,3 @@ class DropState:
     def waits(self) -> bool:
         """Whether a first modulus is still to come."""
         return self.safe and not self.results and self.status != "rejected"
-
-
-@dataclass(slots=True)
-class PointState:
-    """A test point."""
-
-    name: str
-    title: str = ""
-    position: tuple[float, float] | None = None
-    target: float | None = None
-    """Pa."""
-    discarded: bool = False
-    notes: tuple[str, ...] = ()
-    drops: dict[int, DropState] = field(default_factory=dict)
-
-    @property
-    def shown_name(self) -> str:
-        """What it is called now."""
-        return self.title or self.name

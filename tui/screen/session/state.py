@@ -3,7 +3,8 @@
 import datetime
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
@@ -33,7 +34,7 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
-from pfwd_survey.measuring.live_view import apply_event
+from pfwd_survey.measuring.live_view import apply_event, with_stored
 from pfwd_survey.measuring.plan import Ending
 from pfwd_survey.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
 from tui.screen.session.device_state import Device, device_of, lost_samples
@@ -43,13 +44,11 @@ from tui.screen.session.drop_changes import (
     add_refit,
     add_stored,
     edit_drop,
-    edit_point,
-    newest,
     saved_drop,
     sensor_residuals,
     sensors_left_out,
 )
-from tui.screen.session.drop_state import DropState, PointState
+from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import (
     ContentsRead,
     DiagnosisDone,
@@ -92,7 +91,8 @@ class SessionState:
         self.view = SurveyView(Job(procedure=procedure or plain_procedure(), target=target))
         """The survey, judged by its own job once that is known."""
         self.device = Device()
-        self.points: dict[str, PointState] = {}
+        self.drops: dict[str, dict[int, DropState]] = {}
+        """Drops by the name of their point and by their number."""
         self.point = ""
         self.last: DropState | None = None
         """The newest drop."""
@@ -119,11 +119,23 @@ class SessionState:
         self._with_traces: deque[DropState] = deque()
 
     @property
-    def current(self) -> PointState:
-        """The point that drops come to."""
-        if not self.point:  # nobody has said yet which it is
-            return PointState("")
-        return self.points.setdefault(self.point, PointState(self.point))
+    def points(self) -> Mapping[str, PointView]:
+        """Points by the name that their drops have."""
+        return self.view.points
+
+    @property
+    def current(self) -> PointView:
+        """Point that drops come to; its name is empty until the session has one."""
+        return self.points.get(self.point) or PointView(self.point, job=self.job)
+
+    @property
+    def current_drops(self) -> dict[int, DropState]:
+        """Drops of the current point by their number."""
+        return self.drops_of(self.current)
+
+    def drops_of(self, point: PointView) -> dict[int, DropState]:
+        """Return the drops of a point by their number."""
+        return self.drops.get(point.name, {})
 
     @property
     def job(self) -> Job:
@@ -135,20 +147,15 @@ class SessionState:
         """The procedure in force."""
         return self.job.procedure_in_force
 
-    def target_of(self, point: PointState) -> float | None:
-        """What a point has to reach, Pa, or m for a deflection; None: nothing."""
-        return self.progress_of(point).target
-
     def advice(self, drop: DropState | None) -> list[str]:
         """What is to be done about a drop, and about its point once that is done."""
         if drop is None or drop.point not in self.points or drop.discarded:
             return []
         point = self.points[drop.point]
-        view = self.view_of(point)
-        facts = view.drop(drop.number)
+        facts = point.drop(drop.number)
         if facts is None:
             return []
-        others = [other for other in view.drops if other.number != drop.number]
+        others = [other for other in point.drops if other.number != drop.number]
         result = drop.result
         residual = None
         if result is not None and result.explained is False and not drop.saturated:
@@ -163,7 +170,7 @@ class SessionState:
             sensors_left_out=sensors_left_out(drop),
             saturated=drop.saturated,
         )
-        progress = self.progress_of(point)
+        progress = point.progress
         if progress.complete:
             loads = {known.facts.number: known.facts.peak_load for known in (facts, *others)}
             found += advice_on_point(progress, loads)
@@ -196,29 +203,21 @@ class SessionState:
         """What the procedure judges, of one drop."""
         if drop is None:
             return None
-        point = self.view.points.get(drop.point)
+        point = self.points.get(drop.point)
         facts = None if point is None else point.drop(drop.number)
         return None if facts is None else value_of_drop(self.job, facts)
 
     @property
     def progress(self) -> PointProgress:
         """Of the point that is measured."""
-        return self.progress_of(self.current)
-
-    def progress_of(self, point: PointState) -> PointProgress:
-        """Return value and verdict of a point."""
-        return self.view_of(point).progress
-
-    def view_of(self, point: PointState) -> PointView:
-        """Return a point as the survey has it."""
-        return self.view.points.get(point.name) or PointView(point.name, job=self.job)
+        return self.current.progress
 
     def why_left_out(self, drop: DropState) -> str:
         """Why a drop takes no part in the mean of its point; empty: it does, or is no candidate."""
         if drop.status != "measured" or drop.discarded:
             return ""
         owner = self.points.get(drop.point)
-        excluded = self.progress_of(owner).excluded if owner is not None else ()
+        excluded = owner.progress.excluded if owner is not None else ()
         return next(
             (exclusion.reason for exclusion in excluded if exclusion.number == drop.number), ""
         )
@@ -226,7 +225,7 @@ class SessionState:
     @property
     def held(self) -> int:
         """How many drops the disk has not taken."""
-        return sum(not drop.safe for point in self.points.values() for drop in point.drops.values())
+        return sum(not drop.safe for drop in self.drops_in_order())
 
     @property
     def exit_status(self) -> int:
@@ -247,20 +246,20 @@ class SessionState:
         self._take(event)
         if isinstance(event, JobKnown):
             for point in self.points.values():
-                self._count_anew(point)
-        elif changed is not None and changed in self.points:
-            self._count_anew(self.points[changed])
+                self._classify_drops(point)
+        elif changed is not None:
+            self._classify_drops(self.points[changed])
 
-    def _count_anew(self, point: PointState) -> None:
+    def _classify_drops(self, point: PointView) -> None:
         """Set the kinds of the drops of a point, which depend on each other."""
-        view = self.view_of(point)
-        progress = view.progress
+        progress = point.progress
+        drops = self.drops_of(point)
         reasons = {drop.number: drop.reason for drop in progress.excluded}
         for number, kind in progress.kinds:
-            drop = point.drops.get(number)
+            drop = drops.get(number)
             if drop is None:
                 continue
-            measured = view.drop(number)
+            measured = point.drop(number)
             if measured is not None and measured.facts.peak_deflection is not None:
                 drop.peak_deflection = measured.facts.peak_deflection
             if kind is Kind.DISCARDED:
@@ -305,8 +304,8 @@ class SessionState:
             case Rebounded():
                 self._on_rebound(event)
             case PointBegan(name):
-                self.point = name
-                self.last = newest(self.current)
+                self._begin_point(name)
+                self.last = self._newest()
             case Edited():
                 self._on_edited(event)
             case TableBuilding():
@@ -338,7 +337,7 @@ class SessionState:
 
     def names_in_use(self) -> set[str]:
         """Names of the points that have drops, and of the stations of the job."""
-        points = [point for point in self.points.values() if point.drops]
+        points = [point for point in self.points.values() if self.drops_of(point)]
         return {
             *(point.name for point in points),
             *(point.shown_name for point in points),
@@ -347,22 +346,19 @@ class SessionState:
 
     def drop_of_record(self, record: int) -> DropState | None:
         """By its number within the survey."""
-        for point in self.points.values():
-            for drop in point.drops.values():
-                if drop.record == record:
-                    return drop
-        return None
+        return next((drop for drop in self.drops_in_order() if drop.record == record), None)
 
     def drops_in_order(self) -> Iterable[DropState]:
         """All of them."""
         for point in self.points.values():
-            yield from point.drops.values()
+            yield from self.drops_of(point).values()
 
     def _on_began(self, event: SessionBegan) -> None:
         self.session, self.ended = event.session, None
         self.device.lost_reason = ""
-        self.point = event.point or self.point
-        self.last = newest(self.current)
+        if event.point:
+            self._begin_point(event.point)
+        self.last = self._newest()
 
     def _on_ready(self, event: InstrumentReady) -> None:
         self.device = device_of(event, self.device)
@@ -383,19 +379,14 @@ class SessionState:
         self.notices.append((now, event))
 
     def _drop(self, point: str, number: int) -> DropState:
-        owner = self.points.setdefault(point, PointState(point))
-        if number not in owner.drops:
-            owner.drops[number] = DropState(point, number)
-        return owner.drops[number]
+        self._add_point(point)
+        return self.drops.setdefault(point, {}).setdefault(number, DropState(point, number))
 
     def _on_saved(self, event: DropSaved) -> None:
         handed = event.handed
         fresh = saved_drop(event, self._drop(handed.point, handed.number), self._clock())
         fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
-        point = self.points[handed.point]
-        point.drops[handed.number] = fresh
-        if point.position is None:  # what a person said wins
-            point.position = handed.place
+        self.drops[handed.point][handed.number] = fresh
         self.point, self.last = handed.point, fresh
         self._remember(fresh)
 
@@ -431,34 +422,40 @@ class SessionState:
             add_refit(drop, event)
 
     def _on_edited(self, event: Edited) -> None:
-        if event.number is not None:
-            drop = self.drop_of_record(event.number)
-            if drop is not None:
-                edit_drop(drop, event)
-        elif event.point is not None:
-            edit_point(self.points.setdefault(event.point, PointState(event.point)), event)
+        drop = None if event.number is None else self.drop_of_record(event.number)
+        if drop is not None:
+            edit_drop(drop, event)
 
     def _on_contents(self, event: ContentsRead) -> None:
+        self.view = with_stored(self.view, event.points, comes_again=not event.drops)
         for stored in event.points:
-            if stored.drops and event.drops:
-                self.view, _ = apply_event(self.view, PointKnown(stored))
-            point = self.points.setdefault(stored.name, PointState(stored.name))
-            point.title = stored.title
-            point.position, point.discarded, point.notes = (
-                stored.position,
-                stored.discarded,
-                stored.notes,
-            )
-            point.target = stored.target if stored.target is not None else point.target
             for drop in stored.drops:
-                add_stored(point, drop, shown=event.drops)
+                shown = self.drops.get(stored.name, {}).get(drop.number)
+                if shown is None and event.drops:
+                    shown = self._drop(stored.name, drop.number)
+                    shown.final = True
+                if shown is not None:
+                    add_stored(shown, drop)
             if event.drops:
-                self._count_anew(point)
+                drops = self.drops_of(stored)
+                self.drops[stored.name] = {number: drops[number] for number in sorted(drops)}
+                self._classify_drops(self.points[stored.name])
         if event.drops:
-            order = [point.name for point in event.points]
-            names = [*order, *(name for name in self.points if name not in order)]
-            self.points = {name: self.points[name] for name in names}
+            stored_first = {point.name: self.points[point.name] for point in event.points}
+            self.view = replace(self.view, points=stored_first | {**self.points})
         if not self.point and event.points:
             self.point = event.points[-1].name
         if self.last is None and self.point:
-            self.last = newest(self.current)
+            self.last = self._newest()
+
+    def _begin_point(self, name: str) -> None:
+        self.point = name
+        self._add_point(name)
+
+    def _add_point(self, name: str) -> None:
+        if name not in self.points:
+            self.view = self.view.with_points([PointView(name)])
+
+    def _newest(self) -> DropState | None:
+        """Return the drop of the current point with the highest number."""
+        return max(self.current_drops.values(), key=lambda drop: drop.number, default=None)

@@ -132,7 +132,7 @@ def _waiting(state: SessionState, here: tuple[float, float] | None) -> StatusWor
     device = state.device
     if state.recorded:
         return StatusWord("REPLAY", "the next recorded drop follows", "busy")
-    if state.progress.next_kind is None and state.current.drops:
+    if state.progress.next_kind is None and state.current_drops:
         return StatusWord("POINT DONE", _where_next(state, here), "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
