@@ -9,7 +9,7 @@ from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
 from pfwd_survey.inverting.result_columns import ResultColumn
 from pfwd_survey.judging import PointView
 from pfwd_survey.judging.places import Place, number
-from pfwd_survey.judging.stations import chainage_of
+from pfwd_survey.judging.stations import chainage_of_point
 from pfwd_survey.procedures import Quantity
 
 POINT_COLUMNS = (
@@ -72,10 +72,12 @@ def point_rows(order: Order) -> list[PointRow]:
 def _row(point: PointView, drops: Sequence[Row]) -> PointRow:
     used = set(point.progress.used)
     counted = [row for row in drops if row.drop.number in used] or list(drops)
+    station = point.job.station(point.shown_name)
+    declarations = (drop.declared or {} for drop in point.drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
     values = dict(_NOTHING) | {
         "point": point.title,
-        "chainage_m": _chainage(point),
+        "chainage_m": chainage_of_point(point.title, station, declarations),
         "latitude": place and place.latitude,
         "longitude": place and place.longitude,
         "altitude_m": place and place.altitude,
@@ -126,21 +128,6 @@ def _judged(point: PointView) -> dict[str, Any]:
 def unit_of(quantity: Quantity) -> str:
     """SI unit of what a procedure judges."""
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
-
-
-def _chainage(point: PointView) -> float | None:
-    """Return the chainage, m: of the station, as declared, as imported, or that of the name."""
-    station = point.job.station(point.shown_name)
-    if station is not None and station.chainage_m is not None:
-        return station.chainage_m
-    for drop in point.drops:
-        declared = drop.declared or {}
-        imported = declared.get("imported")
-        noted = imported.get("chainage_m") if isinstance(imported, Mapping) else None
-        for value in (declared.get("chainage_m"), noted):
-            if (chainage := number(value)) is not None:
-                return chainage
-    return chainage_of(point.title)
 
 
 def _first(values: Iterable[Any]) -> Any:

@@ -6,12 +6,13 @@ import math
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.judging.job import MOST_STATIONS, Station, target_si, target_unit
+from pfwd_survey.judging.places import number as finite_number
 from pfwd_survey.procedures import Procedure
 
 LARGEST_FILE = 50_000_000
@@ -101,6 +102,31 @@ def chainage_of(name: str) -> float | None:
     if found is None:
         return None
     return 1e3 * int(found[1]) + float(found[2].replace(",", "."))
+
+
+def chainage_of_point(
+    name: str, station: Station | None, declarations: Iterable[Mapping[str, Any]] = ()
+) -> float | None:
+    """Return the chainage of a point, m; None: unknown.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point, which may contain its chainage.
+    station : Station or None
+        Station of the job with this name, which wins over everything else.
+    declarations : iterable of mapping
+        Headers of its drops, with a chainage that was declared or imported.
+    """
+    if station is not None and station.chainage_m is not None:
+        return station.chainage_m
+    for declared in declarations:
+        imported = declared.get("imported")
+        noted = imported.get("chainage_m") if isinstance(imported, Mapping) else None
+        for value in (declared.get("chainage_m"), noted):
+            if (chainage := finite_number(value)) is not None:
+                return chainage
+    return chainage_of(name)
 
 
 def next_along(name: str, step_m: float) -> str | None:

@@ -143,7 +143,6 @@ class OpenApp(App[int]):
         """What the filter lets through, in order."""
         self.ready = False
         """Whether everything is read and judged."""
-        self.changed_verdicts: list[str] = []
         """One sentence for each point whose verdict this version changed."""
         self._places: dict[str, int] = {}
         self._overlays: dict[str, tuple[Sequence[Any], Sequence[str]]] = {}
@@ -206,7 +205,6 @@ class OpenApp(App[int]):
                 self.opened.read()
                 self._tell(self._show_rows)
                 self.opened.judge(lambda rows: self._tell(self._update, rows))
-                self.changed_verdicts = self.opened.changed_verdicts()
         except (SurveyError, DeviceError, OSError) as err:
             self._tell(self.say, str(err))
             return
@@ -221,7 +219,7 @@ class OpenApp(App[int]):
         self._counts = ""
         self._show_rows()
         self._draw_job()
-        changed = self.changed_verdicts
+        changed = self.opened.changed_verdicts
         if changed:
             more = f" ({len(changed)} changed; all are listed when you leave)"
             self.say(changed[0] + (more if len(changed) > 1 else ""))
@@ -429,20 +427,17 @@ class OpenApp(App[int]):
             self.action_tab("drops")
 
     def _fill_drops(self) -> None:
-        point = self.opened.point(self.chosen)
+        point = self.opened.view(self.chosen)
         table = self.query_one("#drops-table", PlainTable)
         table.fill([])
         if point is None:
             self.say("choose a point first" if self.opened.survey else "still being read")
             return
-        from pfwd_survey.judging import point_view
-
-        view = point_view(point, self.opened.job)
-        progress = view.progress
+        progress = point.progress
         kinds = dict(progress.kinds)
         why = {excluded.number: excluded.reason for excluded in progress.excluded}
         rows = []
-        for drop in view.drops:
+        for drop in point.drops:
             facts, number = drop.facts, drop.number
             residual = None if drop.result is None else drop.result.residual_rms_over_peak
             cells = (
@@ -456,8 +451,8 @@ class OpenApp(App[int]):
             )
             rows.append((str(number), cells))
         table.fill(rows)
-        self.say(f"point {point.title}: {progress.verdict.word}, {progress.verdict_reason}")
-        self._overlay("#drops-plot", [(str(drop.drop), drop) for drop in point.drops])
+        self.say(f"point {point.shown_name}: {progress.verdict.word}, {progress.verdict_reason}")
+        self._overlay("#drops-plot", [(str(drop.number), drop.source) for drop in point.drops])
 
     def _overlay(self, where: str, drops: Sequence[tuple[str, Any]]) -> None:
         def draw() -> None:
@@ -510,15 +505,13 @@ class OpenApp(App[int]):
             ratio = f"{values[1] / values[0]:.3f}"
             rows.append(("ratio", ("second / first", "", ratio)))
         table.fill(rows)
-        from pfwd_survey.judging import point_view
-
-        drops = []
-        for row in pair:
-            point = self.opened.point(row.name)
-            used = point_view(point, self.opened.job).progress.used if point else ()
-            drops += [
-                (f"{row.title}/{drop.drop}", drop) for drop in point.drops if drop.drop in used[-1:]
-            ]
+        drops = [
+            (f"{row.title}/{drop.number}", drop.source)
+            for row in pair
+            if (point := self.opened.view(row.name)) is not None
+            for drop in point.drops
+            if drop.number in point.progress.used[-1:]
+        ]
         self._overlay("#compare-plot", drops)
 
     def _draw_job(self) -> None:
@@ -610,6 +603,6 @@ def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
     """Show a survey until the reader leaves; the exit status."""
     app = OpenApp(OpenedSurvey(folder), settings)
     app.run()
-    for text in app.changed_verdicts:
+    for text in app.opened.changed_verdicts:
         say(text)
     return app.return_code or 0

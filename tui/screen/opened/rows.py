@@ -91,6 +91,8 @@ class OpenedSurvey:
         self.job: Any = None
         """Once it is read."""
         self.rows: list[PointRow] = []
+        self.changed_verdicts: list[str] = []
+        """One sentence for each judged point whose verdict this version changed."""
 
     def read(self) -> list[PointRow]:
         """Its points as rows: judged where the cache knows them, else to be judged.
@@ -122,21 +124,31 @@ class OpenedSurvey:
         return self.rows
 
     def judge(self, tell: Callable[[Sequence[PointRow]], None], *, at_once: int = 50) -> None:
-        """Judge what is not judged yet, and tell the rows in parts; then keep them.
+        """Judge the rows that are not judged yet, report them in parts, then cache them.
 
         Parameters
         ----------
         tell : callable
-            Given rows that are known now.
+            Receives judged rows.
         at_once : int
+            Number of rows in a part.
         """
+        from pfwd_survey.judging import point_view
+        from pfwd_survey.judging.earlier_rules import changed_verdicts
+
         places = {row.name: place for place, row in enumerate(self.rows)}
         part: list[PointRow] = []
         for point in self.survey.points:
             place = places.get(point.name)
             if place is None or self.rows[place].judged:
                 continue
-            row = judged_row(self.rows[place], point, self.job)
+            row = self.rows[place]
+            try:
+                view = point_view(point, self.job)
+                row = judged_row(row, view)
+                self.changed_verdicts += changed_verdicts(self.survey, [view])
+            except (SurveyError, DeviceError) as err:
+                row = dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
             self.rows[place] = row
             part.append(row)
             if len(part) >= at_once:
@@ -145,18 +157,13 @@ class OpenedSurvey:
         tell(part)
         self._keep()
 
-    def changed_verdicts(self) -> list[str]:
-        """Return one sentence for each point whose verdict this version changed."""
-        from pfwd_survey.judging import point_views
-        from pfwd_survey.judging.earlier_rules import changed_verdicts
+    def view(self, name: str) -> "PointView | None":
+        """Return a point by the name its drops have; None: it has not been read yet."""
+        from pfwd_survey.judging import point_view
 
-        return list(changed_verdicts(self.survey, point_views(self.survey, self.job)))
-
-    def point(self, name: str) -> Any:
-        """A point of the survey by the name its drops have; None before it is read."""
-        if self.survey is None:
-            return None
-        return next((point for point in self.survey.points if point.name == name), None)
+        stored = () if self.survey is None else self.survey.points
+        point = next((point for point in stored if point.name == name), None)
+        return None if point is None else point_view(point, self.job)
 
     def _key(self) -> list[Any]:
         """What changes when anybody writes to the survey."""
@@ -186,20 +193,14 @@ class OpenedSurvey:
 
 def _bare(point: Any, job: "Job") -> PointRow:
     from pfwd_survey.judging.places import place_in
-    from pfwd_survey.judging.stations import chainage_of
+    from pfwd_survey.judging.stations import chainage_of_point
 
     place = place_in(point.position) or place_in(point.declared)
-    station = job.station(point.title)
-    chainage = station.chainage_m if station is not None else None
-    noted = point.declared.get("imported")
-    if chainage is None and isinstance(noted, dict):
-        said = noted.get("chainage_m")
-        chainage = float(said) if isinstance(said, int | float) else None
     return PointRow(
         name=point.name,
         title=point.title,
         drops=len(point.drops),
-        chainage_m=chainage_of(point.title) if chainage is None else chainage,
+        chainage_m=chainage_of_point(point.title, job.station(point.title), [point.declared]),
         latitude=None if place is None else place[0],
         longitude=None if place is None else place[1],
         notes="; ".join(point.notes),
@@ -207,24 +208,18 @@ def _bare(point: Any, job: "Job") -> PointRow:
     )
 
 
-def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
-    """The row with how its point stands; one that cannot be read says so."""
-    from pfwd_survey.judging import point_view
-
-    try:
-        view = point_view(point, job)
-        progress = view.progress
-    except (SurveyError, DeviceError) as err:
-        return dataclasses.replace(row, judged=True, verdict="none", reason=str(err))
-    if view.position is not None:  # of a receiver it is stored with the drops
-        row = dataclasses.replace(row, latitude=view.position[0], longitude=view.position[1])
+def judged_row(row: PointRow, point: "PointView") -> PointRow:
+    """Return the row with value and verdict of its point."""
+    progress = point.progress
+    if point.position is not None:  # of a receiver it is stored with the drops
+        row = dataclasses.replace(row, latitude=point.position[0], longitude=point.position[1])
     value = progress.value
     modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
     return dataclasses.replace(
         row,
         judged=True,
-        quantity=job.quantity.value,
+        quantity=point.job.quantity.value,
         unit="" if value is None else value.unit,
         value=None if value is None else value.value,
         low=low,
@@ -236,7 +231,7 @@ def judged_row(row: PointRow, point: Any, job: "Job") -> PointRow:
         modulus_marked=modulus is not None and modulus.not_supported is not None,
         value_marked=value is not None and value.not_supported is not None,
         measured=len(progress.used),
-        diagnosed=_diagnosed(view),
+        diagnosed=_diagnosed(point),
     )
 
 
