@@ -220,13 +220,18 @@ def with_modulus(
     fault = None
     if _contradicts_its_file(facts.number, setup):
         fault = "the record contradicts the peak that its file stores"
-    facts = dataclasses.replace(facts, record_fault=fault)
     if result is None or result.modulus_pa is None:
         return dataclasses.replace(
-            facts, modulus=None, modulus_interval=None, residual=None, fit_fault=None
+            facts,
+            record_fault=fault,
+            modulus=None,
+            modulus_interval=None,
+            residual=None,
+            fit_fault=None,
         )
     return dataclasses.replace(
         facts,
+        record_fault=fault,
         modulus=result.modulus_pa,
         modulus_interval=result.modulus_interval_pa,
         residual=result.contact_residual_rms_over_peak,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 from inversion import SurrogateLibrary
 from pfwd_device import Drop
@@ -358,20 +358,9 @@ class _Gatherer:
                 groups.append((setup, []))
             groups[-1][1].append((drop, record))
             self._note_instrument(record)
-        worked = [(setup, drops, self._drops(point, setup, drops)) for setup, drops in groups]
-        results = {drop.number: drop.result for _, _, found in worked for drop in found}
-        drops = tuple(drop.with_result(results[drop.number]) for drop in point.drops)
-        point = replace(point, drops=drops)
-        facts = {fact.number: fact for fact in point.facts}
-        return [
-            self._point(
-                point,
-                setup,
-                drops,
-                tuple(replace(drop, facts=facts[drop.number]) for drop in found),
-            )
-            for setup, drops, found in worked
-        ]
+        fits = [(setup, self._fits(point, setup, drops)) for setup, drops in groups]
+        point = replace(point, drops=tuple(fit.drop for _, group in fits for fit in group))
+        return [self._point(point, setup, group) for setup, group in fits]
 
     def _view(self, stored: SurveyPoint) -> PointView:
         """Return a point with the diagnosis and the target of this report."""
@@ -385,50 +374,25 @@ class _Gatherer:
         if isinstance(identity, Mapping):
             self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
 
-    def _drops(
+    def _fits(
         self,
         point: PointView,
         setup: PointSetup,
         drops: Sequence[tuple[DropView, DropRecord]],
-    ) -> tuple[ReportDrop, ...]:
+    ) -> list["_Fit"]:
         where = f"{self.survey.folder}, point {point.title}"
         traces = TracePoint(where, setup, tuple(record.drop for _, record in drops))
         screenings = leave_out_bad_sensors(traces, screen_point(traces))
         self.tell(f"point {point.title}: {len(drops)} drops")
-        return tuple(
-            self._drop(drop, record, setup, screening)
+        return [
+            self._fit(drop, record, setup, screening)
             for (drop, record), screening in zip(drops, screenings, strict=True)
-        )
+        ]
 
-    def _point(
-        self,
-        point: PointView,
-        setup: PointSetup,
-        drops: Sequence[tuple[DropView, DropRecord]],
-        report_drops: tuple[ReportDrop, ...],
-    ) -> ReportPoint:
-        warnings = list(setup_warnings(setup, [record.drop for _, record in drops]))
-        if setup.poisson_ratio is None and not setup.is_stiffness_test:
-            warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        warnings += _said_of_layers(report_drops, self.job.procedure_in_force)
-        return ReportPoint(
-            name=point.title,
-            setup=setup,
-            drops=report_drops,
-            progress=point.progress,
-            position=_position(point, drops, setup),
-            notes=point.notes,
-            discarded=point.discarded,
-            diagnosis=None if point.discarded else point.diagnosis_in_force,
-            warnings=tuple(warnings),
-        )
-
-    def _drop(
+    def _fit(
         self, drop: DropView, record: DropRecord, setup: PointSetup, screening: Screening
-    ) -> ReportDrop:
-        assert drop.source is not None
-        assert drop.record is not None
-        file = drop.source.file
+    ) -> "_Fit":
+        """Return a drop with its stored result, or with a new one where that does not count."""
         result, stored, warnings = None, False, list(screening.warnings)
         if drop.discarded is None and screening.status != "rejected":
             result = None if self.options.anew else drop.sound_result
@@ -441,28 +405,63 @@ class _Gatherer:
             if result is None:
                 self.tell(f"  drop {drop.number} is inverted")
                 analysis = analyse_drop(record.drop, setup, screening, options, self._library)
+                file = None if drop.source is None else drop.source.file
                 result = drop_result(str(file or self.survey.folder), analysis)
             warnings += [text for text in result.warnings or () if text not in warnings]
+        return _Fit(drop.with_result(result), record, screening, stored, tuple(warnings))
+
+    def _point(self, point: PointView, setup: PointSetup, fits: Sequence["_Fit"]) -> ReportPoint:
+        facts = {fact.number: fact for fact in point.facts}
+        drops = tuple(self._drop(fit, setup, facts[fit.drop.number]) for fit in fits)
+        warnings = list(setup_warnings(setup, [fit.record.drop for fit in fits]))
+        if setup.poisson_ratio is None and not setup.is_stiffness_test:
+            warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
+        warnings += _said_of_layers(drops, self.job.procedure_in_force)
+        return ReportPoint(
+            name=point.title,
+            setup=setup,
+            drops=drops,
+            progress=point.progress,
+            position=_position(point, [fit.drop for fit in fits], setup),
+            notes=point.notes,
+            discarded=point.discarded,
+            diagnosis=None if point.discarded else point.diagnosis_in_force,
+            warnings=tuple(warnings),
+        )
+
+    def _drop(self, fit: "_Fit", setup: PointSetup, facts: PointDrop) -> ReportDrop:
+        drop, traces, screening = fit.drop, fit.record.drop, fit.screening
+        assert drop.record is not None
         curves = None
-        if result is not None:
-            curves = curves_of(record.drop, setup, screening, result, self._library)
-        marks = record.metadata.get("marks") or ()
+        if drop.result is not None:
+            curves = curves_of(traces, setup, screening, drop.result, self._library)
         return ReportDrop(
             number=drop.number,
             record=drop.record,
-            facts=PointDrop(drop.number, Kind.MEASURED),  # as the point as a whole has it, later
-            result=result,
-            stored=stored,
+            facts=facts,
+            result=drop.result,
+            stored=fit.stored,
             curves=curves,
-            warnings=tuple(warnings),
-            time_local=_local_time(record.metadata),
-            marks=tuple(map(str, marks)),
+            warnings=fit.warnings,
+            time_local=_local_time(drop.metadata),
+            marks=tuple(map(str, drop.metadata.get("marks") or ())),
             notes=drop.notes,
-            checksum=_checksum(file),
+            checksum=_checksum(None if drop.source is None else drop.source.file),
             left_out=screening.left_out,
-            basin=_basin(record.drop, setup),
-            stiffness=stiffness_of(record.drop, setup) if setup.is_stiffness_test else None,
+            basin=_basin(traces, setup),
+            stiffness=stiffness_of(traces, setup) if setup.is_stiffness_test else None,
         )
+
+
+class _Fit(NamedTuple):
+    """A drop with the result that the report shows."""
+
+    drop: DropView
+    record: DropRecord
+    screening: Screening
+    stored: bool
+    """Whether the result was stored with the survey."""
+    warnings: tuple[str, ...]
 
 
 def _basin(drop: Drop, setup: PointSetup) -> Basin | None:
@@ -512,14 +511,14 @@ def _local_time(metadata: Mapping[str, Any]) -> str:
 
 
 def _position(
-    point: PointView, drops: Sequence[tuple[DropView, DropRecord]], setup: PointSetup
+    point: PointView, drops: Sequence[DropView], setup: PointSetup
 ) -> Mapping[str, Any] | None:
     """Return the position: an edit, else that of the receiver, else as declared."""
-    stored = [point.source, *(drop.source for drop, _ in drops)]
+    stored = [point.source, *(drop.source for drop in drops)]
     for edited in (source.position for source in stored if source is not None):
         if _is_place(edited):
             return {**edited, "source": "edited"}
-    for drop, _ in drops:
+    for drop in drops:
         received = drop.metadata.get("position")
         if _is_place(received):
             return {**received}
