@@ -12,14 +12,14 @@ Screen, log, replay, reports, exports and scripts read the same views and cannot
 - `job`: the job of a survey, stored in it as dated events, and the events of its changes.
 - `drops`: `DropView`, a drop of a point.
 - `verdicts`: `PointView`, a point with its drops, its value and its verdict.
-- `view`: `SurveyView`, and the views of a survey in a folder or an exported file.
+- `view`: `SurveyView`, a survey while it is measured, and the points of a stored one.
 - `stations`: the stations of a job, from CSV or GPX.
 """
 
 from pfwd_survey.judging.drops import DropView, drop_from_traces
 from pfwd_survey.judging.job import Job, JobRequest, Station, job_of, target_si
 from pfwd_survey.judging.verdicts import PointView, value_of_drop
-from pfwd_survey.judging.view import SurveyView, point_view, point_views, survey_view
+from pfwd_survey.judging.view import SurveyView, point_view, point_views
 
 __all__ = [
     "DropView",
@@ -32,7 +32,6 @@ __all__ = [
     "job_of",
     "point_view",
     "point_views",
-    "survey_view",
     "target_si",
     "value_of_drop",
 ]

@@ -78,12 +78,6 @@ def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
     return tuple(point_views(read_survey(folder), Job()))
 
 
-def survey_view(survey: SurveyContent, job: Job | None = None) -> SurveyView:
-    """Return a stored survey; parameters and errors as `point_views`."""
-    job = job_of(survey) if job is None else job
-    return SurveyView(job, {point.name: point for point in point_views(survey, job)})
-
-
 def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[PointView]:
     """Yield the points of a stored survey in their order, each when its drops have been read.
 

@@ -27,7 +27,7 @@ from tui.screen.drawing.drop_figures import bowl_figure
 from tui.screen.drawing.glyphs import ASCII, BRAILLE
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.drop import DropPage
-from tui.screen.pages.drop_view import DropView, drop_lines, text_lines
+from tui.screen.pages.drop_view import DropPageState, drop_lines, text_lines
 from tui.screen.pages.layer_texts import layer_lines, sensor_lines
 from tui.screen.session.drop_fits import DropFits, Refits
 from tui.screen.session.drop_state import DropState
@@ -85,7 +85,7 @@ def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -
 def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
     state = SessionState(clock=lambda: 1.0)
     state.take(SessionBegan(Session(), "7"))
-    shown = DropView(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
+    shown = DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
     lines = drop_lines(shown, width, height)
     assert len(lines) == height
     assert all(width_of(one) == width for one in lines)
@@ -211,7 +211,7 @@ def test_the_drop_page_has_layers_bowl_and_sensors(
     shown = page(drop, *size, panel="bowl")
     assert any("bowl" in row and "µm" in row for row in shown)
     state = SessionState(clock=lambda: 1.0)
-    lines = text_lines(DropView(drop, state, SI, BRAILLE, "", DropPage.KEYS), drop, 60)
+    lines = text_lines(DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS), drop, 60)
     written = "\n".join(text_of(one) for one in lines)
     assert "effective 71.0 MPa" in written
     assert "residual by sensor" in written

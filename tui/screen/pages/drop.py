@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 from pfwd_survey.inverting.options import AnalysisOptions
 from tui.screen.drawing.drop_figures import curves_of, default_span
 from tui.screen.drawing.lines import Line
-from tui.screen.pages.drop_view import PANELS, DropView, drop_lines
+from tui.screen.pages.drop_view import PANELS, DropPageState, drop_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.refit_dialog import RefitDialog
 from tui.screen.session.drop_state import DropState
@@ -100,7 +100,7 @@ class DropPage(Page):
         app, drop = self.pfwd, self.drop
         if drop is not None:
             self._fetch(drop)
-        view = DropView(
+        view = DropPageState(
             drop,
             app.state,
             app.units,

@@ -35,7 +35,7 @@ LEAST_PLOT = 6
 
 
 @dataclass(frozen=True, slots=True)
-class DropView:
+class DropPageState:
     """What the page needs."""
 
     drop: DropState | None
@@ -59,7 +59,7 @@ class DropView:
         return found or DropResult()
 
 
-def drop_lines(view: DropView, width: int, height: int) -> list[Line]:
+def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
     """The page as exactly `height` lines."""
     drop = view.drop
     if drop is None:
@@ -93,7 +93,7 @@ def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
     return shown
 
 
-def _title(view: DropView, drop: DropState, width: int) -> Line:
+def _title(view: DropPageState, drop: DropState, width: int) -> Line:
     owner = view.state.points.get(drop.point)
     name = owner.shown_name if owner is not None else drop.point
     role: TextRole = "bad" if drop.status == "rejected" else "text"
@@ -107,7 +107,7 @@ def _title(view: DropView, drop: DropState, width: int) -> Line:
     return fit(pieces, width)
 
 
-def _verdict(view: DropView, drop: DropState, width: int) -> list[Line]:
+def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     text, role = verdict_of(drop)
     if view.refit is not None and view.refit.result is not None:
         trial = replace_result(drop, view.refit.result)
@@ -120,7 +120,7 @@ def replace_result(drop: DropState, result: DropResult) -> DropState:
     return replace(drop, results=[result])
 
 
-def _plots(view: DropView, drop: DropState, width: int, rows: int) -> list[Line]:
+def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[Line]:
     found = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
     spectrum = spectrum_figure(drop, view.units, view.sensor, view.refit)
     bowl = bowl_figure(drop, view.units, view.refit)
@@ -143,7 +143,7 @@ def _plots(view: DropView, drop: DropState, width: int, rows: int) -> list[Line]
     return stacked_plots(marked[:count], width, rows, view.glyphs)
 
 
-def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
+def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
     if view.cursor is None:
         return line(cell(" left and right: cursor with values", "dim"))
     units = view.units
@@ -167,7 +167,7 @@ def _cursor_line(view: DropView, drop: DropState, width: int) -> Line:
     return fit(pieces, width)
 
 
-def text_lines(view: DropView, drop: DropState, width: int) -> list[Line]:
+def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     """Parameters, fit, effects, alternatives, settings."""
     result = view.result
     lines: list[Line] = []
@@ -207,7 +207,7 @@ def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
     return [line(cell(row, role)) for row in wrap(text, width)]
 
 
-def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
+def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
     unit = units.unit("modulus")
     value, error = units.measured("modulus", result.modulus_pa, uncertainty_of(result))
@@ -233,7 +233,7 @@ def _parameters(view: DropView, result: DropResult, width: int) -> list[Line]:
     return lines
 
 
-def _fit_lines(view: DropView, result: DropResult, width: int) -> list[Line]:
+def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
     ratio = figures(result.poisson_ratio, 2)
     radius = units.with_unit("length", result.plate_radius_m)
@@ -270,7 +270,7 @@ def _warnings(result: DropResult, width: int) -> list[Line]:
     return lines
 
 
-def _alternatives(view: DropView, drop: DropState, width: int) -> list[Line]:
+def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     lines = _heading("results")
     counts = [("counts", result) for result in drop.results[-1:]]
     earlier = [("before it", result) for result in drop.results[:-1]]
@@ -294,7 +294,7 @@ def _short_result(result: DropResult, units: Units) -> str:
     return f"{value} ± {error or NOTHING} {units.unit('modulus')}, residual {part}"
 
 
-def _effects(view: DropView, drop: DropState, width: int) -> list[Line]:
+def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     found = view.state.diagnoses.get(drop.handed.file) if drop.handed is not None else None
     lines = _heading("effects behind the residual")
     if found is None:
