@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.output import Reporter
 from inversion.diagnosis import PointDiagnosis
+from inversion.records import known
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
@@ -98,29 +99,29 @@ def tell(
     keys = [key for key in rows[0] if key.endswith(("_whole", "_contact"))]
     middle = {key: _median([row[key] for row in rows]) for key in keys}
     report.record(device=name, what="median", seconds=seconds, **middle)
-    for effect in sorted({effect.name for point in points for effect in point.effects}):
-        named = [e for point in points for e in point.effects if e.name == effect]
+    for effect in sorted({effect.key for point in points for effect in point.effects}):
+        named = [e for point in points for e in point.effects if e.key == effect]
         if named[0].scope != "device":
             report.record(device=name, effect=effect, points=len(named))
             continue
         values = {
-            p.name: _median([q.value for e in named for q in e.parameters if q.name == p.name])
-            for p in named[0].parameters
+            name: _median([e.values_by_name[name] for e in named if name in e.values_by_name])
+            for name in named[0].values_by_name
         }
         report.record(device=name, effect=effect, points=len(named), **values)
     return middle
 
 
 def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
-    low, high = point.after.modulus_interval
+    low, high = known(point.after.modulus_interval_pa)
     held = held_out or HeldOut()
     return {
         "verdict": point.verdict,
         "corrected": int(point.corrected),
-        "before_whole": 100 * point.before.residual_rms_over_peak,
-        "before_contact": 100 * point.before.contact_residual_rms_over_peak,
-        "after_whole": 100 * point.after.residual_rms_over_peak,
-        "after_contact": 100 * point.after.contact_residual_rms_over_peak,
+        "before_whole": 100 * point.before.left_over_peak,
+        "before_contact": 100 * known(point.before.contact_residual_rms_over_peak),
+        "after_whole": 100 * point.after.left_over_peak,
+        "after_contact": 100 * known(point.after.contact_residual_rms_over_peak),
         "held_out": held.mode,
         "fitted": len(held.fitted or ()),
         "base_held_out_whole": _percent(held.before),
@@ -129,8 +130,8 @@ def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
         "held_out_contact": _percent(held.contact_after),
         "scaled_record_whole": _percent(held.scaled_record),
         "scaled_record_contact": _percent(held.contact_scaled_record),
-        "modulus_before": 1e-6 * point.before.modulus,
-        "modulus_after": 1e-6 * point.after.modulus,
+        "modulus_before": 1e-6 * point.before.fitted_modulus,
+        "modulus_after": 1e-6 * point.after.fitted_modulus,
         "low": 1e-6 * low,
         "high": 1e-6 * high,
     }

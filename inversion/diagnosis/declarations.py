@@ -20,6 +20,7 @@ from inversion.diagnosis.findings import MOST_LEFT, PointDiagnosis
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.measured.record import SAME_DISTANCE, Record
+from inversion.records import known
 
 # Pulses of the load in which a sensor is looked at: later the ground beside a plate swings by
 # itself, and a trace that drifts is far from rest.
@@ -97,18 +98,18 @@ def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) ->
     found : PointDiagnosis, of the point as it is declared
     other : PointDiagnosis, of the point with the doubt's records
     """
-    if other.after.left_open or math.isnan(other.after.modulus):
+    if other.after.modulus_pa is None:
         return ""
-    left, left_other = (one.after.residual_rms_over_peak for one in (found, other))
+    left, left_other = (one.after.left_over_peak for one in (found, other))
     explained = other.verdict != "unexplained"
     halved = found.verdict == "unexplained" and left_other <= MOST_LEFT * left
     if not halved and not (found.after.left_open and explained):
         return ""
-    rock = [p.value for e in other.effects if e.name == "bedrock" for p in e.parameters[:1]]
+    rock = [known(e.value) for e in other.effects if e.name == "bedrock"]
     if rock and abs(rock[0] / doubt.depth - 1.0) < _SAME_DEPTH:
         return ""
     and_rock = f" and bedrock at {rock[0]:.2g} m" if rock and doubt.of_ground else ""
-    modulus = float(f"{other.after.modulus / 1e6:.2g}")
+    modulus = float(f"{other.after.modulus_pa / 1e6:.2g}")
     return (
         f"{doubt.declared}: {doubt.instead}, {100 * left_other:.2g} % of the peak is left in place "
         f"of {100 * left:.2g} %, with E {modulus:g} MPa{and_rock}; "

@@ -21,6 +21,7 @@ from inversion.diagnosis.search import WORTH
 from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.forward.library import SurrogateLibrary
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 _ITERATIONS = 6
@@ -47,10 +48,10 @@ def fit_device(
         chosen = [BY_NAME[name] for name in names]
         made = [Point(records, library) for records in points]
         local = [
-            [*chosen, *(BY_NAME[e.name] for e in diagnosis.effects if e.scope != "device")]
+            [*chosen, *(BY_NAME[known(e.name)] for e in diagnosis.effects if e.scope != "device")]
             for diagnosis in found
         ]
-        left = [d.after.residual_over_noise for d in found]
+        left = [known(d.after.residual_over_noise) for d in found]
         weight = max(1.0, float(np.median(left)))
         plain = 2 * sum(diagnosis.plain for diagnosis in found) > len(found)
         scope = ALIKE if plain else WHOLE
@@ -160,16 +161,16 @@ def _union(local: Sequence[Sequence[Effect]]) -> list[Effect]:
 
 def _known_unit_value(unknown: Unknown, found: Sequence[PointDiagnosis]) -> float:
     assert unknown.effect is not None
-    known = [
-        p.value
+    values = [
+        known(p.value)
         for diagnosis in found
         for effect in diagnosis.effects
         if effect.name == unknown.effect.name
-        for p in effect.parameters
+        for p in effect.numbers
         if p.name == unknown.parameter.name
     ]
     return unknown.parameter.unit_value(
-        float(np.median(known)) if known else unknown.parameter.starts[0]
+        float(np.median(values)) if values else unknown.parameter.starts[0]
     )
 
 

@@ -23,19 +23,20 @@ from inversion.diagnosis.findings import (
     LEFT_OPEN,
     DeviceValues,
     DropCurves,
+    EffectParameter,
+    EffectResult,
     FittedPoint,
-    FoundEffect,
-    FoundParameter,
-    ModelState,
+    FittedState,
+    HeldOut,
     PointDiagnosis,
     UnknownKey,
     Verdict,
+    effect_result,
 )
 from inversion.diagnosis.model import ALIKE, DropModel, PointRecords
 from inversion.diagnosis.prediction import (
     ground_below,
     held_out_drops,
-    mean_error,
     predict,
     residual_over_peak,
 )
@@ -46,6 +47,7 @@ from inversion.errors import RecordError
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.steps import PLAIN_LOAD, PLAIN_MOTION, find_step
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 # Pa: the stress at which moduli of different drops are compared.
@@ -148,7 +150,7 @@ def _contradicted(
             with single_threaded_blas():
                 changed = Point(doubt.records, library)
                 left = residual_over_peak(changed, Search([changed], priors=False).base())
-            if left > _FITS_BETTER * told.before.residual_rms_over_peak:
+            if left > _FITS_BETTER * told.before.left_over_peak:
                 continue
         try:
             other = again(doubt.records)
@@ -303,20 +305,17 @@ def _told(
     if not objections:
         verdict = "explained" if helped else "clean"
     held_out = held_out_drops(point, base, best) if leave_out else []
-    held_before, held_after = mean_error(held_out)
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
         verdict=verdict,
         noise_rms=float(max(model.noise[0] for model in point.drops)),
-        before=before,
+        before=replace(before, stress_pa=None, modulus_100kpa_pa=None),
         after=after,
         effects=effects,
-        held_out_before=held_before,
-        held_out_after=held_after,
+        held_out=HeldOut.of("drop", held_out),
         warnings=(*_warnings(best, effects, verdict, after), *objections),
         curves=_curves(point, base, best),
-        held_out_by=tuple(held_out),
         values=search.values(best),
         plain=search.scope.plain,
         independent=search.independent,
@@ -447,7 +446,7 @@ def _state(
     candidate: Candidate,
     moduli: Sequence[float] = (),
     averaged: Averaged | None = None,
-) -> ModelState:
+) -> FittedState:
     left = np.concatenate(
         [
             (predicted - model.observed).ravel()
@@ -476,33 +475,50 @@ def _state(
             if moduli:
                 interval = min(*interval, min(moduli) / wide), max(*interval, max(moduli) * wide)
         deviation = modulus * relative
-    return ModelState(
+    state = FittedState(
         model=model,
-        modulus=modulus,
-        modulus_deviation=deviation,
-        modulus_interval=interval,
-        residual_rms=float(np.sqrt(np.mean(left**2))),
+        modulus_pa=modulus,
+        modulus_sd_pa=deviation,
+        modulus_interval_pa=interval,
+        fitted_modulus=modulus,
+        residual_rms_m=float(np.sqrt(np.mean(left**2))),
         residual_over_noise=candidate.over_noise,
         residual_rms_over_peak=residual_over_peak(point, candidate),
         contact_residual_rms_over_peak=residual_over_peak(point, candidate, contact_only=True),
-        stress=_stress(point),
-        modulus_100kpa=math.nan if rig else ground.modulus * _bent(point, candidate, _REFERENCE_PA),
+        stress_pa=_stress(point),
+        modulus_100kpa_pa=ground.modulus * _bent(point, candidate, _REFERENCE_PA),
+    )
+    return _withheld(state) if rig or state.left_open else state
+
+
+def _withheld(state: FittedState) -> FittedState:
+    """Return a state without the modulus that it has no ground for, or leaves open."""
+    interval = state.modulus_interval_pa if math.isfinite(state.fitted_modulus) else None
+    return replace(
+        state,
+        modulus_pa=None,
+        modulus_sd_pa=None,
+        modulus_interval_pa=interval,
+        modulus_100kpa_pa=None,
     )
 
 
-def _left_open(state: ModelState) -> ModelState:
-    """A state with the error of the modulus that may be behind what is left unexplained."""
-    if math.isnan(state.modulus):
+def _left_open(state: FittedState) -> FittedState:
+    """Return a state with the error of the modulus that may be behind the unexplained residual."""
+    modulus = state.fitted_modulus
+    if math.isnan(modulus):
         return state
-    left = max(state.residual_rms_over_peak, state.contact_residual_rms_over_peak)
+    left = max(state.left_over_peak, known(state.contact_residual_rms_over_peak))
     behind = math.log1p(_BEHIND_LEFT * left)
     low, high = (
-        state.modulus * math.exp(sign * math.hypot(math.log(edge / state.modulus), behind))
-        for sign, edge in zip((-1.0, 1.0), state.modulus_interval, strict=True)
+        modulus * math.exp(sign * math.hypot(math.log(edge / modulus), behind))
+        for sign, edge in zip((-1.0, 1.0), known(state.modulus_interval_pa), strict=True)
     )
-    relative = state.modulus_deviation / state.modulus
-    deviation = state.modulus * math.hypot(relative, behind / NORMAL_95)
-    return replace(state, modulus_interval=(low, high), modulus_deviation=deviation)
+    wider = replace(state, modulus_interval_pa=(low, high))
+    if wider.left_open or state.modulus_sd_pa is None:
+        return _withheld(wider)
+    relative = state.modulus_sd_pa / modulus
+    return replace(wider, modulus_sd_pa=modulus * math.hypot(relative, behind / NORMAL_95))
 
 
 def _model_error(point: Point, candidate: Candidate) -> float:
@@ -526,7 +542,7 @@ def _effects(
     averaged: Averaged | None,
     *,
     brief: bool = False,
-) -> tuple[FoundEffect, ...]:
+) -> tuple[EffectResult, ...]:
     discrepancy = averaged.discrepancy if averaged else Discrepancy.of(best.fit)
     deviations = np.sqrt(np.maximum(np.diag(discrepancy.covariance), 0.0))
     probabilities = averaged.probabilities if averaged else {}
@@ -539,7 +555,7 @@ def _effects(
             for name, unit, value in effect.known(model.context)
         }
         parameters = [
-            FoundParameter(name, unit, value, 0.0, number, False)
+            EffectParameter(name=name, unit=unit, value=value, sd=0.0, drop=number)
             for name, unit, value, number in sorted(
                 told, key=lambda known: (known[3] or 0, known[0])
             )
@@ -552,52 +568,58 @@ def _effects(
                     _parameter(point, unknown, unit_value, deviation, id(unknown) in bounds)
                 )
         parameters += [
-            FoundParameter(name, unit, value, 0.0, None, False)
+            EffectParameter(name=name, unit=unit, value=value, sd=0.0)
             for name, unit, value in effect.held(point.drops[0].context)
         ]
-        one = FoundEffect(
-            name=effect.name,
-            scope=effect.scope,
-            advice=effect.advice,
-            parameters=tuple(parameters),
-            evidence=math.nan,
+        one = effect_result(
+            effect.name,
+            effect.scope,
+            effect.advice,
+            parameters,
             alternatives=tuple(others.get(effect.name, ())),
             probability=probabilities.get(effect.name, 1.0),
         )
         if not brief:
             without = search.without(best, effect)
             left = residual_over_peak(point, without)
-            one = replace(one, evidence=without.score - best.score, residual_without=left)
+            one = replace(one, evidence=without.score - best.score, residual_without_over_peak=left)
         found.append(one)
     if brief:
         return tuple(found)
-    return tuple(sorted(found, key=lambda effect: -effect.evidence))
+    return tuple(sorted(found, key=lambda effect: -known(effect.evidence)))
 
 
 def _parameter(
     point: Point, unknown: Unknown, unit_value: float, deviation: float, at_bound: bool
-) -> FoundParameter:
+) -> EffectParameter:
     p, where = unknown.parameter, float(unit_value)
     number = None if unknown.drop is None else point.records.numbers[unknown.drop]
     told = deviation < _NOT_FIXED and (
         p.prior is None or deviation * p.from_prior(where)[1] < _NO_MORE_THAN_PRIOR
     )
     spread = p.deviation(where, deviation) if told else math.nan
-    return FoundParameter(p.name, p.unit, float(p.value(where)), spread, number, at_bound)
+    return EffectParameter(
+        name=p.name,
+        unit=p.unit,
+        value=float(p.value(where)),
+        sd=spread,
+        drop=number,
+        at_bound=at_bound,
+    )
 
 
 def _warnings(
-    best: Candidate, effects: Sequence[FoundEffect], verdict: Verdict, after: ModelState
+    best: Candidate, effects: Sequence[EffectResult], verdict: Verdict, after: FittedState
 ) -> list[str]:
     found = []
     for effect in effects:
-        for parameter in effect.parameters:
+        for parameter in effect.numbers:
             if parameter.at_bound:
                 found.append(f"{effect.name}: {parameter.name} sits on a bound")
         if effect.alternatives:
             others = ", ".join(effect.alternatives)
             found.append(f"{effect.name} cannot be told from {others}")
-    low, high = after.modulus_interval
+    low, high = after.modulus_interval_pa or (math.nan, math.nan)
     if high > _WIDE * low and verdict == "explained" and not after.left_open:
         found.append(
             f"the modulus is known no better than {low / 1e6:.3g} to {high / 1e6:.3g} MPa, with "

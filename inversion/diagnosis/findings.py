@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from inversion.arrays import FloatArray
-from inversion.diagnosis.model import PointRecords
+from inversion.records import Interval, JsonRecord, known, not_stored, quantity
+
+if TYPE_CHECKING:
+    # A stored diagnosis is read and shown without loading what found it.
+    from inversion.arrays import FloatArray
+    from inversion.diagnosis.model import PointRecords
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
@@ -30,87 +34,217 @@ CHOICE_OF_EFFECTS = "choice of effects"
 """Stands among what was fitted to held-out data where they had a part in that choice."""
 
 
-@dataclass(frozen=True)
-class FoundParameter:
-    """One number of an effect.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectParameter(JsonRecord):
+    """One number of an effect."""
 
-    Parameters
-    ----------
-    name, unit : str
-    value, deviation : float, SI; a deviation that is NaN: the records do not fix it
-    drop : int or None, number of the drop that it belongs to
-    at_bound : bool
-    spread : float, SI, by which the points of the device differ, each by itself; NaN: not asked
-    """
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
 
-    name: str
-    unit: str
-    value: float
-    deviation: float
-    drop: int | None
-    at_bound: bool
-    spread: float = math.nan
+    name: str | None = quantity("Name of the parameter")
+    value: float | None = quantity("Value, in the unit")
+    sd: float | None = quantity("Standard deviation; none: the records do not fix it")
+    unit: str | None = quantity("SI unit; - for none")
+    drop: int | None = quantity("Number of the drop it belongs to; none: all drops")
+    spread: float | None = quantity(
+        "Scatter between the points of the device, each by itself; none: not determined"
+    )
+    at_bound: bool = not_stored(False)
+    """Whether it ended on a bound."""
 
 
-@dataclass(frozen=True)
-class FoundEffect:
-    """An effect that the residual asks for.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectResult(JsonRecord):
+    """An effect that the residual asks for."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+        {"scope", "probability", "advice", "residual_without_over_peak"}
+    )
+
+    name: str | None = quantity("Name of the effect")
+    scope: str | None = quantity("What shares it: device, point or drop")
+    value: float | None = quantity("Median over the drops of its first parameter")
+    sd: float | None = quantity("Standard deviation of that value; none: not known")
+    unit: str | None = quantity("SI unit of that value; - for none")
+    parameters: tuple[EffectParameter, ...] | None = quantity("All its numbers")
+    evidence: float | None = quantity(
+        "Drop of the Bayesian information criterion; none: shared by the points of the device"
+    )
+    probability: float | None = quantity(
+        "Share, by weight, of the effect sets that fit nearly as well and have it"
+    )
+    residual_without_over_peak: float | None = quantity(
+        "Residual over the peak when it alone is removed; none: shared by the points of the device"
+    )
+    alternatives: tuple[str, ...] | None = quantity("Effects that would do in its place")
+    advice: str | None = quantity("What to do in the field")
+
+    @property
+    def key(self) -> str:
+        """Name of an effect that was found; a stored one may lack it."""
+        return known(self.name)
+
+    @property
+    def numbers(self) -> tuple[EffectParameter, ...]:
+        """Its parameters; empty where there are none."""
+        return self.parameters or ()
+
+    @property
+    def values_by_name(self) -> dict[str, float]:
+        """Values of its parameters by name."""
+        return {known(p.name): known(p.value) for p in self.numbers}
+
+
+def effect_result(
+    name: str, scope: str, advice: str, parameters: Sequence[EffectParameter], **more: Any
+) -> EffectResult:
+    """Return an effect whose value is the median over the drops of its first parameter.
 
     Parameters
     ----------
     name, scope, advice : str
-    parameters : tuple of FoundParameter, the most telling first
-    evidence : float, drop of the information criterion
-    probability : float, share of the sets that fit nearly as well which have it, by their weight
-    alternatives : tuple of str, effects that would do in its place
-    residual_without : float, what is left over the peak when it alone is taken away; nan: not
-        asked, because the points of a device share it
+    parameters : sequence of EffectParameter, the most telling first
+    more : further fields; evidence and residual are NaN, not determined, unless they are given
     """
+    same = [p for p in parameters if p.name == parameters[0].name]
+    median = sorted(same, key=lambda p: known(p.value))[len(same) // 2]
+    return EffectResult(
+        name=name,
+        scope=scope,
+        value=median.value,
+        sd=median.sd,
+        unit=median.unit,
+        parameters=tuple(parameters),
+        advice=advice,
+        **({"evidence": math.nan, "residual_without_over_peak": math.nan} | more),
+    )
 
-    name: str
-    scope: str
-    advice: str
-    parameters: tuple[FoundParameter, ...]
-    evidence: float
-    alternatives: tuple[str, ...]
-    probability: float = 1.0
-    residual_without: float = math.nan
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedState(JsonRecord):
+    """A point before or after the effects were added."""
 
-@dataclass(frozen=True)
-class ModelState:
-    """A model with its error.
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"stress_pa", "modulus_100kpa_pa"})
 
-    Parameters
-    ----------
-    model : "half-space" or "layer", or "rig" when there is no ground
-    modulus, modulus_deviation : float, Pa; NaN for a rig
-    modulus_interval : (float, float), Pa: 95 %, with what is left unexplained, over all sets of
-        effects that fit nearly as well
-    stress : float, Pa, mean contact pressure at the peak of the last drop: the modulus is the
-        secant one there
-    modulus_100kpa : float, Pa, the secant modulus at 100 kPa
-    residual_rms : float, m
-    residual_over_noise : float
-    residual_rms_over_peak, contact_residual_rms_over_peak : float
-    """
+    model: str | None = quantity("half-space or layer; rig where there is no ground")
+    modulus_pa: float | None = quantity(
+        "Young's modulus; none: no ground, or the interval leaves it open", "Pa"
+    )
+    modulus_sd_pa: float | None = quantity("Standard deviation of the modulus", "Pa")
+    modulus_interval_pa: Interval | None = quantity(
+        "95 % interval, with what is left unexplained, over all sets of effects that fit nearly as "
+        "well",
+        "Pa",
+    )
+    stress_pa: float | None = quantity(
+        "Mean contact pressure at the peak of the last drop: the modulus is the secant one there",
+        "Pa",
+    )
+    modulus_100kpa_pa: float | None = quantity("Secant modulus at 100 kPa", "Pa")
+    residual_rms_m: float | None = quantity("Rms residual", "m")
+    residual_over_noise: float | None = quantity("Rms residual over the noise")
+    residual_rms_over_peak: float | None = quantity(
+        "Rms residual over the peak, from the trigger to the end of the record"
+    )
+    contact_residual_rms_over_peak: float | None = quantity("The same to the end of the contact")
 
-    model: str
-    modulus: float
-    modulus_deviation: float
-    modulus_interval: tuple[float, float]
-    residual_rms: float
-    residual_over_noise: float
-    residual_rms_over_peak: float
-    contact_residual_rms_over_peak: float
-    stress: float
-    modulus_100kpa: float
+    fitted_modulus: float = not_stored(math.nan)
+    """Modulus even where the interval leaves it open, Pa; NaN without ground."""
+
+    @property
+    def left_over_peak(self) -> float:
+        """Rms residual over the peak, from the trigger to the end of the record."""
+        return known(self.residual_rms_over_peak)
 
     @property
     def left_open(self) -> bool:
         """Whether the interval is so wide that a modulus within it would say nothing."""
-        low, high = self.modulus_interval
-        return high > LEFT_OPEN * low
+        low, high = self.modulus_interval_pa or (0.0, 0.0)
+        return all(map(math.isfinite, (low, high))) and high > LEFT_OPEN * low
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutPart(JsonRecord):
+    """Prediction errors of a held-out drop, sensor or point: rms over its peak."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"fitted"})
+
+    name: str | None = quantity("Name of the drop, sensor or point")
+    fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
+    before: float | None = quantity("Error of the base model")
+    after: float | None = quantity("Error with the effects")
+    contact_before: float | None = quantity("Error of the base model in the contact")
+    contact_after: float | None = quantity("Error with the effects in the contact")
+    scaled_record: float | None = quantity(
+        "Error of the preceding record scaled by the peak loads; none: there is none"
+    )
+    contact_scaled_record: float | None = quantity("The same in the contact")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record with the keys of its JSON, in their order."""
+        return without_newer_keys(self, super(HeldOutPart, self).to_json())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut(JsonRecord):
+    """How well held-out drops, sensors or points are predicted: rms errors over the peak."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
+
+    mode: str | None = quantity("next, drop, sensor or point")
+    fitted: tuple[str, ...] | None = quantity(
+        "Every number that was fitted to the held-out data; empty: a prediction"
+    )
+    before: float | None = quantity("Error of the base model")
+    after: float | None = quantity("Error with the effects")
+    contact_before: float | None = quantity("Error of the base model in the contact")
+    contact_after: float | None = quantity("Error with the effects in the contact")
+    scaled_record: float | None = quantity("Error of the preceding record scaled by the peak loads")
+    contact_scaled_record: float | None = quantity("The same in the contact")
+    by: tuple[HeldOutPart, ...] | None = quantity("Each part")
+
+    @classmethod
+    def of(cls, mode: str, parts: Sequence[HeldOutPart]) -> HeldOut | None:
+        """Return the root mean squares over parts; None: there are none."""
+        if not parts:
+            return None
+        errors: dict[str, Any] = {
+            key: _root_mean_square([getattr(part, key) for part in parts])
+            for key in HELD_OUT_ERRORS
+        }
+        fitted = tuple(dict.fromkeys(name for part in parts for name in part.fitted or ()))
+        return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record with the keys of its JSON, in their order."""
+        return without_newer_keys(self, super(HeldOut, self).to_json())
+
+    @property
+    def is_prediction(self) -> bool:
+        """Whether the held-out data had no part in the choice of the effects."""
+        return self.fitted is not None and CHOICE_OF_EFFECTS not in self.fitted
+
+
+HELD_OUT_ERRORS = (
+    "before",
+    "after",
+    "contact_before",
+    "contact_after",
+    "scaled_record",
+    "contact_scaled_record",
+)
+"""Errors of a held-out part; the first two are older than `HeldOut.fitted`."""
+
+
+def without_newer_keys(record: HeldOut | HeldOutPart, written: dict[str, Any]) -> dict[str, Any]:
+    """Return JSON without empty keys that are newer than a record that lacks ``fitted``."""
+    newer = () if record.fitted is not None else HELD_OUT_ERRORS[2:]
+    return {key: value for key, value in written.items() if key not in newer or value is not None}
+
+
+def _root_mean_square(errors: Sequence[float | None]) -> float | None:
+    """Return that of the errors that there are; None: there are none."""
+    there = [error for error in errors if error is not None]
+    return math.sqrt(sum(error**2 for error in there) / len(there)) if there else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,31 +269,6 @@ class DropCurves:
     after: FloatArray
     offsets: FloatArray
     contact_end: float
-
-
-@dataclass(frozen=True)
-class HeldOutPart:
-    """How well a drop, a sensor or a point is predicted from the rest.
-
-    Parameters
-    ----------
-    name : str, of the drop, sensor or point
-    before, after : float, residual over the held-out peak, of the base model and with the effects
-    contact_after : float, the same in the contact phase
-    contact_before : float, that of the base model
-    scaled_record, contact_scaled_record : float or None, residual of the preceding record, scaled
-        by the peak loads; None: there is none
-    fitted : tuple of str, every number that was fitted to the held-out data
-    """
-
-    name: str
-    before: float
-    after: float
-    contact_after: float
-    contact_before: float = math.nan
-    scaled_record: float | None = None
-    contact_scaled_record: float | None = None
-    fitted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +302,11 @@ class PointDiagnosis:
     numbers : tuple of int, of the drops
     verdict : Verdict
     noise_rms : float, m
-    before, after : ModelState
-    effects : tuple of FoundEffect, strongest first
-    held_out_before, held_out_after : float or None, residual over peak on what was not fitted
+    before, after : FittedState
+    effects : tuple of EffectResult, strongest first
+    held_out : HeldOut or None
     warnings : tuple of str
     curves : tuple of DropCurves
-    held_out_mode : str, what was left out: drop, sensor or point
-    held_out_by : tuple of HeldOutPart
     values : dict of all unknowns' values, from which a fit of the point may go on
     plain : bool, whether every sample counted alike, as much more than noise is left
     independent : float, samples that count in the evidence of its effects
@@ -211,15 +318,12 @@ class PointDiagnosis:
     numbers: tuple[int, ...]
     verdict: Verdict
     noise_rms: float
-    before: ModelState
-    after: ModelState
-    effects: tuple[FoundEffect, ...]
-    held_out_before: float | None
-    held_out_after: float | None
+    before: FittedState
+    after: FittedState
+    effects: tuple[EffectResult, ...]
+    held_out: HeldOut | None
     warnings: tuple[str, ...]
     curves: tuple[DropCurves, ...] = field(repr=False)
-    held_out_mode: LeaveOut = "drop"
-    held_out_by: tuple[HeldOutPart, ...] = ()
     values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
     plain: bool = False
     independent: float = math.nan
@@ -229,8 +333,7 @@ class PointDiagnosis:
     @property
     def takes_most(self) -> bool:
         """Whether the effects take at least half of the residual over the peak away."""
-        before, after = self.before.residual_rms_over_peak, self.after.residual_rms_over_peak
-        return after <= MOST_LEFT * before
+        return self.after.left_over_peak <= MOST_LEFT * self.before.left_over_peak
 
     def criterion(self, shared: DeviceValues | None = None) -> float:
         r"""Bayesian information criterion :math:`N \ln r^2 + k \ln N`; smaller is better.
@@ -244,7 +347,7 @@ class PointDiagnosis:
         """
         others = {(name, key) for name, values in (shared or {}).items() for key in values}
         own = sum((name, key) not in others for _, name, key, _ in self.values)
-        left = max(self.after.residual_rms_over_peak, _NOTHING_LEFT)
+        left = max(self.after.left_over_peak, _NOTHING_LEFT)
         misfit = 2.0 * self.independent * math.log(left)
         return misfit + own * math.log(self.independent)
 
@@ -257,19 +360,16 @@ class PointDiagnosis:
         so wide that it leaves it open; and drops that were held out are predicted better than
         before.
         """
-        if not self.effects or not math.isfinite(self.after.modulus):
+        before, after = self.before.fitted_modulus, self.after.modulus_pa
+        interval = self.after.modulus_interval_pa
+        if not self.effects or after is None or interval is None or self.after.left_open:
             return False
-        if self.after.left_open:
-            return False
-        past_bounds = any(p.at_bound for effect in self.effects for p in effect.parameters)
-        near = self.after.residual_rms_over_peak <= NEARLY_EXPLAINED and not past_bounds
-        low, high = self.after.modulus_interval
-        moved = abs(self.after.modulus - self.before.modulus)
-        worse = (
-            self.held_out_before is not None
-            and self.held_out_after is not None
-            and self.held_out_after >= self.held_out_before
-        )
+        past_bounds = any(p.at_bound for effect in self.effects for p in effect.numbers)
+        near = self.after.left_over_peak <= NEARLY_EXPLAINED and not past_bounds
+        low, high = interval
+        moved = abs(after - before)
+        part = self.held_out or HeldOut()
+        worse = part.before is not None and part.after is not None and part.after >= part.before
         return (self.verdict == "explained" or near) and high - low < moved and not worse
 
 

@@ -109,12 +109,13 @@ def _drop_error(
     if held_out:
         scaled = _errors(record, drop, scaled_record(records.records[held_out - 1], record))
     return HeldOutPart(
-        f"drop {number}",
-        before,
-        after,
-        contact_after,
-        contact_before,
-        *scaled,
+        name=f"drop {number}",
+        before=before,
+        after=after,
+        contact_before=contact_before,
+        contact_after=contact_after,
+        scaled_record=scaled[0],
+        contact_scaled_record=scaled[1],
         fitted=() if allow is None else (f"stiffness (drop {number})",),
     )
 
@@ -135,8 +136,14 @@ def _sensor_error(
     (before, contact_before), (after, contact_after) = np.sqrt(
         np.mean(np.square(errors), axis=0)
     ).tolist()
-    name = f"sensor at {position:g} m"
-    return HeldOutPart(name, before, after, contact_after, contact_before)
+    return HeldOutPart(
+        name=f"sensor at {position:g} m",
+        fitted=(),
+        before=before,
+        after=after,
+        contact_before=contact_before,
+        contact_after=contact_after,
+    )
 
 
 def scaled_record(preceding: Record, record: Record) -> FloatArray:

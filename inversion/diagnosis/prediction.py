@@ -19,6 +19,7 @@ from inversion.diagnosis.problem import Point, Problem, Unknown
 from inversion.diagnosis.search import Candidate, Search
 from inversion.effects.base import Ground
 from inversion.forward.library import SurrogateLibrary
+from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 _STEPS_OF_HELD_OUT = 10
@@ -59,24 +60,15 @@ def held_out_drops(point: Point, base: Candidate, best: Candidate) -> list[HeldO
         after, contact, free = _transfer_to_drop(best, left_out)
         found.append(
             HeldOutPart(
-                f"drop {number}",
-                before,
-                after,
-                contact,
-                contact_before,
+                name=f"drop {number}",
+                before=before,
+                after=after,
+                contact_before=contact_before,
+                contact_after=contact,
                 fitted=(CHOICE_OF_EFFECTS, *_names(free, point.records.numbers)),
             )
         )
     return found
-
-
-def mean_error(parts: Sequence[HeldOutPart]) -> tuple[float | None, float | None]:
-    """Root mean squares of the errors before and after; None without any."""
-    if not parts:
-        return None, None
-    squares = np.square([(part.before, part.after) for part in parts])
-    before, after = np.sqrt(np.mean(squares, axis=0))
-    return float(before), float(after)
 
 
 def _transfer_to_drop(candidate: Candidate, left_out: int) -> tuple[float, float, list[Unknown]]:
@@ -160,13 +152,13 @@ def left_out_error(
         point = Point(records, library or SurrogateLibrary())
         looked, scope = (point.coarse(), ALIKE) if found.plain else (point, WHOLE)
         search = Search([looked], fixed=device, scope=scope)
-        names = [effect.name for effect in found.effects if effect.name not in device]
+        names = [known(effect.name) for effect in found.effects if effect.name not in device]
         after = search.named(names, found.values)
         return HeldOutPart(
-            records.name,
-            found.before.residual_rms_over_peak,
-            residual_over_peak(point, after),
-            residual_over_peak(point, after, contact_only=True),
-            found.before.contact_residual_rms_over_peak,
+            name=records.name,
+            before=found.before.residual_rms_over_peak,
+            after=residual_over_peak(point, after),
+            contact_before=found.before.contact_residual_rms_over_peak,
+            contact_after=residual_over_peak(point, after, contact_only=True),
             fitted=(CHOICE_OF_EFFECTS, *_names(after.fit.problem.own[0], records.numbers)),
         )

@@ -11,13 +11,13 @@ from statistics import median
 from inversion import SurrogateLibrary
 from inversion.diagnosis import (
     DeviceFindings,
-    FoundEffect,
-    FoundParameter,
     PointDiagnosis,
     PointRecords,
     fit_device,
 )
+from inversion.diagnosis.findings import EffectParameter, effect_result
 from inversion.effects import BY_NAME
+from inversion.records import known
 from pfwd_survey.inverting.diagnosis.points import DeviceValues
 
 # Points from which on their spread is told; of a normal distribution its middle distance from the
@@ -35,7 +35,7 @@ def device_names(sound: Sequence[PointDiagnosis]) -> list[str]:
     for diagnosis in sound:
         for effect in diagnosis.effects:
             if effect.scope == "device":
-                counts[effect.name] = counts.get(effect.name, 0) + 1
+                counts[effect.key] = counts.get(effect.key, 0) + 1
     return [name for name in BY_NAME if 2 * counts.get(name, 0) >= max(len(sound), 1)]
 
 
@@ -127,11 +127,11 @@ def with_spread(findings: DeviceFindings, alone: Sequence[PointDiagnosis]) -> De
 
 def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> DeviceValues | None:
     """What one point alone says of the survey's device effects; None: not of all of them."""
-    own = {effect.name: effect for effect in diagnosis.effects}
+    own = {effect.key: effect.values_by_name for effect in diagnosis.effects}
     if not set(findings.values) <= set(own):
         return None
     return {
-        name: {p.name: p.value for p in own[name].parameters if p.name in parameters}
+        name: {key: value for key, value in own[name].items() if key in parameters}
         for name, parameters in findings.values.items()
     }
 
@@ -140,17 +140,18 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
     """Return the warnings where a point alone shows another device than the others do."""
     warnings = []
     for effect in diagnosis.effects:
-        for p in effect.parameters:
-            wide = findings.spread.get(effect.name, {}).get(p.name)
+        for p in effect.numbers:
+            name, value = known(p.name), known(p.value)
+            wide = findings.spread.get(effect.key, {}).get(name)
             if effect.scope != "device" or wide is None:
                 continue
-            own = p.deviation if math.isfinite(p.deviation) else 0.0
-            shared = findings.values[effect.name][p.name]
-            away = abs(p.value - shared)
+            own = p.sd if p.sd is not None and math.isfinite(p.sd) else 0.0
+            shared = findings.values[effect.key][name]
+            away = abs(value - shared)
             if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
                 unit = "" if p.unit == "-" else f" {p.unit}"
                 warnings.append(
-                    f"{effect.name}: {p.name.replace('_', ' ')} {p.value:.3g}{unit} by this point "
+                    f"{effect.name}: {name.replace('_', ' ')} {value:.3g}{unit} by this point "
                     f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
                 )
     return warnings
@@ -165,7 +166,7 @@ def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...
     for diagnosis in alone:
         for effect in diagnosis.effects:
             if effect.scope == "device":
-                counts.setdefault(effect.name, Counter()).update(effect.alternatives)
+                counts.setdefault(effect.key, Counter()).update(effect.alternatives or ())
     return {
         name: tuple(other for other, _ in found.most_common(_MOST_ALTERNATIVES))
         for name, found in counts.items()
@@ -195,24 +196,21 @@ def with_device(
     """
     told = {name: tuple(others.get(name, ())) if others else () for name in findings.values}
     shared = tuple(
-        FoundEffect(
-            name=name,
-            scope="device",
-            advice=BY_NAME[name].advice,
-            parameters=tuple(
-                FoundParameter(
-                    p.name,
-                    p.unit,
+        effect_result(
+            name,
+            "device",
+            BY_NAME[name].advice,
+            [
+                EffectParameter(
+                    name=p.name,
+                    unit=p.unit,
                     # As the point moved it, where it might.
-                    diagnosis.values.get((0, name, p.name, None), values[p.name]),
-                    findings.deviations[name][p.name],
-                    None,
-                    False,
-                    findings.spread.get(name, {}).get(p.name, math.nan),
+                    value=diagnosis.values.get((0, name, p.name, None), values[p.name]),
+                    sd=findings.deviations[name][p.name],
+                    spread=findings.spread.get(name, {}).get(p.name),
                 )
                 for p in BY_NAME[name].parameters
-            ),
-            evidence=math.nan,
+            ],
             alternatives=told[name],
             probability=math.nan,
         )

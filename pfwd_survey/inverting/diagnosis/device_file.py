@@ -7,8 +7,9 @@ import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from inversion.diagnosis import FoundEffect
+from inversion.diagnosis.findings import EffectResult
 from inversion.effects import BY_NAME
+from inversion.records import known
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.files.output_path import require_writable
 from pfwd_survey.files.toml import toml_line
@@ -46,19 +47,20 @@ def write_device_file(
     OSError
         If the file cannot be written.
     """
-    effects: dict[str, list[FoundEffect]] = {}
+    effects: dict[str, list[EffectResult]] = {}
     drops: dict[str, int] = {}
     for point in diagnosed:
         for effect in point.diagnosis.effects if point.diagnosis else ():
             if effect.scope == "device" and point.diagnosis is not None:
-                effects.setdefault(effect.name, []).append(effect)
-                drops[effect.name] = drops.get(effect.name, 0) + len(point.diagnosis.numbers)
-    known = []
+                name = known(effect.name)
+                effects.setdefault(name, []).append(effect)
+                drops[name] = drops.get(name, 0) + len(point.diagnosis.numbers)
+    device_effects = []
     for name, found in effects.items():
-        best = min(found, key=lambda effect: effect.parameters[0].deviation)
-        values = [(p.name, p.unit, p.value, p.deviation) for p in best.parameters]
-        known.append(DeviceEffect(name, drops[name], values))
-    write_effects(path, device, known)
+        best = min(found, key=lambda effect: known(effect.numbers[0].sd))
+        values = [(known(p.name), known(p.unit), known(p.value), known(p.sd)) for p in best.numbers]
+        device_effects.append(DeviceEffect(name, drops[name], values))
+    write_effects(path, device, device_effects)
 
 
 class DeviceEffect(NamedTuple):

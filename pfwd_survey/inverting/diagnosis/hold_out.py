@@ -18,7 +18,7 @@ from inversion.diagnosis import (
     held_out_error,
     without_held_out,
 )
-from inversion.diagnosis.prediction import mean_error
+from inversion.diagnosis.findings import HeldOut
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.points import (
     DiagnosisByPoint,
@@ -94,13 +94,9 @@ def with_predictions(
 def _with_parts(
     diagnosis: PointDiagnosis, mode: LeaveOut, parts: Sequence[HeldOutPart], warnings: Sequence[str]
 ) -> PointDiagnosis:
-    before, after = mean_error(parts)
     return replace(
         diagnosis,
-        held_out_before=before,
-        held_out_after=after,
-        held_out_mode=mode,
-        held_out_by=tuple(parts),
+        held_out=HeldOut.of(mode, parts),
         warnings=(*diagnosis.warnings, *warnings),
     )
 

@@ -66,17 +66,17 @@ def find_minority_effects(
     """
     if len(alone) < 2:
         return None
-    usual_residual = median(d.after.residual_rms_over_peak for d in alone.values())
+    usual_residual = median(d.after.left_over_peak for d in alone.values())
     witnesses = {
         name: d
         for name, d in alone.items()
-        if d.takes_most and d.after.residual_rms_over_peak <= MAX_WITNESS_RATIO * usual_residual
+        if d.takes_most and d.after.left_over_peak <= MAX_WITNESS_RATIO * usual_residual
     }
     shown = {name: _device_of(d) for name, d in witnesses.items()}
     unusual = [name for name, device in shown.items() if not set(device) <= set(usual)]
     if not unusual:
         return None
-    best = min(unusual, key=lambda name: witnesses[name].after.residual_rms_over_peak)
+    best = min(unusual, key=lambda name: witnesses[name].after.left_over_peak)
     effects = set(shown[best])
     showing = tuple(name for name, device in shown.items() if effects <= set(device))
     values = {
@@ -105,7 +105,7 @@ def requests_with(
     """
     plain = are_plain(list(alone.values()))
     shown = [alone[name] for name in minority.showing]
-    likely = sorted({e.name for d in shown for e in d.effects} - set(minority.values))
+    likely = sorted({e.key for d in shown for e in d.effects} - set(minority.values))
     cold = DiagnosisRequest(minority.values, minority.deviations, plain=plain, brief=True)
     warm = {}
     for name in minority.others:
@@ -142,13 +142,13 @@ def gain(
 
 def _device_of(diagnosis: PointDiagnosis) -> DeviceValues:
     return {
-        effect.name: {
-            p.name: p.value
-            for p in effect.parameters
-            if (0, effect.name, p.name, None) in diagnosis.values
+        effect.key: {
+            name: value
+            for name, value in effect.values_by_name.items()
+            if (0, effect.key, name, None) in diagnosis.values
         }
         for effect in diagnosis.effects
-        if effect.scope == "device" and all(math.isfinite(p.value) for p in effect.parameters)
+        if effect.scope == "device" and all(map(math.isfinite, effect.values_by_name.values()))
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from inversion.diagnosis import ModelState
+from inversion.diagnosis.findings import FittedState
+from inversion.records import known
 from pfwd_survey.digits import rounded, significant, with_ends
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.output_path import require_writable
@@ -110,10 +110,10 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     effects = diagnosed.diagnosis.effects
     # What points of a device share was not weighed at one of them.
     names = [
-        effect.name if np.isfinite(effect.evidence) else f"{effect.name} (shared)"
+        effect.key if np.isfinite(known(effect.evidence)) else f"{effect.key} (shared)"
         for effect in effects
     ] or ["no effect"]
-    evidence = [effect.evidence if np.isfinite(effect.evidence) else 0.0 for effect in effects]
+    evidence = [float(np.nan_to_num(known(effect.evidence))) for effect in effects]
     places = np.arange(len(names))
     axis.barh(places, evidence or [0.0], color=_AFTER)
     axis.set_yticks(places, names, fontsize=8)
@@ -122,7 +122,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
         "\n".join(
-            f"{when} {_modulus(state)}, {significant(100 * state.residual_rms_over_peak, 2)} % left"
+            f"{when} {_modulus(state)}, {significant(100 * state.left_over_peak, 2)} % left"
             for when, state in (("before", before), ("after", after))
         ),
         fontsize=9,
@@ -135,13 +135,13 @@ def _name(diagnosed: Diagnosed) -> str:
     return Path(diagnosed.file).name if point is None else point
 
 
-def _modulus(state: ModelState) -> str:
-    """With its interval, or why there is none."""
-    low, high = state.modulus_interval
-    if not all(map(math.isfinite, (state.modulus, low, high))):
+def _modulus(state: FittedState) -> str:
+    """Return the modulus with its interval, or why there is none."""
+    if state.modulus_interval_pa is None:
         return "no modulus"
-    if state.left_open:
+    low, high = state.modulus_interval_pa
+    if state.modulus_pa is None:
         near, far = (rounded(end / 1e6, end / 1e6) for end in (low, high))
         return f"E left open ({near} to {far}) MPa"
-    value, near, far = with_ends(state.modulus / 1e6, (low / 1e6, high / 1e6))
+    value, near, far = with_ends(state.modulus_pa / 1e6, (low / 1e6, high / 1e6))
     return f"E {value} ({near} to {far}) MPa"

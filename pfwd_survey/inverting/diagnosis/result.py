@@ -4,107 +4,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from inversion.records import Interval
+from inversion.diagnosis.findings import EffectParameter as EffectParameter
+from inversion.diagnosis.findings import EffectResult as EffectResult
+from inversion.diagnosis.findings import FittedState as FittedState
+from inversion.diagnosis.findings import HeldOut as HeldOut
+from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
 from pfwd_survey.inverting.stored import StoredRecord
 
 if TYPE_CHECKING:
     from pfwd_survey.procedures.point import Use
-
-LEFT_OPEN = 10.0
-"""Times as high as low, from which on an interval says nothing of a modulus."""
-
-# As the inversion names it.
-_CHOICE_OF_EFFECTS = "choice of effects"
-_WITH_FITTED = (
-    "contact_before",
-    "contact_after",
-    "scaled_record",
-    "contact_scaled_record",
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FittedState(StoredRecord):
-    """The point before or after the effects were added."""
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"stress_pa", "modulus_100kpa_pa"})
-
-    model: str | None = None
-    """half-space or layer; rig where there is no ground."""
-    modulus_pa: float | None = None
-    """Pa; None without ground, and where the interval leaves it open."""
-    modulus_sd_pa: float | None = None
-    """Pa."""
-    modulus_interval_pa: Interval | None = None
-    """95 %, with what is left unexplained, over all sets of effects that fit nearly as well, Pa."""
-    stress_pa: float | None = None
-    """Mean contact pressure at the peak of the last drop, Pa: the modulus is the secant one there;
-    of the point after the effects were added."""
-    modulus_100kpa_pa: float | None = None
-    """The secant modulus at 100 kPa, Pa; of the point after the effects were added."""
-    residual_rms_m: float | None = None
-    """m."""
-    residual_over_noise: float | None = None
-    residual_rms_over_peak: float | None = None
-    """From the trigger to the end of the record."""
-    contact_residual_rms_over_peak: float | None = None
-    """To the end of the contact."""
-
-    @property
-    def left_open(self) -> bool:
-        """Whether the interval is so wide that a modulus within it would say nothing."""
-        low, high = self.modulus_interval_pa or (0.0, 0.0)
-        return all(map(math.isfinite, (low, high))) and high > LEFT_OPEN * low
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectParameter(StoredRecord):
-    """One number of an effect."""
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
-
-    name: str | None = None
-    value: float | None = None
-    """In the unit."""
-    sd: float | None = None
-    """Its standard deviation; None: not known."""
-    unit: str | None = None
-    """SI; - for none."""
-    drop: int | None = None
-    """Number of the drop that it belongs to; None: to all."""
-    spread: float | None = None
-    """By which the points of the device differ, each by itself, in the unit; None: not asked."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectResult(StoredRecord):
-    """An effect that the residual asks for."""
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
-        {"scope", "probability", "advice", "residual_without_over_peak"}
-    )
-
-    name: str | None = None
-    scope: str | None = None
-    """What shares it: device, point or drop."""
-    value: float | None = None
-    """Of its first parameter, the middle over the drops."""
-    sd: float | None = None
-    """Its standard deviation; None: not known."""
-    unit: str | None = None
-    """SI; - for none."""
-    parameters: tuple[EffectParameter, ...] | None = None
-    evidence: float | None = None
-    """Drop of the Bayesian information criterion; None: shared by the points of the device."""
-    probability: float | None = None
-    """Share of the sets of effects that fit nearly as well which have it, by their weight."""
-    residual_without_over_peak: float | None = None
-    """What is left when it alone is taken away; None: shared by the points of the device."""
-    alternatives: tuple[str, ...] | None = None
-    """Effects that would do in its place, at most two."""
-    advice: str | None = None
-    """What to do in the field."""
-
 
 NARROW_FOR_DESIGN = 0.3
 """Half-width of the interval over the modulus of a design value, either side."""
@@ -118,65 +26,6 @@ WIDEST_WITH_CARE = 2.0
 
 def _percent(share: float) -> str:
     return f"{100 * share:.2g} %"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOutOne(StoredRecord):
-    """A held-out drop, sensor or point; errors are rms over its peak."""
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"fitted"})
-
-    name: str | None = None
-    fitted: tuple[str, ...] | None = None
-    """Every number that was fitted to the held-out data."""
-    before: float | None = None
-    """By the base model."""
-    after: float | None = None
-    """With the effects."""
-    contact_before: float | None = None
-    contact_after: float | None = None
-    scaled_record: float | None = None
-    """By the preceding record, scaled by the peak loads; None: there is none."""
-    contact_scaled_record: float | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
-        return _as_written(self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut(StoredRecord):
-    """How well held-out drops, sensors or points are predicted; errors are rms over the peak."""
-
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
-
-    mode: str | None = None
-    """next, drop, sensor or point."""
-    fitted: tuple[str, ...] | None = None
-    """Every number that was fitted to the held-out data; none: a prediction."""
-    before: float | None = None
-    after: float | None = None
-    contact_before: float | None = None
-    contact_after: float | None = None
-    scaled_record: float | None = None
-    contact_scaled_record: float | None = None
-    by: tuple[HeldOutOne, ...] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
-        return _as_written(self)
-
-    @property
-    def is_prediction(self) -> bool:
-        """Whether the held-out data had no part in the choice of the effects."""
-        return self.fitted is not None and _CHOICE_OF_EFFECTS not in self.fitted
-
-
-def _as_written(record: HeldOutOne | HeldOut) -> dict[str, Any]:
-    """Return the JSON of a record; one without ``fitted`` is older than the keys beside it."""
-    written = StoredRecord.to_json(record)
-    newer = () if record.fitted is not None else _WITH_FITTED
-    return {key: value for key, value in written.items() if key not in newer or value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,6 +24,7 @@ from inversion.diagnosis import (
     UnknownKey,
     left_out_error,
 )
+from inversion.diagnosis.findings import HeldOut
 from pfwd_survey.inverting.diagnosis.device_effects import (
     alternatives_of,
     contradictions,
@@ -135,7 +136,7 @@ def diagnose_individually(
         diagnose(
             others, DiagnosisRequest(likely=sorted(likely), begun=starts, plain=plain, brief=True)
         )
-        limit = MAX_RESIDUAL_RATIO * median([d.after.residual_rms_over_peak for d in shown])
+        limit = MAX_RESIDUAL_RATIO * median([d.after.left_over_peak for d in shown])
         diagnoses = successful(outcomes)
         worse = [
             point
@@ -153,7 +154,7 @@ def diagnose_individually(
 def _ended_worse(diagnosis: PointDiagnosis, limit: float) -> bool:
     """Return whether the residual exceeds a limit, and is too large for a corrected modulus."""
     limit = max(limit, NEARLY_EXPLAINED)
-    return diagnosis.verdict == "unexplained" and diagnosis.after.residual_rms_over_peak > limit
+    return diagnosis.verdict == "unexplained" and diagnosis.after.left_over_peak > limit
 
 
 def rediagnose_with_device(
@@ -201,13 +202,7 @@ def rediagnose_with_device(
             warnings = contradictions(own[name], findings)
             diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *warnings))
         if name in errors:
-            diagnosis = replace(
-                diagnosis,
-                held_out_before=errors[name].before,
-                held_out_after=errors[name].after,
-                held_out_mode="point",
-                held_out_by=(errors[name],),
-            )
+            diagnosis = replace(diagnosis, held_out=HeldOut.of("point", [errors[name]]))
         again[name] = diagnosis
     return again | by_itself
 
@@ -226,7 +221,7 @@ def _rediagnose_worse(
     diagnoses = successful(outcomes)
     if not diagnoses:
         return
-    residuals = [d.after.residual_rms_over_peak for d in diagnoses.values()]
+    residuals = [d.after.left_over_peak for d in diagnoses.values()]
     limit = MAX_RESIDUAL_RATIO_WITH_DEVICE * median(residuals)
     worse = [
         point
@@ -237,7 +232,7 @@ def _rediagnose_worse(
     cold = DiagnosisRequest(device=findings.values, leave_out=False)
     others = diagnose_all(worse, [cold] * len(worse), workers, counter)
     for name, other in successful(others).items():
-        if other.after.residual_rms_over_peak < diagnoses[name].after.residual_rms_over_peak:
+        if other.after.left_over_peak < diagnoses[name].after.left_over_peak:
             outcomes[name] = other
 
 
@@ -252,7 +247,7 @@ def _diagnose_without_device(
     worse = {
         name: diagnosis
         for name, diagnosis in successful(outcomes).items()
-        if diagnosis.after.residual_rms_over_peak > diagnosis.before.residual_rms_over_peak
+        if diagnosis.after.left_over_peak > diagnosis.before.left_over_peak
     }
     counter.expect(len(worse))
     request = DiagnosisRequest(leave_out=leave_out)
@@ -260,7 +255,7 @@ def _diagnose_without_device(
     by_itself = diagnose_all(chosen, [request] * len(chosen), workers, counter)
     for name, other in successful(by_itself).items():
         with_device_percent, without_percent = (
-            100 * state.residual_rms_over_peak for state in (worse[name].after, worse[name].before)
+            100 * state.left_over_peak for state in (worse[name].after, worse[name].before)
         )
         warning = (
             f"the device of the other points leaves {with_device_percent:.2g} % of the peak here, "
@@ -282,17 +277,17 @@ def _requests_with_device(
     """
     diagnoses = list(successful(alone).values())
     common, middle = _shown_effects(diagnoses, findings.values)
-    usual = median([d.after.residual_rms_over_peak for d in diagnoses])
-    best = min(diagnoses, key=lambda d: d.after.residual_rms_over_peak)
+    usual = median([d.after.left_over_peak for d in diagnoses])
+    best = min(diagnoses, key=lambda d: d.after.left_over_peak)
     requests = {}
     for name, outcome in alone.items():
         if isinstance(outcome, DiagnosisFailure):
             requests[name] = DiagnosisRequest(device=findings.values)
             continue
-        own = {e.name for e in outcome.effects if e.name not in findings.values}
+        own = {e.key for e in outcome.effects} - set(findings.values)
         ground = {key: value for key, value in outcome.values.items() if not key[1]}
         starts = [outcome.values, middle | ground]
-        if outcome.after.residual_rms_over_peak > usual:
+        if outcome.after.left_over_peak > usual:
             starts.append(dict(best.values) | ground)
         requests[name] = DiagnosisRequest(
             device=findings.values,
@@ -307,7 +302,7 @@ def _shown_effects(
     diagnoses: Sequence[PointDiagnosis], known: Collection[str]
 ) -> tuple[set[str], dict[UnknownKey, float]]:
     """Return the effects that several points show, known ones apart, and medians of all values."""
-    named = [{e.name for e in d.effects if e.name not in known} for d in diagnoses]
+    named = [{e.key for e in d.effects if e.key not in known} for d in diagnoses]
     counts = {name: sum(name in own for own in named) for name in set().union(*named)}
     limit = max(2, MIN_SHOWING_SHARE * len(named))
     common = {name for name, count in counts.items() if count >= limit}

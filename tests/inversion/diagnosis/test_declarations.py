@@ -153,8 +153,9 @@ def test_only_what_looks_wrong_is_doubted(record: Record, library: SurrogateLibr
 def diagnosis(
     left: float, verdict: str = "unexplained", *, left_open: bool = False, rock: float = 1.2
 ) -> PointDiagnosis:
-    after = SimpleNamespace(residual_rms_over_peak=left, left_open=left_open, modulus=123e6)
-    depth = SimpleNamespace(name="bedrock", parameters=(SimpleNamespace(value=rock),))
+    modulus = None if left_open else 123e6
+    after = SimpleNamespace(left_over_peak=left, left_open=left_open, modulus_pa=modulus)
+    depth = SimpleNamespace(name="bedrock", value=rock)
     found: Any = SimpleNamespace(after=after, verdict=verdict, effects=(depth,))
     return found  # type: ignore[no-any-return]
 
@@ -176,7 +177,7 @@ def test_half_of_the_residual_has_to_go() -> None:
     # What leaves the modulus open, or has none, is no better.
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, left_open=True)) == ""
     rig = diagnosis(0.001)
-    rig.after.modulus = math.nan  # type: ignore[misc]
+    rig.after.modulus_pa = None  # type: ignore[misc]
     assert contradiction(doubt, diagnosis(0.02), rig) == ""
     # The depth that was declared is no contradiction to it.
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=1.04)) == ""

@@ -27,7 +27,6 @@ from inversion.diagnosis.diagnose import (
     _warnings,
 )
 from inversion.diagnosis.discrepancy import Discrepancy
-from inversion.diagnosis.findings import FoundEffect
 from inversion.diagnosis.fit import Fit
 from inversion.diagnosis.model import INDEPENDENT_HZ
 from inversion.diagnosis.problem import Problem
@@ -37,6 +36,7 @@ from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
+from tests.inversion.diagnosis.found import effect_of, state_of
 from tests.inversion.diagnosis.toys import Toy, ToyPoint, toy_point
 
 MODULUS = 45e6
@@ -85,7 +85,7 @@ def test_a_clean_drop_is_clean(drop: SimulatedDrop, library: SurrogateLibrary) -
     found = diagnose(drop, library)
     assert found.verdict == "clean"
     assert found.effects == ()
-    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+    assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.01)
     # From the 200 samples before the pulse on.
     seconds = drop.time[-1] - drop.time[0] + 0.02
     assert found.independent == pytest.approx(INDEPENDENT_HZ * seconds, rel=0.01)
@@ -98,8 +98,8 @@ def test_undeclared_rock_is_found(drop: SimulatedDrop, library: SurrogateLibrary
     assert effect.name == "bedrock"
     assert effect.parameters[0].value == pytest.approx(1.2, rel=0.02)
     assert found.before.residual_over_noise > 10
-    assert abs(found.before.modulus / MODULUS - 1) > 0.015
-    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+    assert abs(found.before.modulus_pa / MODULUS - 1) > 0.015
+    assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.01)
     assert found.after.model == "layer"
 
 
@@ -108,7 +108,7 @@ def test_an_undeclared_plate_is_found(drop: SimulatedDrop, library: SurrogateLib
     names = [effect.name for effect in found.effects]
     assert found.verdict == "explained"
     assert "plate_inertia" in names + [a for e in found.effects for a in e.alternatives]
-    assert found.after.modulus == pytest.approx(MODULUS, rel=0.02)
+    assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.02)
 
 
 def test_what_no_effect_explains_is_called_so(
@@ -123,11 +123,11 @@ def test_what_no_effect_explains_is_called_so(
     assert not found.corrected
     assert any("not explained" in text for text in found.warnings)
     # What shows of it is as much of the peak as what does not may be, twice.
-    low, high = found.after.modulus_interval
+    low, high = found.after.modulus_interval_pa
     left = found.after.contact_residual_rms_over_peak
     assert left > 0.01
-    assert low < found.after.modulus / (1 + 2 * left)
-    assert high > found.after.modulus * (1 + 2 * left)
+    assert low < found.after.modulus_pa / (1 + 2 * left)
+    assert high > found.after.modulus_pa * (1 + 2 * left)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_response_that_no_geophone_has_is_no_explanation(
     assert told["natural_frequency"] == pytest.approx(frequency, rel=0.2)
     assert found.verdict == verdict
     assert any("no instrument in use" in text for text in found.warnings) == (frequency < 2)
-    assert found.after.modulus == pytest.approx(MODULUS, rel=0.01)
+    assert found.after.modulus_pa == pytest.approx(MODULUS, rel=0.01)
 
 
 @pytest.mark.parametrize("model_error", [0.0, 0.3])
@@ -170,27 +170,41 @@ def test_calibration_is_in_every_interval() -> None:
     assert _model_error(point, of_layers) == pytest.approx(np.hypot(0.028, 0.015))
 
 
+@pytest.mark.parametrize(("factor", "known"), [(9.9, True), (10.1, False)])
+def test_a_modulus_that_is_left_open_is_none(factor: float, known: bool) -> None:
+    ends = (1e6, factor * 1e6)
+    state = state_of("layer", 4e6, 1e5, ends, 1e-6, 9.0, 0.0, 0.0, 1e5, 3.9e6)
+    found = _left_open(state)
+    assert (found.modulus_pa == 4e6) == known
+    assert (found.modulus_100kpa_pa == 3.9e6) == known
+    assert (found.modulus_sd_pa == 1e5) == known
+    assert found.modulus_interval_pa == pytest.approx(ends)
+    assert found.left_open is not known
+    assert found.fitted_modulus == 4e6
+
+
 @pytest.mark.parametrize(("whole", "contact"), [(0.04, 0.01), (0.01, 0.04)])
 def test_what_is_left_unexplained_opens_the_interval(whole: float, contact: float) -> None:
     point = point_of_heights(8000.0)
     state = replace(
         _state(point, ended(point, modulus_ratio=2.0)),
-        modulus=4e7,
-        modulus_deviation=8e5,
-        modulus_interval=(3.9e7, 4.2e7),
+        modulus_pa=4e7,
+        fitted_modulus=4e7,
+        modulus_sd_pa=8e5,
+        modulus_interval_pa=(3.9e7, 4.2e7),
         residual_rms_over_peak=whole,
         contact_residual_rms_over_peak=contact,
     )
     opened = _left_open(state)
     behind = np.log(1.08)
-    low, high = np.log(np.array(opened.modulus_interval) / 4e7)
+    low, high = np.log(np.array(opened.modulus_interval_pa) / 4e7)
     assert low == pytest.approx(-np.hypot(np.log(4.0 / 3.9), behind))
     assert high == pytest.approx(np.hypot(np.log(4.2 / 4.0), behind))
-    assert opened.modulus == 4e7
-    assert opened.modulus_deviation == pytest.approx(
+    assert opened.modulus_pa == 4e7
+    assert opened.modulus_sd_pa == pytest.approx(
         4e7 * np.hypot(0.02, behind / norm.ppf(0.975)), rel=1e-4
     )
-    rig = replace(state, modulus=np.nan)
+    rig = replace(state, fitted_modulus=np.nan)
     assert _left_open(rig) is rig
 
 
@@ -205,7 +219,7 @@ def test_a_record_that_steps_in_the_contact_is_not_explained(
     assert found.effects == ()
     assert not found.corrected
     # Priors count after: no more is between them.
-    assert found.after.modulus == pytest.approx(found.before.modulus, rel=0.03)
+    assert found.after.modulus_pa == pytest.approx(found.before.modulus_pa, rel=0.03)
     (said,) = [text for text in found.warnings if "steps" in text]
     assert said.startswith("drop 1, sensor at 0 m: the record steps ")
     assert "samples are missing, or its range was switched; measure again" in said
@@ -458,16 +472,16 @@ def test_the_modulus_is_the_secant_one_under_the_last_drop() -> None:
     assert _modulus(point, found) == pytest.approx(2.0 * (6.0 / 8.0) ** 0.4)
     # The toy's record knows nothing of the exponent: what it says of it is not asked.
     state = _state(point, found, (), told((1.0, 3.0)))
-    assert state.stress == pytest.approx(6000.0 / AREA)
-    assert state.modulus == pytest.approx(2.0 * (6.0 / 8.0) ** 0.4)
-    assert state.modulus_100kpa == pytest.approx(2.0 * (100e3 * AREA / 8000.0) ** 0.4)
+    assert state.stress_pa == pytest.approx(6000.0 / AREA)
+    assert state.modulus_pa == pytest.approx(2.0 * (6.0 / 8.0) ** 0.4)
+    assert state.modulus_100kpa_pa == pytest.approx(2.0 * (100e3 * AREA / 8000.0) ** 0.4)
 
 
 def test_ground_that_does_not_bend_has_one_modulus() -> None:
     point = point_of_heights(8000.0, 6000.0)
     state = _state(point, ended(point, modulus_ratio=2.0))
-    assert state.modulus == pytest.approx(2.0)
-    assert state.modulus_100kpa == pytest.approx(2.0)
+    assert state.modulus_pa == pytest.approx(2.0)
+    assert state.modulus_100kpa_pa == pytest.approx(2.0)
     assert state.model == "half-space"
 
 
@@ -516,26 +530,26 @@ def test_effects_that_cannot_be_told_apart_count_in_full() -> None:
     point = point_of_heights(8000.0)
     found = ended(point, modulus_ratio=2.0)
     averaged = told((1.9, 2.1))
-    assert _state(point, found, (), averaged).modulus_interval == pytest.approx((1.9, 2.1))
+    assert _state(point, found, (), averaged).modulus_interval_pa == pytest.approx((1.9, 2.1))
     # What they say is known no better than the calibration.
     wide = 1.028
-    low, high = _state(point, found, (1.5, 2.0), averaged).modulus_interval
+    low, high = _state(point, found, (1.5, 2.0), averaged).modulus_interval_pa
     assert (low, high) == pytest.approx((1.5 / wide, 2.1))
-    low, high = _state(point, found, (3.0,), averaged).modulus_interval
+    low, high = _state(point, found, (3.0,), averaged).modulus_interval_pa
     assert (low, high) == pytest.approx((1.9, 3.0 * wide))
     # The modulus itself lies in it, whatever the others say.
-    low, high = _state(point, found, (), told((2.2, 2.4))).modulus_interval
+    low, high = _state(point, found, (), told((2.2, 2.4))).modulus_interval_pa
     assert (low, high) == pytest.approx((2.0, 2.4))
-    assert _state(point, found, (), averaged).modulus_deviation == pytest.approx(0.05 * 2.0)
+    assert _state(point, found, (), averaged).modulus_sd_pa == pytest.approx(0.05 * 2.0)
 
 
 def test_a_rig_has_no_modulus_and_no_interval() -> None:
     point = point_of_heights(8000.0)
     state = _state(point, ended(point, Toy("a", replaces_ground=True), size=0.0))
     assert state.model == "rig"
-    assert np.isnan([state.modulus, state.modulus_deviation, state.modulus_100kpa]).all()
-    assert np.isnan(state.modulus_interval).all()
-    assert state.stress == pytest.approx(8000.0 / AREA)
+    assert (state.modulus_pa, state.modulus_sd_pa, state.modulus_100kpa_pa) == (None, None, None)
+    assert state.modulus_interval_pa is None
+    assert state.stress_pa == pytest.approx(8000.0 / AREA)
 
 
 @pytest.mark.parametrize(("high", "told_so"), [(1.09, False), (1.11, True)])
@@ -544,7 +558,8 @@ def test_a_wide_range_of_moduli_is_told_where_a_point_is_explained(
 ) -> None:
     point = point_of_heights(8000.0)
     found = ended(point, modulus_ratio=1.05)
-    after = replace(_state(point, found), modulus=1.05e7, modulus_interval=(1.0e7, 1.0e7 * high))
+    ends = (1.0e7, 1.0e7 * high)
+    after = replace(_state(point, found), modulus_pa=1.05e7, modulus_interval_pa=ends)
     texts = _warnings(found, (), "explained", after)
     assert any("10 to 11.1 MPa" in text for text in texts) == told_so
     assert not any("MPa" in text for text in _warnings(found, (), "unexplained", after))
@@ -553,6 +568,6 @@ def test_a_wide_range_of_moduli_is_told_where_a_point_is_explained(
 def test_what_cannot_be_told_apart_is_named() -> None:
     point = point_of_heights(8000.0)
     found = ended(point, modulus_ratio=1.05)
-    effect = FoundEffect("bedrock", "point", "dig", (), 50.0, ("sensor_lag", "rebound"))
+    effect = effect_of("bedrock", "point", "dig", (), 50.0, ("sensor_lag", "rebound"))
     texts = _warnings(found, (effect,), "explained", _state(point, found))
     assert "bedrock cannot be told from sensor_lag, rebound" in texts

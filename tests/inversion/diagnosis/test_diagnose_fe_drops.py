@@ -38,7 +38,7 @@ def test_rock_under_other_finite_elements(
     (effect,) = found.effects
     assert effect.name == "bedrock"
     assert effect.parameters[0].value == pytest.approx(depth, rel=0.03)
-    assert found.after.modulus == pytest.approx(modulus, rel=0.012)
+    assert found.after.modulus_pa == pytest.approx(modulus, rel=0.012)
 
 
 @pytest.mark.parametrize("number", range(1, 9))
@@ -51,6 +51,6 @@ def test_other_finite_elements_with_their_rock_declared_have_no_effect(
     )
     found = diagnose_point(PointRecords("fe", records, (1,)), library)
     assert found.effects == ()
-    assert found.after.modulus == pytest.approx(modulus, rel=0.007)
+    assert found.after.modulus_pa == pytest.approx(modulus, rel=0.007)
     # Undamped ground rings on until the side of the mesh answers: that is no noise, nor an effect.
     assert found.verdict == ("unexplained" if number == 6 else "clean")

@@ -10,28 +10,30 @@ import pytest
 
 from inversion.diagnosis.findings import (
     NEARLY_EXPLAINED,
-    FoundEffect,
-    FoundParameter,
-    ModelState,
+    FittedState,
+    HeldOut,
     PointDiagnosis,
     Verdict,
 )
+from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
-BEFORE = ModelState(
+BEFORE = state_of(
     model="half-space",
     modulus=40e6,
-    modulus_deviation=1e6,
-    modulus_interval=(38e6, 42e6),
+    deviation=1e6,
+    interval=(38e6, 42e6),
     residual_rms=2e-5,
-    residual_over_noise=9.0,
-    residual_rms_over_peak=0.05,
-    contact_residual_rms_over_peak=0.04,
+    over_noise=9.0,
+    over_peak=0.05,
+    contact_over_peak=0.04,
     stress=113e3,
     modulus_100kpa=40e6,
 )
 # Moved by 10 MPa and known to 4.
-AFTER = replace(BEFORE, modulus=50e6, modulus_interval=(48e6, 52e6), residual_rms_over_peak=0.004)
-ROCK = FoundEffect("bedrock", "point", "dig", (), 100.0, ())
+AFTER = replace(
+    BEFORE, modulus_pa=50e6, modulus_interval_pa=(48e6, 52e6), residual_rms_over_peak=0.004
+)
+ROCK = effect_of("bedrock", "point", "dig", (), 100.0, ())
 
 
 def diagnosis(verdict: Verdict = "explained", **changes: Any) -> PointDiagnosis:
@@ -44,15 +46,14 @@ def diagnosis(verdict: Verdict = "explained", **changes: Any) -> PointDiagnosis:
         "before": BEFORE,
         "after": AFTER,
         "effects": (ROCK,),
-        "held_out_before": 0.05,
-        "held_out_after": 0.01,
+        "held_out": HeldOut(before=0.05, after=0.01),
         "warnings": (),
         "curves": (),
     }
     return PointDiagnosis(**(values | changes))
 
 
-def after(**changes: Any) -> ModelState:
+def after(**changes: Any) -> FittedState:
     return replace(AFTER, **changes)
 
 
@@ -67,7 +68,7 @@ def test_without_effects_there_is_nothing_to_correct() -> None:
 
 @pytest.mark.parametrize("modulus", [math.nan, math.inf])
 def test_without_a_modulus_there_is_none_to_be_corrected(modulus: float) -> None:
-    rig = after(model="rig", modulus=modulus, modulus_interval=(math.nan, math.nan))
+    rig = after(model="rig", modulus_pa=modulus, modulus_interval_pa=(math.nan, math.nan))
     assert not diagnosis(after=rig).corrected
 
 
@@ -92,7 +93,7 @@ def test_nearly_explained_is_two_hundredths_of_the_peak() -> None:
 
 @pytest.mark.parametrize("at_bound", [False, True])
 def test_nearly_explained_by_what_would_go_on_past_its_bounds_is_not(at_bound: bool) -> None:
-    parameter = FoundParameter("depth", "m", 1.0, 0.1, None, at_bound)
+    parameter = parameter_of("depth", "m", 1.0, 0.1, None, at_bound)
     rock = replace(ROCK, parameters=(parameter,))
     assert diagnosis("unexplained", effects=(rock,)).corrected is not at_bound
     assert diagnosis("explained", effects=(rock,)).corrected
@@ -111,30 +112,30 @@ def test_nearly_explained_by_what_would_go_on_past_its_bounds_is_not(at_bound: b
 def test_it_is_known_better_than_it_moved(
     interval: tuple[float, float], corrected: bool, down: bool
 ) -> None:
-    before = replace(BEFORE, modulus=60e6) if down else BEFORE
-    found = diagnosis(before=before, after=after(modulus_interval=interval))
+    before = replace(BEFORE, fitted_modulus=60e6) if down else BEFORE
+    found = diagnosis(before=before, after=after(modulus_interval_pa=interval))
     assert found.corrected is corrected
 
 
 def test_an_interval_that_reaches_back_to_the_modulus_before_corrects_nothing() -> None:
     # Far wider to one side: by its logarithm alone it would be narrower than the move.
-    wide = after(modulus=19e6, modulus_interval=(15.5e6, 38e6))
-    before = replace(BEFORE, modulus=37e6)
+    wide = after(modulus_pa=19e6, modulus_interval_pa=(15.5e6, 38e6))
+    before = replace(BEFORE, fitted_modulus=37e6)
     assert not diagnosis(before=before, after=wide).corrected
-    narrow = after(modulus=19e6, modulus_interval=(15.5e6, 33e6))
+    narrow = after(modulus_pa=19e6, modulus_interval_pa=(15.5e6, 33e6))
     assert diagnosis(before=before, after=narrow).corrected
 
 
 @pytest.mark.parametrize(("factor", "corrected"), [(9.9, True), (10.1, False)])
 def test_what_leaves_the_modulus_open_corrects_nothing(factor: float, corrected: bool) -> None:
-    before = replace(BEFORE, modulus=42e6)
-    found = after(modulus=3e6, modulus_interval=(1e6, factor * 1e6))
+    before = replace(BEFORE, fitted_modulus=42e6)
+    found = after(modulus_pa=3e6, modulus_interval_pa=(1e6, factor * 1e6))
     assert found.left_open is not corrected
     assert diagnosis(before=before, after=found).corrected is corrected
 
 
 def test_an_interval_that_is_not_known_corrects_nothing() -> None:
-    found = diagnosis(after=after(modulus_interval=(math.nan, math.nan)))
+    found = diagnosis(after=after(modulus_interval_pa=(math.nan, math.nan)))
     assert not found.corrected
 
 
@@ -152,7 +153,7 @@ def test_an_interval_that_is_not_known_corrects_nothing() -> None:
 def test_drops_that_were_held_out_are_predicted_better(
     before: float | None, now: float | None, corrected: bool
 ) -> None:
-    found = diagnosis(held_out_before=before, held_out_after=now)
+    found = diagnosis(held_out=HeldOut(before=before, after=now))
     assert found.corrected is corrected
 
 

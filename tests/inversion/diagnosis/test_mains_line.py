@@ -157,4 +157,4 @@ def test_hum_that_was_there_before_the_pulse_is_found(drop: SimulatedDrop) -> No
     assert told["amplitude"] == pytest.approx(amplitude, rel=0.02)
     assert told["frequency"] == pytest.approx(50.0, abs=0.3)
     assert found.verdict == "explained"
-    assert abs(found.after.modulus / 45e6 - 1.0) < 0.005
+    assert abs(found.after.modulus_pa / 45e6 - 1.0) < 0.005

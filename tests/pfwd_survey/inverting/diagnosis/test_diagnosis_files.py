@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import pfwd
-from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
-from inversion.diagnosis.findings import ModelState
+from inversion.diagnosis import DeviceFindings, PointDiagnosis
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import OptionError
 from pfwd_survey.exporting.json_text import json_text
@@ -24,6 +23,7 @@ from pfwd_survey.inverting.diagnosis.device_file import (
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
+from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 from tui.diagnosis_lines import diagnosis_lines
 
 
@@ -168,11 +168,20 @@ def test_the_deviations_of_a_device_file_are_read(tmp_path: Path) -> None:
 
 def test_points_that_contradict_the_device_say_so() -> None:
     def of(value: float) -> PointDiagnosis:
-        p = FoundParameter("delay", "s", value, 1e-6, None, False)
-        effect = FoundEffect("sensor_lag", "device", "", (p,), 50.0, ())
-        state = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 1.0, 0.01, 0.01, 1e5, 4e7)
+        p = parameter_of("delay", "s", value, 1e-6, None, False)
+        effect = effect_of("sensor_lag", "device", "", (p,), 50.0, ())
+        state = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 1.0, 0.01, 0.01, 1e5, 4e7)
         return PointDiagnosis(
-            "A", (1,), "explained", 1e-6, state, state, (effect,), None, None, (), ()
+            "A",
+            (1,),
+            "explained",
+            1e-6,
+            state,
+            state,
+            (effect,),
+            None,
+            (),
+            (),
         )
 
     findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)

@@ -130,8 +130,7 @@ def test_a_point_that_cannot_be_diagnosed_without_a_part_says_so(point: Diagnosi
     found: DiagnosisByPoint = {point.name: one.diagnosis}
     (diagnosis,) = with_predictions([point], found, refuse, "drop", None, Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
-    assert diagnosis.held_out_by == ()
-    assert diagnosis.held_out_after is None
+    assert diagnosis.held_out is None
     assert diagnosis.warnings[-2:] == (
         "nothing is predicted without part 1 (drop): no load",
         "nothing is predicted without part 2 (drop): no load",

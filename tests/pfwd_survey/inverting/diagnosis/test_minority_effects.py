@@ -7,33 +7,33 @@ from dataclasses import replace
 
 import pytest
 
-from inversion.diagnosis import FoundEffect, FoundParameter, PointDiagnosis
-from inversion.diagnosis.findings import ModelState
+from inversion.diagnosis import PointDiagnosis
 from pfwd_survey.inverting.diagnosis.minority_effects import (
     find_minority_effects,
     gain,
     requests_with,
 )
 from pfwd_survey.inverting.diagnosis.points import DiagnosisByPoint, DiagnosisFailure
+from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
-STATE = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.3, 0.3, 1e5, 4e7)
+STATE = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, 0.3, 0.3, 1e5, 4e7)
 
 
 def point(left: float, plain: bool = True, **device: float) -> PointDiagnosis:
     """A point that leaves so much of 30 %, with device effects of one number each."""
     effects = tuple(
-        FoundEffect(
-            name, "device", "", (FoundParameter("size", "-", size, 0.1, None, False),), 50.0, ()
+        effect_of(
+            name, "device", "", (parameter_of("size", "-", size, 0.1, None, False),), 50.0, ()
         )
         for name, size in device.items()
     )
-    seating = FoundEffect(
-        "seating", "drop", "", (FoundParameter("ratio", "-", 0.8, 0.1, 1, False),), 50.0, ()
+    seating = effect_of(
+        "seating", "drop", "", (parameter_of("ratio", "-", 0.8, 0.1, 1, False),), 50.0, ()
     )
     values = {(0, name, "size", None): size for name, size in device.items()}
     return PointDiagnosis(
         "A", (1,), "unexplained", 1e-6, STATE, replace(STATE, residual_rms_over_peak=left),
-        (*effects, seating), None, None, (), (), values=values | {(0, "seating", "ratio", 0): 0.8},
+        (*effects, seating), None, (), (), values=values | {(0, "seating", "ratio", 0): 0.8},
         plain=plain, independent=40.0,
     )  # fmt: skip
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from inversion.diagnosis import DeviceFindings, FoundEffect, FoundParameter, PointDiagnosis
-from inversion.diagnosis.findings import ModelState
+from inversion.diagnosis import DeviceFindings, PointDiagnosis
 from pfwd_survey.inverting.diagnosis import device_effects, minority_effects, shared_device
 from pfwd_survey.inverting.diagnosis.device_effects import (
     alternatives_of,
@@ -32,6 +31,7 @@ from pfwd_survey.inverting.diagnosis.shared_device import (
     diagnose_individually,
     rediagnose_with_device,
 )
+from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
 SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
@@ -45,15 +45,15 @@ GEOPHONE = (
 
 def diagnosis(left: float, *effects: Any, plain: bool = True) -> PointDiagnosis:
     """A point that leaves so much of its peak, with these effects, a tuple for each number."""
-    state = ModelState("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, left, left, 1e5, 4e7)
+    state = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, left, left, 1e5, 4e7)
     scopes = {name: scope for name, scope, *_ in effects}
     found = tuple(
-        FoundEffect(
+        effect_of(
             name,
             scope,
             "",
             tuple(
-                FoundParameter(key, unit, value, 1e-6, None, False)
+                parameter_of(key, unit, value, 1e-6, None, False)
                 for of, _, key, unit, value in effects
                 if of == name
             ),
@@ -65,7 +65,7 @@ def diagnosis(left: float, *effects: Any, plain: bool = True) -> PointDiagnosis:
     values = {(0, name, key, None): value for name, _, key, _, value in effects}
     before = replace(state, residual_rms_over_peak=0.3)
     return PointDiagnosis(
-        "A", (1,), "unexplained", 1e-6, before, state, found, None, None, (), (),
+        "A", (1,), "unexplained", 1e-6, before, state, found, None, (), (),
         values={(0, "", "modulus_ratio", None): 0.5, **values}, plain=plain, independent=40.0,
     )  # fmt: skip
 
