@@ -6,7 +6,10 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from inversion.records import is_number, stored_fields
+from inversion.result import InversionResult
 from pfwd_survey.files.header import IMPORTED, declared_values
+from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.reporting.blocks import (
     Block,
     Code,
@@ -142,6 +145,33 @@ def _recompute(report: Report, texts: Texts) -> list[Block]:
     if files:
         columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
         blocks.append(Table(columns, tuple(files), (1,)))
+    values = _values_of_averaged_drops(report)
+    if values:
+        blocks += [Heading(texts["result_values"], 3), Code("\n".join(values))]
     if report.chosen and report.procedure.file is not None:
         blocks += [Heading(texts["procedure"], 3), Code(report.procedure.text)]
     return blocks
+
+
+def _values_of_averaged_drops(report: Report) -> list[str]:
+    """Return a line for each averaged drop with the values of its result."""
+    return [
+        f"{point.name}, {drop.number}: {result_values(drop.result)}"
+        for point in report.points
+        for drop in point.drops
+        if drop.number in point.progress.used and drop.result is not None
+    ]
+
+
+def result_values(result: DropResult) -> str:
+    """Return the numbers of a result under their JSON keys, SI units, in one line."""
+    written = result.to_json()
+    texts = []
+    for field in stored_fields(InversionResult):
+        value = written.get(field.name)
+        if is_number(value):
+            texts.append(f"{field.name} {value:.6g}")
+        elif isinstance(value, list) and value and all(map(is_number, value)):
+            ends = " ".join(f"{end:.6g}" for end in value)
+            texts.append(f"{field.name} [{ends}]")
+    return ", ".join(texts)
