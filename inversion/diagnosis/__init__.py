@@ -1,31 +1,32 @@
-"""From the residual to the effect: the diagnosis of points and surveys."""
+"""From the residual to the effect: the diagnosis of points and surveys.
 
-from inversion.diagnosis.device import cost_of_sharing, fit_device
-from inversion.diagnosis.diagnose import diagnose_point
-from inversion.diagnosis.drop_prediction import predict_next
-from inversion.diagnosis.findings import (
-    NEARLY_EXPLAINED,
-    DeviceFindings,
-    DropCurves,
-    EffectParameter,
-    EffectResult,
-    FittedPoint,
-    FittedState,
-    HeldOut,
-    HeldOutPart,
-    LeaveOut,
-    PointDiagnosis,
-    UnknownKey,
-)
-from inversion.diagnosis.flat_tops import Channel, largest_values
-from inversion.diagnosis.held_out import (
-    Allow,
-    count_held_out,
-    held_out_error,
-    without_held_out,
-)
-from inversion.diagnosis.model import PointRecords
-from inversion.diagnosis.prediction import left_out_error
+Each name is loaded when it is first used, so that a stored diagnosis is read without the solvers.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from inversion.diagnosis.device import cost_of_sharing, fit_device
+    from inversion.diagnosis.diagnose import diagnose_point
+    from inversion.diagnosis.drop_prediction import predict_next
+    from inversion.diagnosis.findings import (
+        NEARLY_EXPLAINED,
+        DeviceFindings,
+        DropCurves,
+        EffectParameter,
+        EffectResult,
+        FittedPoint,
+        FittedState,
+        HeldOut,
+        HeldOutPart,
+        LeaveOut,
+        PointDiagnosis,
+        UnknownKey,
+    )
+    from inversion.diagnosis.flat_tops import Channel, largest_values
+    from inversion.diagnosis.held_out import Allow, count_held_out, held_out_error, without_held_out
+    from inversion.diagnosis.model import PointRecords
+    from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
@@ -53,3 +54,44 @@ __all__ = [
     "predict_next",
     "without_held_out",
 ]
+
+_HOMES = {
+    "Allow": "inversion.diagnosis.held_out",
+    "Channel": "inversion.diagnosis.flat_tops",
+    "DeviceFindings": "inversion.diagnosis.findings",
+    "DropCurves": "inversion.diagnosis.findings",
+    "EffectParameter": "inversion.diagnosis.findings",
+    "EffectResult": "inversion.diagnosis.findings",
+    "FittedPoint": "inversion.diagnosis.findings",
+    "FittedState": "inversion.diagnosis.findings",
+    "HeldOut": "inversion.diagnosis.findings",
+    "HeldOutPart": "inversion.diagnosis.findings",
+    "LeaveOut": "inversion.diagnosis.findings",
+    "NEARLY_EXPLAINED": "inversion.diagnosis.findings",
+    "PointDiagnosis": "inversion.diagnosis.findings",
+    "PointRecords": "inversion.diagnosis.model",
+    "UnknownKey": "inversion.diagnosis.findings",
+    "cost_of_sharing": "inversion.diagnosis.device",
+    "count_held_out": "inversion.diagnosis.held_out",
+    "diagnose_point": "inversion.diagnosis.diagnose",
+    "fit_device": "inversion.diagnosis.device",
+    "held_out_error": "inversion.diagnosis.held_out",
+    "largest_values": "inversion.diagnosis.flat_tops",
+    "left_out_error": "inversion.diagnosis.prediction",
+    "predict_next": "inversion.diagnosis.drop_prediction",
+    "without_held_out": "inversion.diagnosis.held_out",
+}
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

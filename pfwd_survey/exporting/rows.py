@@ -7,6 +7,7 @@ from functools import cached_property
 from operator import attrgetter
 from typing import Any, Protocol
 
+from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
@@ -62,6 +63,11 @@ class Row:
     """Values by the names of ``COLUMNS``; None: not known."""
     time_local: str | None = None
     """Local time, ISO 8601; None: unknown."""
+
+    @property
+    def peaks(self) -> Peaks | None:
+        """Peaks as recorded; None: samples around the trigger are missing."""
+        return self.drop.peaks
 
     @property
     def has_result(self) -> bool:

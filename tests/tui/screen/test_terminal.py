@@ -248,7 +248,7 @@ def test_a_browser_shows_the_measure_page(tmp_path: Path) -> None:
 
 def test_the_first_paint_waits_for_nothing_heavy() -> None:
     unwanted = ["scipy", "matplotlib", "h5py", "rich.markdown", "skfem"]
-    unwanted += ["inversion.drop_inversion", "inversion.forward", "inversion.diagnosis"]
+    unwanted += ["inversion.drop_inversion", "inversion.forward", "inversion.diagnosis.search"]
     code = f"import sys, tui.screen.app; print(*(set({unwanted}) & set(sys.modules)))"
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True, check=True
