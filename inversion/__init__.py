@@ -10,7 +10,9 @@ The public names, usable on plain arrays::
 Each name is loaded when it is first used, so that a stored result is read without the solvers.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from inversion.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.drop_inversion import Settings, invert, invert_joint
@@ -86,15 +88,7 @@ _HOMES = {
     "plate_compliance": "inversion.forward.contact",
 }
 
-
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_getattr(globals(), _HOMES)
 
 
 def __dir__() -> list[str]:

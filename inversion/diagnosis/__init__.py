@@ -3,7 +3,9 @@
 Each name is loaded when it is first used, so that a stored diagnosis is read without the solvers.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from inversion.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.diagnosis.device import cost_of_sharing, fit_device
@@ -82,15 +84,7 @@ _HOMES = {
     "without_held_out": "inversion.diagnosis.held_out",
 }
 
-
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_getattr(globals(), _HOMES)
 
 
 def __dir__() -> list[str]:
