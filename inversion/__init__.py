@@ -12,7 +12,7 @@ Each name is loaded when it is first used, so that a stored result is read witho
 
 from typing import TYPE_CHECKING
 
-from inversion.lazy_names import lazy_getattr
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.drop_inversion import Settings, invert, invert_joint

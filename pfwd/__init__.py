@@ -9,7 +9,9 @@ SI units inside, always; MPa, ms and µm only in what is printed or drawn, with 
 names below are loaded on first use, so that the import is quick.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.errors import InversionError
@@ -53,6 +55,7 @@ _HOMES = {
     "Results": "pfwd.results",
     "Survey": "pfwd.surveys",
     "SurveyError": "pfwd_survey.errors",
+    "__version__": "pfwd.version",
     "diagnose": "pfwd.diagnosing",
     "drop": "pfwd.measured",
     "example": "pfwd.examples",
@@ -61,19 +64,7 @@ _HOMES = {
     "read": "pfwd.measured",
 }
 
-
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("pfwd")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_getattr(globals(), _HOMES)
 
 
 def __dir__() -> list[str]:

@@ -3,17 +3,13 @@
 The names below are loaded on first use, so that the command line answers before numpy is in.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from pfwd_device.drop import Channel, Drop, Quantity
 
 __all__ = ["Channel", "Drop", "Quantity"]
 
-
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("pfwd_device.drop"), name)
+__getattr__ = lazy_getattr(globals(), dict.fromkeys(__all__, "pfwd_device.drop"))

@@ -3,7 +3,9 @@
 The names below are loaded on first use, so that the command line answers before scipy is in.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from pfwd_survey.files.traces import read_traces, write_traces
@@ -20,18 +22,12 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AnalysisOptions": "inverting.options",
-    "analyse_files": "inverting.analysis",
-    "analyse_point": "inverting.analysis",
-    "read_traces": "files.traces",
-    "record_of": "inverting.analysis",
-    "write_traces": "files.traces",
+    "AnalysisOptions": "pfwd_survey.inverting.options",
+    "analyse_files": "pfwd_survey.inverting.analysis",
+    "analyse_point": "pfwd_survey.inverting.analysis",
+    "read_traces": "pfwd_survey.files.traces",
+    "record_of": "pfwd_survey.inverting.analysis",
+    "write_traces": "pfwd_survey.files.traces",
 }
 
-
-def __getattr__(name: str) -> Any:
-    from importlib import import_module
-
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazy_getattr(globals(), _HOMES)

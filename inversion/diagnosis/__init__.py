@@ -5,7 +5,7 @@ Each name is loaded when it is first used, so that a stored diagnosis is read wi
 
 from typing import TYPE_CHECKING
 
-from inversion.lazy_names import lazy_getattr
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.diagnosis.device import cost_of_sharing, fit_device

@@ -3,20 +3,17 @@
 The catalogue is loaded when it is asked for: effects of other packages import what stands here.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from inversion.effects.base import DropContext, Effect, Ground
 from inversion.fitting.parameters import Parameter
+from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.effects.catalogue import BY_NAME, CATALOGUE
 
 __all__ = ["BY_NAME", "CATALOGUE", "DropContext", "Effect", "Ground", "Parameter"]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in ("BY_NAME", "CATALOGUE"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from inversion.effects import catalogue
-
-    return getattr(catalogue, name)
+__getattr__ = lazy_getattr(
+    globals(), dict.fromkeys(("BY_NAME", "CATALOGUE"), "inversion.effects.catalogue")
+)

@@ -1,4 +1,7 @@
-"""Names of a package that are loaded when they are first used."""
+"""Public names of a package that are imported on first use.
+
+All packages use this, so it stands in the lowest of them.
+"""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -11,7 +14,7 @@ def lazy_getattr(package: dict[str, Any], homes: Mapping[str, str]) -> Callable[
     Parameters
     ----------
     package : dict
-        Its globals.
+        Globals of the package.
     homes : mapping of name to module
     """
 
