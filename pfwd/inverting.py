@@ -201,7 +201,7 @@ def _result(point: TracePoint, found: DropAnalysis) -> Result:
     from pfwd_survey.inverting.drop_result import drop_result
 
     record = drop_result(point.file, found, point.warnings, point.setup.point)
-    return Result(record.to_json(), record.history)
+    return Result.of(record)
 
 
 @functools.cache

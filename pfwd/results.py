@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, overload
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
@@ -20,127 +21,75 @@ from pfwd.shown import (
 )
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.exporting.json_text import without_nan
+from pfwd_survey.inverting.results import DropResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from inversion.result import TimeHistories
 
+class Result(DropResult, Shown):
+    """The ground under one drop, or the reason why there is none.
 
-class Result(Shown):
-    """The ground under one drop, or why there is none.
-
-    Its keys are those of ``pfwd invert --json``: ``result["viscosity_pa_s"]``.
+    Each key of ``pfwd invert --json`` is an attribute: ``result.viscosity_pa_s``. The quantities
+    used most have a second name without the unit, which is SI too: ``result.viscosity``.
+    ``history`` has arrays for plots; it is None for a rejected drop and for a stored result.
     """
 
-    __slots__ = ("_history", "_record")
+    __slots__ = ()
 
-    def __init__(self, record: Mapping[str, Any], history: TimeHistories | None = None) -> None:
-        self._record: dict[str, Any] = without_nan(record)
-        self._history = history
-
-    @property
-    def file(self) -> str:
-        """Where the drop was read from."""
-        return str(self._record["file"])
+    @classmethod
+    def of(cls, record: DropResult, **changes: Any) -> Self:
+        """Return the record of a drop for users of Python, with some of its fields changed."""
+        values = {field.name: getattr(record, field.name) for field in fields(record)}
+        return cls(**values | changes)
 
     @property
-    def point(self) -> str | None:
-        """Name of the test point; None: not declared."""
-        return _optional_text(self._record.get("point"))
-
-    @property
-    def number(self) -> int:
-        """Number of the drop within its point."""
-        return int(self._record["drop"])
-
-    @property
-    def status(self) -> str:
-        """``measured``, ``seating`` or ``rejected``."""
-        return str(self._record["status"])
-
-    @property
-    def reason(self) -> str | None:
-        """Why the drop was rejected; None: it was not."""
-        return _optional_text(self._record.get("reason"))
+    def number(self) -> int | None:
+        """Number of the drop within its point, as ``drop``."""
+        return self.drop
 
     @property
     def modulus(self) -> float | None:
-        """Young's modulus of the ground, Pa; None: rejected."""
-        return _optional(self._record["modulus_pa"])
+        """Young's modulus of the ground, Pa, as ``modulus_pa``."""
+        return self.modulus_pa
 
     @property
     def modulus_interval(self) -> tuple[float, float] | None:
-        """95 %, Pa, the model's own error included."""
-        return _pair(self._record["modulus_interval_pa"])
+        """95 % interval of the modulus, Pa, as ``modulus_interval_pa``."""
+        return self.modulus_interval_pa
 
     @property
     def viscosity(self) -> float | None:
-        """Pa s."""
-        return _optional(self._record["viscosity_pa_s"])
+        """Viscosity of the ground, Pa s, as ``viscosity_pa_s``."""
+        return self.viscosity_pa_s
 
     @property
     def density(self) -> float | None:
-        """kg/m3."""
-        return _optional(self._record["density_kg_m3"])
+        """Density of the ground, kg/m3, as ``density_kg_m3``."""
+        return self.density_kg_m3
 
     @property
     def bedrock_depth(self) -> float | None:
-        """m; None: not in the model."""
-        return _optional(self._record["bedrock_depth_m"])
-
-    @property
-    def model(self) -> str | None:
-        """``layer`` or ``half-space``."""
-        return _optional_text(self._record["model"])
-
-    @property
-    def plate(self) -> str | None:
-        """Contact of plate and ground in the model."""
-        return _optional_text(self._record["plate"])
+        """Depth of the bedrock, m, as ``bedrock_depth_m``."""
+        return self.bedrock_depth_m
 
     @property
     def plate_radius(self) -> float | None:
-        """m."""
-        return _optional(self._record["plate_radius_m"])
-
-    @property
-    def poisson_ratio(self) -> float | None:
-        """Of the ground, as declared or assumed."""
-        return _optional(self._record["poisson_ratio"])
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What should be known before the modulus is believed."""
-        return tuple(map(str, self._record["warnings"]))
-
-    @property
-    def history(self) -> TimeHistories:
-        """Arrays for plots: ``time`` (s), ``load`` (N), ``observed``, ``predicted``, ``residual``
-        ((n_sensors, n), m), ``offsets`` (m).
-
-        Raises
-        ------
-        SurveyError
-            If the drop was rejected, or the result was stored, which holds no arrays.
-        """
-        if self._history is None:
-            hint = self.reason or "pfwd.invert makes a new one"
-            expected = "a result with its time histories"
-            raise SurveyError(refusal(f"drop {self.number}", expected, "one without", hint))
-        return self._history
+        """Radius of the plate, m, as ``plate_radius_m``."""
+        return self.plate_radius_m
 
     def __getitem__(self, key: str) -> Any:
-        if key not in self._record:
-            raise KeyError(f"expected one of {', '.join(self._record)}, came {key!r}")
-        return self._record[key]
+        record = self.to_dict()
+        if key not in record:
+            raise KeyError(f"expected one of {', '.join(record)}, got {key!r}")
+        return record[key]
 
     def __repr__(self) -> str:
         return f"Result({self._name()}: {self._line()})"
 
     def __str__(self) -> str:
-        return "\n".join([repr(self), *(f"  warning: {text_of(one)}" for one in self.warnings)])
+        return "\n".join([repr(self), *_warning_lines(self.warnings or ())])
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), _COLUMNS, [_row(self)])
@@ -152,19 +101,30 @@ class Result(Shown):
     def _line(self) -> str:
         if self.modulus is None:
             return f"{self.status}, {text_of(self.reason or 'no modulus')}"
-        return f"E {_with_interval(self)}; {_conditions(self)}; {_warned([self])}"
+        return f"E {_with_interval(self)}; {_conditions(self)}; {_warning_count([self])}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The record of ``pfwd invert --json``."""
-        return dict(self._record)
+        """Return the record of ``pfwd invert --json``."""
+        record: dict[str, Any] = without_nan(self.to_json())
+        return record
 
     def to_dataframe(self) -> DataFrame:
-        """The record as one row; needs pandas."""
-        return data_frame([flat(self._record)])
+        """Return the record as one row; needs pandas."""
+        return data_frame([flat(self.to_dict())])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement, measured and fitted (µm over ms), and return the axes."""
+        """Draw the displacement, measured and fitted (µm over ms), and return the axes.
+
+        Raises
+        ------
+        SurveyError
+            If the result has no time histories.
+        """
         history = self.history
+        if history is None:
+            hint = self.reason or "pfwd.invert makes a new one"
+            expected = "a result with its time histories"
+            raise SurveyError(refusal(f"drop {self.number}", expected, "one without", hint))
         ax = axes_or_new(ax)
         time = 1e3 * history.time
         for row, offset in enumerate(history.offsets.tolist()):
@@ -197,13 +157,13 @@ class Results(Shown, Sequence[Result]):
 
     @property
     def measured(self) -> Results:
-        """Those that count: neither seating nor rejected."""
-        return Results([one for one in self if one.status == "measured" and one.modulus])
+        """Results of the measured drops: neither seating nor rejected."""
+        return Results([drop for drop in self if drop.status == "measured" and drop.modulus])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of all drops, each once."""
-        return tuple(dict.fromkeys(text for one in self for text in one.warnings))
+        """Warnings of all drops, each once."""
+        return tuple(dict.fromkeys(text for drop in self for text in drop.warnings or ()))
 
     def __len__(self) -> int:
         return len(self._results)
@@ -224,53 +184,49 @@ class Results(Shown, Sequence[Result]):
         if len(used) == 1:
             parts.append(f"E {_with_interval(used[0])}")
         elif used:
-            moduli = [one.modulus or 0.0 for one in used]
-            ends = [end for one in used for end in one.modulus_interval or ()]
+            moduli = [drop.modulus or 0.0 for drop in used]
+            ends = [end for drop in used for end in drop.modulus_interval or ()]
             parts.append(
                 f"E {megapascal(min(moduli))} to {megapascal(max(moduli))} MPa, 95 % intervals "
                 f"within {megapascal(min(ends))} to {megapascal(max(ends))} MPa"
             )
         if used:
-            parts += ["; ".join(dict.fromkeys(map(_conditions, used))), _warned(self)]
+            parts += ["; ".join(dict.fromkeys(map(_conditions, used))), _warning_count(self)]
         return f"Results({'; '.join(parts)})"
 
     def __str__(self) -> str:
-        lines = [repr(one) for one in self]
-        lines += [f"  warning: {text_of(text)}" for text in self.warnings]
-        return "\n".join(lines)
+        return "\n".join([*map(repr, self), *_warning_lines(self.warnings)])
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _COLUMNS, [_row(one) for one in self])
+        return html_table(repr(self), _COLUMNS, list(map(_row, self)))
 
     def to_dict(self) -> dict[str, Any]:
-        """``results``: one record a drop, as of ``pfwd invert --json``."""
-        return {"results": [one.to_dict() for one in self]}
+        """Return ``results``: one record per drop, as of ``pfwd invert --json``."""
+        return {"results": [drop.to_dict() for drop in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """A row a drop, columns named as the keys of ``pfwd invert --json``; needs pandas."""
-        return data_frame(flat(one.to_dict()) for one in self)
+        """Return a row per drop, columns named as in ``pfwd invert --json``; needs pandas."""
+        return data_frame(flat(drop.to_dict()) for drop in self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the moduli with their 95 % intervals (MPa), and return the axes."""
         ax = axes_or_new(ax)
-        shown = [one for one in self if one.modulus is not None and one.modulus_interval]
+        drawn = [drop for drop in self if drop.modulus is not None and drop.modulus_interval]
         for status, marker in (("measured", "o"), ("seating", "x")):
-            places = [i for i, one in enumerate(shown) if one.status == status]
+            places = [i for i, drop in enumerate(drawn) if drop.status == status]
             if not places:
                 continue
-            values = np.array([shown[i].modulus for i in places], dtype=float)
-            ends = np.array([shown[i].modulus_interval for i in places], dtype=float)
+            values = np.array([drawn[i].modulus for i in places], dtype=float)
+            ends = np.array([drawn[i].modulus_interval for i in places], dtype=float)
             reach = np.abs(ends - values[:, None]).T / 1e6
             ax.errorbar(places, values / 1e6, reach, fmt=marker, capsize=3, label=status)
-        names = [
-            text_of(f"{one.point or os.path.basename(one.file)}, {one.number}") for one in shown
-        ]
-        ax.set_xticks(range(len(shown)), names, rotation=30, ha="right", parse_math=False)
+        names = [text_of(f"{_place(drop)}, {drop.number}") for drop in drawn]
+        ax.set_xticks(range(len(drawn)), names, rotation=30, ha="right", parse_math=False)
         ax.set_ylabel("modulus E with its 95 % interval, MPa")
-        conditions = "; ".join(dict.fromkeys(map(_conditions, shown)))
-        title = f"{conditions}; {_warned(shown)}" if shown else "no modulus"
+        conditions = "; ".join(dict.fromkeys(map(_conditions, drawn)))
+        title = f"{conditions}; {_warning_count(drawn)}" if drawn else "no modulus"
         ax.set_title(title, fontsize="small", parse_math=False, wrap=True)
-        if shown:
+        if drawn:
             ax.legend()
         return ax
 
@@ -289,57 +245,59 @@ _COLUMNS = (
 )
 
 
-def _row(one: Result) -> tuple[object, ...]:
-    name = (one.point or os.path.basename(one.file), one.number, one.status)
-    if one.modulus is None or one.modulus_interval is None:
-        return (*name, "", "", "", "", "", "", "; ".join(filter(None, [one.reason, *one.warnings])))
-    low, high = one.modulus_interval
+def _row(result: Result) -> tuple[object, ...]:
+    name = (_place(result), result.number, result.status)
+    warnings = result.warnings or ()
+    if result.modulus is None or result.modulus_interval is None:
+        remarks = [text for text in (result.reason, *warnings) if text]
+        return (*name, *[""] * 6, "; ".join(remarks))
+    low, high = result.modulus_interval
     return (
         *name,
-        megapascal(one.modulus),
+        megapascal(result.modulus),
         f"{megapascal(low)} to {megapascal(high)}",
-        _model(one),
-        one.plate,
-        f"{one.plate_radius:g}",
-        f"{one.poisson_ratio:g}",
-        "; ".join(one.warnings) or "none",
+        _model(result),
+        result.plate,
+        f"{result.plate_radius:g}",
+        f"{result.poisson_ratio:g}",
+        "; ".join(warnings) or "none",
     )
 
 
-def _with_interval(one: Result) -> str:
-    if one.modulus is None:
+def _place(result: Result) -> str:
+    """Return the point of a drop, or its file if no point is declared."""
+    return str(result.point or os.path.basename(result.file or ""))
+
+
+def _with_interval(result: Result) -> str:
+    if result.modulus is None:
         return "none"
-    if one.modulus_interval is None:
-        return f"{megapascal(one.modulus)} MPa, sd {megapascal(one['modulus_sd_pa'])} MPa"
-    low, high = one.modulus_interval
-    return f"{megapascal(one.modulus)} MPa, 95 % {megapascal(low)} to {megapascal(high)} MPa"
+    modulus = f"{megapascal(result.modulus)} MPa"
+    if result.modulus_interval is not None:
+        low, high = result.modulus_interval
+        return f"{modulus}, 95 % {megapascal(low)} to {megapascal(high)} MPa"
+    if result.modulus_sd_pa is not None:
+        return f"{modulus}, sd {megapascal(result.modulus_sd_pa)} MPa"
+    return modulus
 
 
-def _model(one: Result) -> str:
-    depth = one.bedrock_depth
-    return str(one.model) if depth is None else f"{one.model} {depth:.3g} m deep"
+def _model(result: Result) -> str:
+    depth = result.bedrock_depth
+    return str(result.model) if depth is None else f"{result.model} {depth:.3g} m deep"
 
 
-def _conditions(one: Result) -> str:
-    """Model, plate, radius and Poisson's ratio: what a modulus rests on."""
+def _conditions(result: Result) -> str:
+    """Return the assumptions of a modulus: model, plate, radius and Poisson's ratio."""
     return (
-        f"{_model(one)}, {one.plate} plate of radius {one.plate_radius:g} m, "
-        f"Poisson's ratio {one.poisson_ratio:g}"
+        f"{_model(result)}, {result.plate} plate of radius {result.plate_radius:g} m, "
+        f"Poisson's ratio {result.poisson_ratio:g}"
     )
 
 
-def _warned(results: Sequence[Result]) -> str:
-    warnings = {text for one in results for text in one.warnings}
+def _warning_lines(warnings: Sequence[str]) -> list[str]:
+    return [f"  warning: {text_of(text)}" for text in warnings]
+
+
+def _warning_count(results: Sequence[Result]) -> str:
+    warnings = {text for result in results for text in result.warnings or ()}
     return count(len(warnings), "warning") if warnings else "no warnings"
-
-
-def _optional(value: Any) -> float | None:
-    return None if value is None else float(value)
-
-
-def _optional_text(value: Any) -> str | None:
-    return None if value is None else str(value)
-
-
-def _pair(value: Any) -> tuple[float, float] | None:
-    return None if value is None else (float(value[0]), float(value[1]))

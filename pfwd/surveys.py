@@ -21,22 +21,6 @@ if TYPE_CHECKING:
     from pfwd_device.recording.survey_content import SurveyContent
 
 
-_NEEDED = (
-    "status",
-    "modulus_pa",
-    "modulus_sd_pa",
-    "modulus_interval_pa",
-    "viscosity_pa_s",
-    "density_kg_m3",
-    "bedrock_depth_m",
-    "model",
-    "plate",
-    "plate_radius_m",
-    "poisson_ratio",
-)
-"""Keys that a result is asked for; one of an older version may lack some."""
-
-
 class Survey(Shown):
     """A survey as it was when it was opened; made by `open`."""
 
@@ -77,7 +61,8 @@ class Survey(Shown):
     @cached_property
     def results(self) -> Results:
         """The results that the survey holds, of each drop the last one; without time histories."""
-        return Results([_stored(self.path, row) for row in self._rows if _usable(row)])
+        stored = (_stored(self.path, row) for row in self._rows)
+        return Results([result for result in stored if result is not None])
 
     @cached_property
     def _rows(self) -> list[Row]:
@@ -164,24 +149,21 @@ def open(path: str | os.PathLike[str]) -> Survey:
     return Survey(survey_content(path))
 
 
-def _usable(row: Row) -> bool:
-    return row.used and row.drop.last_result is not None
+def _stored(path: str, row: Row) -> Result | None:
+    """Return the stored result of a used drop, under the names that the survey has now.
 
-
-def _stored(path: str, row: Row) -> Result:
-    """A stored result as a new one would be: named as the survey is now, and withheld where what
-    belongs to a modulus is missing."""
-    values = row.values
-    result = row.drop.last_result
-    record = {} if result is None else result.to_json()
-    return Result(
-        {
-            **dict.fromkeys(("file", "point", "drop", *_NEEDED)),
-            **record,
-            "file": path,
-            "point": row.point.title,
-            "drop": row.drop.number,
-            "modulus_pa": values["modulus_pa"],
-            "warnings": list(values["warnings"]),
-        }
-    )
+    Its modulus is withheld where the export withholds it, with a warning that says why.
+    """
+    record = row.drop.last_result
+    if record is None or not row.used:
+        return None
+    changes = {
+        "file": path,
+        "point": row.point.title,
+        "drop": row.drop.number,
+        "modulus_pa": row.values["modulus_pa"],
+        "warnings": tuple(row.values["warnings"]),
+    }
+    # Values that could not be read do not come back in place of these.
+    more = {key: value for key, value in record.more.items() if key not in changes}
+    return Result.of(record, more=more, **changes)

@@ -63,8 +63,8 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     interval = _modulus_interval(fit, both)
     depth, unique = _depth_interval(fit, both)
     return Uncertainty(
-        dict(zip(space.names, np.sqrt(np.diag(random)) * steps, strict=True)),
-        dict(zip(space.names, np.sqrt(np.diag(model)) * steps, strict=True)),
+        dict(zip(space.names, (np.sqrt(np.diag(random)) * steps).tolist(), strict=True)),
+        dict(zip(space.names, (np.sqrt(np.diag(model)) * steps).tolist(), strict=True)),
         both / np.outer(spread, spread),
         interval,
         depth,

@@ -26,11 +26,17 @@ def survey(tmp_path: Path) -> Path:
 
 def test_numbers_of_numpy_become_plain_ones() -> None:
     (result,) = pfwd.invert(pfwd.example("half-space"), method="least-squares")
-    record = {**result.to_dict(), "modulus_pa": np.float64(6e7), "modulus_sd_pa": math.nan}
-    plain = pfwd.Result({**record, "modulus_interval_pa": np.array([5e7, 7e7])})
+    interval = (np.float64(5e7), np.float64(7e7))
+    plain = replace(
+        result,
+        modulus_pa=np.float64(6e7),
+        modulus_sd_pa=math.nan,
+        modulus_interval_pa=interval,
+    )
     assert type(plain["modulus_pa"]) is float
     assert plain["modulus_sd_pa"] is None
     assert plain.to_dict()["modulus_interval_pa"] == [5e7, 7e7]
+    assert all(type(end) is float for end in plain["modulus_interval_pa"])
     json.dumps(plain.to_dict(), allow_nan=False)
 
 
