@@ -17,7 +17,6 @@ from pfwd_survey.measuring.events import (
     DropNotPublished,
     DropNotSaved,
     DropSaved,
-    HandedOn,
     InstrumentLost,
     InstrumentReady,
     JobKnown,
@@ -25,6 +24,7 @@ from pfwd_survey.measuring.events import (
     PointDiagnosed,
     Ready,
     Rebounded,
+    SavedDrop,
     SensorCheck,
     SessionEvent,
     SurveyFilesChanged,
@@ -236,12 +236,12 @@ class SessionLines:
             return
         print(diagnosis_line(event.point, result), flush=True)
 
-    def _forget(self, handed: HandedOn) -> None:
+    def _forget(self, handed: SavedDrop) -> None:
         """Nothing more comes of a drop: a day has thousands."""
         self._quick.pop((handed.point, handed.number), None)
         self._identical.pop((handed.point, handed.number), None)
 
-    def _line(self, handed: HandedOn, result: DropResult, delay: float | None = None) -> None:
+    def _line(self, handed: SavedDrop, result: DropResult, delay: float | None = None) -> None:
         identical = self._identical.get((handed.point, handed.number))
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
         log.info("%s%s", drop_line(handed.point, handed.number, result), after)

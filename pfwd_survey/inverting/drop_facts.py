@@ -14,7 +14,7 @@ from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
 from pfwd_survey.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd_survey.inverting.results import DropResult, MeasuredFacts, fit_fault
-from pfwd_survey.inverting.screening.drops import CENTRE, Screening, pulse_peak, screen
+from pfwd_survey.inverting.screening.drops import CENTRE, Screening, pulse_peak
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import displacement_of, quiet_samples, remove_offset
 from pfwd_survey.procedures import Kind, PointDrop
@@ -94,28 +94,60 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
     )
 
 
-def facts_of(drop: Drop, setup: PointSetup) -> MeasuredFacts | None:
-    """What is kept of a drop for its procedure; None: of a drop without traces, or on a rig."""
-    rejected = screen(drop, setup).status == "rejected"
-    if drop.only_peaks is not None or setup.is_stiffness_test or rejected:
+def own_facts(drop: Drop, setup: PointSetup, screening: Screening) -> tuple[PointDrop, float]:
+    """Return the facts of a drop's own record, and its `pulse_peak`, N; 0: it is not compared.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+    screening : Screening
+        By the record alone.
+    """
+    facts = point_drop(drop, setup, screening)
+    if facts.kind is Kind.REJECTED:
+        return facts, 0.0
+    # The number of seating drops is counted with all drops of the point.
+    facts = dataclasses.replace(facts, kind=Kind.MEASURED)
+    only_peaks = drop.only_peaks is not None and not setup.is_stiffness_test
+    return facts, 0.0 if only_peaks else pulse_peak(drop)
+
+
+def facts_to_store(facts: PointDrop, peak: float, setup: PointSetup) -> MeasuredFacts | None:
+    """Return the facts that a survey stores; None: of a drop without traces, or on a rig.
+
+    Parameters
+    ----------
+    facts : PointDrop
+    peak : float
+        As `own_facts` returns both, N.
+    setup : PointSetup
+    """
+    if setup.is_stiffness_test:
         return None
-    found = point_drop(drop, setup, Screening("measured"))
+    response: dict[str, Any] = {
+        "geophone_natural_frequency_hz": setup.geophone_natural_frequency,
+        "geophone_damping": setup.geophone_damping,
+    }
+    if facts.kind is Kind.REJECTED:
+        return MeasuredFacts(version=FACTS_VERSION, rejected=facts.reason, **response)
+    if not peak:
+        return None
     return MeasuredFacts(
         version=FACTS_VERSION,
-        peak_load_n=found.peak_load,
-        pulse_peak_n=pulse_peak(drop),
-        deflection_m=found.peak_deflection,
-        velocity_m_per_s=found.peak_velocity,
-        duration_s=found.pulse_duration,
-        offset_over_peak=found.offset_over_peak,
-        return_over_peak=found.return_over_peak,
-        geophone_natural_frequency_hz=setup.geophone_natural_frequency,
-        geophone_damping=setup.geophone_damping,
+        peak_load_n=facts.peak_load,
+        pulse_peak_n=peak,
+        deflection_m=facts.peak_deflection,
+        velocity_m_per_s=facts.peak_velocity,
+        duration_s=facts.pulse_duration,
+        offset_over_peak=facts.offset_over_peak,
+        return_over_peak=facts.return_over_peak,
+        **response,
     )
 
 
 def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> PointDrop | None:
-    """A drop as a procedure sees it, from what was kept; None: it has to be found in the traces.
+    """Return a drop with its stored facts; None: they have to be computed from the traces.
 
     Parameters
     ----------
@@ -130,6 +162,8 @@ def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> P
     then = facts.geophone_natural_frequency_hz, facts.geophone_damping
     if then != (setup.geophone_natural_frequency, setup.geophone_damping):
         return None
+    if facts.rejected is not None:
+        return PointDrop(number, Kind.REJECTED, reason=facts.rejected)
     if facts.peak_load_n is None or facts.pulse_peak_n is None:
         return None
     return PointDrop(
@@ -147,16 +181,16 @@ def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> P
 def stored_facts(
     number: int, setup: PointSetup, metadata: Mapping[str, Any], result: DropResult | None
 ) -> tuple[PointDrop, float] | None:
-    """What was kept of a drop with its record, or else with its result; and its `pulse_peak`, N.
+    """Return the facts stored with a drop, or else with its result; and its `pulse_peak`, N.
 
-    None: it has to be found in the traces.
+    None: they have to be computed from the traces.
     """
     said = metadata.get(FACTS_KEY)
     recorded = MeasuredFacts.from_json(said) if isinstance(said, Mapping) else None
     for facts in (recorded, None if result is None else result.facts):
         found = kept_facts(number, facts, setup)
-        if found is not None and facts is not None and facts.pulse_peak_n is not None:
-            return found, facts.pulse_peak_n
+        if found is not None and facts is not None:
+            return found, facts.pulse_peak_n or 0.0
     return None
 
 

@@ -10,7 +10,12 @@ from typing import Any
 
 from inversion.result import InversionResult
 from pfwd_device import Drop
-from pfwd_survey.inverting.drop_facts import corrected_deflection, facts_of, recorded_deflection
+from pfwd_survey.inverting.drop_facts import (
+    corrected_deflection,
+    facts_to_store,
+    own_facts,
+    recorded_deflection,
+)
 from pfwd_survey.inverting.results import DropAnalysis, DropResult
 from pfwd_survey.inverting.screening.missing import whole_part
 from pfwd_survey.inverting.screening.signals import remove_offset
@@ -78,9 +83,16 @@ def _peak_load(drop: Drop) -> float | None:
 def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
     """Return the peaks of the centre sensor, and the facts for the procedure of a used drop."""
     drop, setup = analysis.drop, analysis.setup
-    rejected = analysis.screening.status == "rejected"
+    recorded = recorded_deflection(drop)
+    facts = None
+    if setup is not None and analysis.screening.status != "rejected":
+        facts = facts_to_store(*own_facts(drop, setup, analysis.screening), setup)
+    if facts is not None:
+        corrected = facts.deflection_m
+    else:
+        corrected = None if setup is None else corrected_deflection(drop, setup)
     return {
-        "deflection_recorded_m": recorded_deflection(drop),
-        "deflection_corrected_m": None if setup is None else corrected_deflection(drop, setup),
-        "facts": None if setup is None or rejected else facts_of(drop, setup),
+        "deflection_recorded_m": recorded,
+        "deflection_corrected_m": corrected,
+        "facts": facts,
     }

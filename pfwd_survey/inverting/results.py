@@ -48,10 +48,12 @@ class DropAnalysis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFacts(StoredRecord):
-    """What a procedure has to know of a drop, as it was found in its traces."""
+    """Facts of a drop that its procedure judges, computed from its traces."""
+
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"rejected"})
 
     version: int | None = None
-    """Of how it is found; see `pfwd_survey.inverting.drop_facts.FACTS_VERSION`."""
+    """Version of the computation, see `pfwd_survey.inverting.drop_facts.FACTS_VERSION`."""
     peak_load_n: float | None = None
     pulse_peak_n: float | None = None
     """By which the drops of a point are compared, single spikes left out, N."""
@@ -64,6 +66,11 @@ class MeasuredFacts(StoredRecord):
     geophone_natural_frequency_hz: float | None = None
     """Of the response that was taken out; None: none was."""
     geophone_damping: float | None = None
+    rejected: str | None = None
+    """Reason why the record is no drop, which then has no other facts; None: it is one.
+
+    Programs of before this key ignore facts that have it, and read the traces.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,9 +14,9 @@ from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.recording.survey_content import SurveyDrop
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.drop_facts import point_drop, with_modulus
+from pfwd_survey.inverting.drop_facts import own_facts, with_modulus
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import pulse_peak, rebound_reason, screen
+from pfwd_survey.inverting.screening.drops import Screening, rebound_reason, screen
 from pfwd_survey.procedures import Kind, PointDrop
 
 
@@ -53,6 +53,8 @@ class DropView:
     """False for a drop of which only the peaks were recorded."""
     fault: str | None = None
     """Damage of the record or of its results; None: no damage."""
+    screening: Screening | None = None
+    """Screening of its traces; None: its facts are stored, and the traces were not read."""
     source: SurveyDrop | None = None
     """The stored drop, for its traces; None: it is being measured."""
 
@@ -83,7 +85,7 @@ class DropView:
 
 
 def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
-    """Return a drop with the facts of its traces.
+    """Screen a drop by its own record, and return it with its facts.
 
     Parameters
     ----------
@@ -92,13 +94,8 @@ def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
     **more
         Further fields of the DropView.
     """
-    facts = point_drop(drop, setup, screen(drop, setup))
-    if facts.kind is Kind.REJECTED:
-        return DropView(facts, 0.0, setup, **more)
-    # The number of seating drops is counted with all drops of the point.
-    facts = dataclasses.replace(facts, kind=Kind.MEASURED)
-    only_peaks = drop.only_peaks is not None and not setup.is_stiffness_test
-    return DropView(facts, 0.0 if only_peaks else pulse_peak(drop), setup, **more)
+    screening = screen(drop, setup)
+    return DropView(*own_facts(drop, setup, screening), setup, screening=screening, **more)
 
 
 def classify_drops(drops: Sequence[DropView]) -> list[PointDrop]:

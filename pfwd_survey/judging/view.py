@@ -41,7 +41,7 @@ DAMAGED = "damaged record"
 _METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks")
 """Keys that readers need of what is recorded with a drop; the rest would fill the memory."""
 
-_NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
+NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
 """Setup of a drop that cannot be read; it takes part in nothing."""
 
 
@@ -196,7 +196,7 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
         record = drop.read_facts()
     except RecordingError as err:
         return _damaged(drop, err, known | {"fault": str(err)})
-    known |= _recorded(record, before)
+    known |= recorded_fields(record, before)
     try:
         known["last_result"] = result_that_counts(drop)
     except (RecordingError, SurveyError) as err:
@@ -206,7 +206,7 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
         setup = None
         if before is not None and before.declared is known["declared"]:
             setup = before.setup
-        if setup is None or setup is _NO_SETUP:
+        if setup is None or setup is NO_SETUP:
             setup = setup_now(record.declared, later, drop.point)
         result = last
         if "fault" in known or (last is not None and not is_sound(last)):
@@ -226,11 +226,11 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
 def _damaged(drop: SurveyDrop, err: Exception, known: Mapping[str, Any]) -> DropView:
     facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
     # The damage is reported, even of a drop that was discarded or moved.
-    return DropView(facts, 0.0, _NO_SETUP, **{**known, "moved_to": None, "result": None})
+    return DropView(facts, 0.0, NO_SETUP, **{**known, "moved_to": None, "result": None})
 
 
-def _recorded(record: DropFacts, before: DropView | None) -> dict[str, Any]:
-    """Return the parts of a record that a view keeps; equal ones are shared with the drop before.
+def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
+    """Return the fields of a DropView that are recorded; equal ones are those of the drop before.
 
     Traces are not among them: those of a large survey would fill the memory.
     """

@@ -16,14 +16,14 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropAnalysis, DropResult
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice, TableBuilding
+from pfwd_survey.measuring.events import DropAnalysed, Notice, SavedDrop, TableBuilding
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Asked:
     """An analysis under way."""
 
-    handed: HandedOn
+    handed: SavedDrop
     urgency: Urgency
     final: bool
     """Whether no other answer follows."""
@@ -73,7 +73,7 @@ class Analyses:
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
-    def ask(self, handed: HandedOn) -> None:
+    def ask(self, handed: SavedDrop) -> None:
         """Have a drop inverted."""
         if handed.screening.status == "rejected":
             return
@@ -92,7 +92,7 @@ class Analyses:
             self._tell(Notice("the full searches do not keep up; drops are left without them"))
 
     def _ask(
-        self, handed: HandedOn, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
+        self, handed: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
     ) -> None:
         number = self._worker.analyse(
             urgency, handed.drop, handed.setup, handed.screening, options, handed.file
@@ -143,7 +143,7 @@ class Analyses:
         self._tell(DropAnalysed(handed, delay, result, answer.curves, full, asked.final))
 
 
-def _failed(handed: HandedOn, fault: str) -> DropResult:
+def _failed(handed: SavedDrop, fault: str) -> DropResult:
     """The result of a drop that could not be inverted, with all its keys."""
     failed = DropAnalysis(handed.drop, handed.screening, None, fault, handed.setup)
     return drop_result(handed.file, failed)

@@ -16,7 +16,7 @@ from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.worker.tasks import Building
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.events import HandedOn, Notice, PointDiagnosed
+from pfwd_survey.measuring.events import Notice, PointDiagnosed, SavedDrop
 
 FEWEST_POINTS = 2
 """With an effect of the device, from which on the next point is taken to have it."""
@@ -74,7 +74,7 @@ class PointDiagnoses:
         """How many are under way."""
         return len(self._asked)
 
-    def ask(self, handed: HandedOn) -> None:
+    def ask(self, handed: SavedDrop) -> None:
         """A drop is safe: have its point diagnosed with it, unless it seats or was rejected."""
         point = self._points.get(handed.point)
         if point is None or point.setup != handed.setup:

@@ -1,4 +1,4 @@
-"""What happens to a drop that was found: saved, acknowledged, judged, inverted; its rebounds."""
+"""The way of a detected drop: screened, saved, acknowledged, inverted; and its rebounds."""
 
 import time
 import traceback
@@ -7,24 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pfwd_device.drop import Drop
+from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
-from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_to_store
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import Screening, counted, screen_next
-from pfwd_survey.judging.places import place_in
-from pfwd_survey.judging.verdicts import PointView
+from pfwd_survey.inverting.results import DropResult, MeasuredFacts
+from pfwd_survey.inverting.screening.drops import Screening, compare, counted
+from pfwd_survey.judging import DropView, PointView, drop_from_traces
+from pfwd_survey.judging.view import NO_SETUP, recorded_fields
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.diagnosing import PointDiagnoses
-from pfwd_survey.measuring.events import DropSaved, HandedOn, Notice, Rebounded, SessionEvent
+from pfwd_survey.measuring.events import DropSaved, Notice, Rebounded, SavedDrop, SessionEvent
 from pfwd_survey.measuring.feeds import ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.setup_file import setup_of
 from pfwd_survey.measuring.survey_recorder import SurveyRecorder
-from pfwd_survey.procedures import Kind
+from pfwd_survey.procedures import Kind, PointDrop
 
 LAST_REBOUNDS = 3.0
 """s by the host; how long the end waits for bounces after the last drop."""
@@ -34,6 +35,8 @@ LAST_REBOUNDS = 3.0
 class _Coming:
     """What is known of a drop that is not acknowledged yet."""
 
+    view: DropView
+    """Screened by its own record."""
     received: float | None
     source: RecordedDrop | ImportedDrop | None
     release: Callable[[], None] | None
@@ -79,6 +82,7 @@ class DropPipeline:
         self._last: tuple[str, int] | None = None
         self._last_record: int | None = None
         self._rebounds_until = 0.0
+        self._before: DropView | None = None
         self._records: dict[tuple[str, int], int] = {}
         """Number within the survey of the drop that was saved last, by point and number."""
 
@@ -130,7 +134,11 @@ class DropPipeline:
             self._tell(Notice(text, kind="drops that came again"))
             return
         key = record.point, record.drop.number
-        self._coming[key] = _Coming(received, source, release)
+        view, facts = self._screen(record)
+        if source is None and facts is not None:
+            metadata = {**record.metadata, FACTS_KEY: facts.to_json()}
+            record = replace(record, metadata=metadata)
+        self._coming[key] = _Coming(view, received, source, release)
         self._last, self._last_record = key, None
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
         if self.recorder is not None:
@@ -186,7 +194,6 @@ class DropPipeline:
         coming = self._coming.pop(key)
         if coming.release is not None:
             coming.release()
-        setup = setup_of(record.declared, f"drop {record.point}")
         file = coming.source.file if coming.source is not None else ""
         if self.recorder is not None and number is not None:
             self._records = {key: number}
@@ -195,17 +202,14 @@ class DropPipeline:
                 self._last_record = number
             else:  # its rebounds are over, and were held with it
                 self.recorder.publish(number)
-        screening = self._screen(record.drop, setup, record.point)
-        handed = HandedOn(
-            *key,
-            number,
-            file,
+        view = replace(coming.view, record=number, screening=self._compare(coming.view, key[0]))
+        handed = SavedDrop(
+            record.point,
+            view,
             record.drop,
-            setup,
-            screening,
+            file,
             spare=None if spare is None else str(spare),
             received=coming.received,
-            place=place_in(record.metadata.get("position")),
         )
         self.acknowledged += 1
         marks = tuple(map(str, record.metadata.get("marks", ())))
@@ -218,17 +222,30 @@ class DropPipeline:
         if self.diagnoses is not None:
             self.diagnoses.ask(handed)
 
-    def _screen(self, drop: Drop, setup: PointSetup, point: str) -> Screening:
+    def _screen(self, record: DropRecord) -> tuple[DropView, MeasuredFacts | None]:
+        """Screen a drop by its own record; return it, and the facts to be stored with it."""
+        drop, setup = record.drop, NO_SETUP
         try:
-            screening, largest = screen_next(drop, setup, self._largest.get(point, 0.0))
-        except Exception as err:  # the drop is safe, and the next one has to be
-            text = f"drop {point}/{drop.number} could not be judged: {type(err).__name__}: {err}"
+            setup = setup_of(record.declared, f"drop {record.point}")
+            known = recorded_fields(facts_of(record), self._before)
+            view = self._before = drop_from_traces(drop, setup, **known)
+            return view, facts_to_store(view.own, view.own_pulse_peak, setup)
+        except Exception as err:  # it has to be saved, whatever its traces are
+            fault = f"could not be judged: {type(err).__name__}"
+            text = f"drop {record.point}/{drop.number} {fault}: {err}"
             self._tell(Notice(text, serious=True, details=traceback.format_exc()))
-            return Screening("rejected", f"could not be judged: {type(err).__name__}")
-        self._largest[point] = largest
+            facts = PointDrop(drop.number, Kind.REJECTED, reason=fault)
+            return DropView(facts, 0.0, setup, screening=Screening("rejected", fault)), None
+
+    def _compare(self, drop: DropView, point: str) -> Screening:
+        """Compare a drop with those of its point before it."""
+        assert drop.screening is not None
+        screening, peak = drop.screening, drop.own_pulse_peak
+        largest = self._largest[point] = max(peak, self._largest.get(point, 0.0))
+        screening = compare(screening, peak, largest)
         before = self._rejected.get(point, 0)
         self._rejected[point] = before + (screening.status == "rejected")
-        return counted(screening, drop.number, before, setup)
+        return counted(screening, drop.number, before, drop.setup)
 
     def _earlier_drops(self, point: str, number: int) -> list[tuple[int, Drop]]:
         """Drops of a point from former sessions, with their numbers within the survey."""

@@ -14,7 +14,7 @@ from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import Job, PointView
+from pfwd_survey.judging import DropView, Job, PointView
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,33 +101,49 @@ class SensorCheck:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class HandedOn:
-    """A drop as it goes from the record to the analysis."""
+class SavedDrop:
+    """A drop of the survey with its traces, which the view does not keep."""
 
     point: str
     """Name of its test point."""
-    number: int
-    """Within the point."""
-    record: int | None
-    """Within the survey; None: it is not saved by this session."""
-    file: str
-    """Where it is kept, for the result."""
+    view: DropView
+    """Screened, as all readers have it."""
     drop: Drop
-    setup: PointSetup
-    screening: Screening
+    """Traces."""
+    file: str = ""
+    """Path of the drop for its results."""
     spare: str | None = None
-    """Folder that keeps it because the survey's own does not take it; None: it is at home."""
+    """Folder that keeps it because the survey's own does not take it; None: the survey has it."""
     received: float | None = None
     """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
-    place: tuple[float, float] | None = None
-    """Latitude and longitude that the receiver gave, degrees; None: no receiver, or no fix."""
+
+    @property
+    def number(self) -> int:
+        """Number within the point."""
+        return self.view.number
+
+    @property
+    def record(self) -> int | None:
+        """Number within the survey; None: it is not saved by this session."""
+        return self.view.record
+
+    @property
+    def setup(self) -> PointSetup:
+        """Declared setup."""
+        return self.view.setup
+
+    @property
+    def screening(self) -> Screening:
+        """Screening by its record and by the drops before it."""
+        assert self.view.screening is not None
+        return self.view.screening
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropSaved:
     """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
 
-    handed: HandedOn
+    handed: SavedDrop
     marks: tuple[str, ...]
     """What is odd about the record: cut off, saturated, triggered by the operator."""
     identical: bool | None = None
@@ -174,7 +190,7 @@ class DropNotPublished:
 class DropAnalysed:
     """A modulus, or why there is none."""
 
-    handed: HandedOn
+    handed: SavedDrop
     delay: float | None
     """From the last sample of the drop to now, s; None: in a replay."""
     result: DropResult

@@ -10,16 +10,16 @@ from typing import Any
 
 from pfwd_survey.files.moving import moved_to
 from pfwd_survey.inverting.kept import is_sound, rests_on
-from pfwd_survey.judging import DropView, PointView, SurveyView, drop_from_traces
+from pfwd_survey.judging import DropView, PointView, SurveyView
 from pfwd_survey.judging.places import place_in
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropSaved,
     Edited,
-    HandedOn,
     JobKnown,
     PointDiagnosed,
     PointKnown,
+    SavedDrop,
     SessionEvent,
 )
 from pfwd_survey.procedures import PointValue
@@ -82,12 +82,10 @@ def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:
     return tuple(drops[number] for number in sorted(drops))
 
 
-def _with_drop(point: PointView, handed: HandedOn) -> PointView:
-    stored = _stored_drop(point, handed.number)
-    # Facts of its own record: a rebound may be none when another drop is moved away.
-    drop = stored or drop_from_traces(handed.drop, handed.setup, record=handed.record)
+def _with_drop(point: PointView, handed: SavedDrop) -> PointView:
+    drop = _stored_drop(point, handed.number) or handed.view
     drops = {drop.number: drop for drop in point.drops} | {handed.number: drop}
-    position = handed.place if point.position is None else point.position
+    position = point.position or place_in(handed.view.metadata.get("position"))
     return replace(point, drops=_sorted(drops), position=position)
 
 

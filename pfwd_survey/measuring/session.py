@@ -44,7 +44,6 @@ from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, 
 from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_with
-from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.judging import Job, JobRequest, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts
@@ -817,7 +816,7 @@ class Session:
             number = self._pipeline.number_for(self._point, source.record.drop.number)
             metadata = dict(source.record.metadata)
         rebounds = source.record.rebounds if source is not None else ()
-        record = self._record_of(raw, identity, metadata, number, rebounds, new=source is None)
+        record = self._record_of(raw, identity, metadata, number, rebounds)
         if source is None and self._is_bounce(raw, record.drop, identity):
             return
         live = self._feed.live and self._last_samples is not None
@@ -837,12 +836,8 @@ class Session:
         metadata: dict[str, Any],
         number: int,
         rebounds: tuple[Rebound, ...] = (),
-        *,
-        new: bool = True,
     ) -> DropRecord:
         drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
-        if new:
-            metadata |= self._facts(drop)
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
 
     def _is_bounce(self, raw: RawDrop, drop: Drop, identity: Identity) -> bool:
@@ -867,15 +862,6 @@ class Session:
                 return True
         self._fell = now, peak, (self._point, drop.number)
         return False
-
-    def _facts(self, drop: Drop) -> dict[str, Any]:
-        """What procedures have to know of a drop, kept so that no reader has to find it anew."""
-        try:
-            facts = facts_of(drop, setup_of(self._declared, f"drop {self._point}"))
-        except Exception as err:  # the drop has to be saved whatever its traces are
-            self._tell(Notice(f"drop {self._point}/{drop.number}: no facts: {err}"))
-            return {}
-        return {} if facts is None else {FACTS_KEY: facts.to_json()}
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
         """Of the trigger, from when the last samples came."""

@@ -1,6 +1,7 @@
 """Single drops of a stored survey: their traces and all their results."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,15 @@ from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import spare_folder
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import screen_next
+from pfwd_survey.inverting.screening.drops import compare, screen
 from pfwd_survey.inverting.screening.signals import (
     channels_outward,
     displacement_of,
     remove_offset,
 )
-from pfwd_survey.judging.view import later_declarations
-from pfwd_survey.measuring.events import HandedOn
-from pfwd_survey.measuring.setup_file import setup_of
+from pfwd_survey.judging import Job, point_view
+from pfwd_survey.judging.view import NO_SETUP
+from pfwd_survey.measuring.events import SavedDrop
 
 
 def _read_result(path: Path) -> DropResult | None:
@@ -54,8 +55,10 @@ def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) 
         writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
 
 
-def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
-    """A drop of a survey with its setup and how it is judged among its point's drops.
+def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
+    """Read a drop of a survey with its traces, and screen it beside the drops before it.
+
+    Warnings and sensors that take no part in the fit are not stored; the traces show them.
 
     Raises
     ------
@@ -65,16 +68,15 @@ def recorded_drop(folder: str | os.PathLike[str], record: int) -> HandedOn:
     survey = read_survey(folder)
     wanted = _find(survey, record)
     point = next(candidate for candidate in survey.points if candidate.name == wanted.point)
-    largest = 0.0
-    for drop in point.drops:
-        if drop.number > record:
-            break
-        kept = drop.read()
-        declared = {**kept.declared, **later_declarations(point)}
-        setup = setup_of(declared, f"drop {kept.point}")
-        screening, largest = screen_next(kept.drop, setup, largest)
+    traces = wanted.read().drop
+    drops = point_view(point, Job()).drops
+    view = next(drop for drop in drops if drop.record == record)
+    if view.setup is NO_SETUP:
+        raise SurveyError(f"drop {view.number} of point {point.name}: {view.own.reason}")
+    largest = max(drop.own_pulse_peak for drop in drops if (drop.record or 0) <= record)
+    screening = compare(screen(traces, view.setup), view.own_pulse_peak, largest)
     file = str(wanted.file or survey.folder)
-    return HandedOn(point.name, kept.drop.number, record, file, kept.drop, setup, screening)
+    return SavedDrop(point.name, replace(view, screening=screening), traces, file)
 
 
 def _find(survey: Survey, record: int) -> SurveyDrop:

@@ -13,16 +13,16 @@ from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import Job
+from pfwd_survey.judging import Job, drop_from_traces
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropAnalysed,
     DropNotSaved,
     DropSaved,
     Edited,
-    HandedOn,
     JobKnown,
     Notice,
+    SavedDrop,
     SensorCheck,
     TableBuilding,
 )
@@ -51,23 +51,25 @@ RESULT = {
 
 
 @pytest.fixture
-def one(make_drop: Callable[..., Drop]) -> Callable[..., HandedOn]:
-    def make(number: int = 1, status: Any = "measured", record: int | None = 5) -> HandedOn:
+def one(make_drop: Callable[..., Drop]) -> Callable[..., SavedDrop]:
+    def make(number: int = 1, status: Any = "measured", record: int | None = 5) -> SavedDrop:
         reason = "no pulse" if status == "rejected" else None
         found = Screening(status, reason)
-        return HandedOn("A", number, record, "x.h5", make_drop(), PointSetup(0.15), found)
+        traces = make_drop(number=number)
+        view = drop_from_traces(traces, PointSetup(0.15), record=record)
+        return SavedDrop("A", replace(view, screening=found), traces, "x.h5")
 
     return make
 
 
-def analysed(one: HandedOn, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
+def analysed(one: SavedDrop, modulus: float | None, *, full: bool, **more: Any) -> DropAnalysed:
     result = RESULT | {"modulus_pa": modulus, "method": "mpga" if full else "least-squares"} | more
     found = replace(DropResult.from_json(result), modulus_sd_pa=float("inf"))
     return DropAnalysed(one, 0.123, found, None, full, full)
 
 
 def test_two_lines_a_drop_for_machines_and_nothing_else(
-    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True, bell=True)
     lines.tell(DropSaved(one(), ("cut off",)))
@@ -90,7 +92,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
 
 
 def test_a_line_that_says_complete_is_of_a_complete_point(
-    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     for as_json in (True, False):
         lines = SessionLines(as_json=as_json, analysed=True)
@@ -110,7 +112,7 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
 
 
 def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
-    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True)
     lines.tell(DropSaved(one(status="rejected"), ()))
@@ -125,7 +127,7 @@ def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
     [(5, None, True), (None, True, True), (None, False, True), (None, None, False)],
 )
 def test_saved_is_said_of_what_is_safe(
-    one: Callable[..., HandedOn],
+    one: Callable[..., SavedDrop],
     capsys: pytest.CaptureFixture[str],
     record: int | None,
     identical: bool | None,
@@ -141,7 +143,7 @@ def test_saved_is_said_of_what_is_safe(
 
 @pytest.mark.parametrize(("second", "count"), [(40.1e6, 1), (41e6, 2), (None, 2)])
 def test_people_read_a_second_line_only_if_it_says_something_else(
-    one: Callable[..., HandedOn],
+    one: Callable[..., SavedDrop],
     capsys: pytest.CaptureFixture[str],
     second: float | None,
     count: int,
@@ -154,7 +156,7 @@ def test_people_read_a_second_line_only_if_it_says_something_else(
 
 
 def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
-    one: Callable[..., HandedOn], capsys: pytest.CaptureFixture[str]
+    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     lines.tell(analysed(one(), None, full=False, status="rejected", reason="failed"))
@@ -162,7 +164,7 @@ def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
     assert capsys.readouterr().out.splitlines()[0] == "A/1  rejected: failed"
 
 
-def test_a_long_day_takes_no_memory(one: Callable[..., HandedOn]) -> None:
+def test_a_long_day_takes_no_memory(one: Callable[..., SavedDrop]) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     for number in range(1, 200):
         lines.tell(DropSaved(one(number), (), True))

@@ -166,30 +166,6 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     return Screening(status, None, said, dead, clipped=bool(clipped))
 
 
-def screen_next(drop: Drop, setup: PointSetup, largest: float) -> tuple[Screening, float]:
-    """Status of a drop as it comes, judged by its record and by the drops before it.
-
-    Parameters
-    ----------
-    drop : Drop
-    setup : PointSetup
-    largest : float
-        Largest peak load of this point's drops before that were not rejected, N; 0: there are none.
-
-    Returns
-    -------
-    screening : Screening
-    largest : float
-        The same with this drop, N.
-    """
-    found = screen(drop, setup)
-    if found.status == "rejected":
-        return found, largest
-    peak = pulse_peak(drop)
-    largest = max(largest, peak)
-    return _compare(found, peak, largest), largest
-
-
 def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     """Status of every drop of a point, judged by its record and by the other drops.
 
@@ -213,8 +189,7 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     ]
     largest = max(peaks, default=0.0)
     compared = [
-        screening if screening.status == "rejected" else _compare(screening, peak, largest)
-        for screening, peak in zip(found, peaks, strict=True)
+        compare(screening, peak, largest) for screening, peak in zip(found, peaks, strict=True)
     ]
     marked, rejected = [], 0
     for drop, screening in zip(point.drops, compared, strict=True):
@@ -269,7 +244,18 @@ def _part_of_largest(peak: float, largest: float) -> str:
     )
 
 
-def _compare(screening: Screening, peak: float, largest: float) -> Screening:
+def compare(screening: Screening, peak: float, largest: float) -> Screening:
+    """Return the screening of a drop after its comparison with the others of its point.
+
+    Parameters
+    ----------
+    screening : Screening
+        By its record alone.
+    peak, largest : float
+        `pulse_peak` of the drop, and the largest of the point with this drop, N.
+    """
+    if screening.status == "rejected":
+        return screening
     reason = rebound_reason(peak, largest)
     if reason is not None:
         return Screening("rejected", reason)

@@ -13,10 +13,11 @@ from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_of
+from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_to_store
 from pfwd_survey.inverting.drop_result import drop_result
 from pfwd_survey.inverting.results import DropAnalysis
 from pfwd_survey.inverting.screening.drops import Screening
+from pfwd_survey.judging import drop_from_traces
 
 RESULT: dict[str, Any] = {
     "method": "mpga",
@@ -67,7 +68,8 @@ def survey(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
         declared = {"plate_radius_m": 0.15, "poisson_ratio": 0.35, "site": "km 1", "device": "d7"}
         for number in (1, 2, 3):
             drop = make_drop(number=number, peak=8000.0 + number, offsets=(0.0, 0.3), offset=50.0)
-            kept = facts_of(drop, PointSetup(plate_radius=0.15, poisson_ratio=0.35))
+            view = drop_from_traces(drop, PointSetup(plate_radius=0.15, poisson_ratio=0.35))
+            kept = facts_to_store(view.own, view.own_pulse_peak, view.setup)
             assert kept is not None
             metadata = {
                 "key": f"d7/1/{number}",

@@ -1,6 +1,7 @@
 """Random surveys: what was measured and said in any order, and what a session tells meanwhile."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,23 @@ from pfwd_survey.files.moving import MOVED_TO, move_with
 from pfwd_survey.inverting.diagnosis.holding import basis_of
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import screen_next
-from pfwd_survey.judging import JobRequest, PointView, Station, SurveyView, job_of, point_view
+from pfwd_survey.inverting.screening.drops import compare
+from pfwd_survey.judging import (
+    JobRequest,
+    PointView,
+    Station,
+    SurveyView,
+    drop_from_traces,
+    job_of,
+    point_view,
+)
 from pfwd_survey.measuring.events import (
     DropAnalysed,
     DropSaved,
     Edited,
-    HandedOn,
     JobKnown,
     PointDiagnosed,
+    SavedDrop,
 )
 from pfwd_survey.measuring.live_view import CompletePoints, apply_event
 from pfwd_survey.measuring.setup_file import setup_of
@@ -166,8 +175,11 @@ class Told:
         drop = half_sine_drop(number, peak)
         record = writer.save_drop(DropRecord(point, drop, None, DECLARED, PLACE))
         setup = setup_of(DECLARED, "test")
-        screening, self._largest[point] = screen_next(drop, setup, self._largest[point])
-        handed = HandedOn(point, number, record, "", drop, setup, screening)
+        view = drop_from_traces(drop, setup, record=record)
+        assert view.screening is not None
+        largest = self._largest[point] = max(view.own_pulse_peak, self._largest[point])
+        screening = compare(view.screening, view.own_pulse_peak, largest)
+        handed = SavedDrop(point, replace(view, screening=screening), drop)
         self.tell(DropSaved(handed, ()))
         if screening.status == "rejected":
             return None

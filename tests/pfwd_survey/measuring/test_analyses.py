@@ -8,11 +8,11 @@ import pytest
 from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Urgency
+from pfwd_survey.judging import drop_from_traces
 from pfwd_survey.measuring import analyses as module
 from pfwd_survey.measuring.analyses import Analyses
-from pfwd_survey.measuring.events import HandedOn, Notice
+from pfwd_survey.measuring.events import Notice, SavedDrop
 
 
 class SilentWorker:
@@ -40,7 +40,7 @@ def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
     drop = make_drop()
     setup = PointSetup(plate_radius=0.15)
     for number in range(1, 201):
-        handed = HandedOn("1", number, number, "f", drop, setup, Screening("measured"))
+        handed = SavedDrop("1", drop_from_traces(drop, setup, record=number), drop, "f")
         analyses.ask(handed)
     asked = analyses._worker.asked  # type: ignore[attr-defined]
     # Every drop has its first modulus; sixty tasks, that is thirty drops, are waited for in full.

@@ -1,6 +1,7 @@
 """Points are diagnosed while they are measured; the process is a stand-in, but for one test."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -17,9 +18,10 @@ from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.process import outcome_of
 from pfwd_survey.inverting.worker.tasks import DiagnosisTask
 from pfwd_survey.inverting.worker.worker import Answer
+from pfwd_survey.judging import drop_from_traces
 from pfwd_survey.measuring import diagnosing
 from pfwd_survey.measuring.diagnosing import PointDiagnoses
-from pfwd_survey.measuring.events import HandedOn, Notice, PointDiagnosed
+from pfwd_survey.measuring.events import Notice, PointDiagnosed, SavedDrop
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop
 
 
@@ -75,7 +77,8 @@ class Session:
     def drop(self, point: str, number: int, record: int, status: str = "measured") -> None:
         screening = Screening(status)  # type: ignore[arg-type]
         drop = half_sine_drop(number, 8000.0)
-        self.diagnoses.ask(HandedOn(point, number, record, "", drop, SETUP, screening))
+        view = drop_from_traces(drop, SETUP, record=record)
+        self.diagnoses.ask(SavedDrop(point, replace(view, screening=screening), drop))
 
     def drops_of(self, task: int) -> list[int]:
         return [drop.number for drop in self.worker.tasks[task].source.drops]

@@ -11,8 +11,11 @@ from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import SurveyView
+from pfwd_survey.judging.places import place_in
 from pfwd_survey.judging.view import read_points
 from pfwd_survey.measuring.events import DropSaved, Edited, Notice, PointBegan
+from pfwd_survey.measuring.live_view import apply_event
 from pfwd_survey.measuring.measure import replay
 from pfwd_survey.measuring.pace import Pace
 from pfwd_survey.measuring.plan import SessionPlan
@@ -223,7 +226,12 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
     with SurveyWriter.open(folder, publish=False) as writer:
         feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
-    assert [event.handed.place for event in log.of(DropSaved)] == [None, (48.2, 11.6)]
+    recorded = [event.handed.view.metadata["position"] for event in log.of(DropSaved)]
+    assert list(map(place_in, recorded)) == [None, (48.2, 11.6)]
+    view = SurveyView()
+    for event in log.of(DropSaved):
+        view, _ = apply_event(view, event)
+    assert view.points["1"].position == (48.2, 11.6)
     assert read_points(folder)[0].position == (48.2, 11.6)
     with SurveyWriter.open(folder) as writer:
         writer.edit("position", {"latitude": 1.0, "longitude": 2.0}, point="1")

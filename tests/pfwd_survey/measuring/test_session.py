@@ -11,6 +11,10 @@ import pytest
 from pfwd_device.identity import ChannelIdentity, Role
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.wire.messages import Event, EventKind
+from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_to_store, stored_facts
+from pfwd_survey.inverting.screening.drops import screen
+from pfwd_survey.judging import drops, point_views
 from pfwd_survey.measuring.events import (
     DropSaved,
     LiveSamples,
@@ -21,6 +25,7 @@ from pfwd_survey.measuring.events import (
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.measuring.session import Session
 from pfwd_survey.measuring.setup_file import parse_setup
+from pfwd_survey.procedures import Kind, PointDrop
 from tests.pfwd_survey.scripted_feed import (
     GEOPHONE,
     IDENTITY,
@@ -137,6 +142,49 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     assert [told.marks for told in log.of(DropSaved)] == [("triggered by the operator",)] * 2
     assert [told.handed.screening.status for told in log.of(DropSaved)] == ["rejected"] * 2
     assert "no samples come that could be recorded" in log.texts
+
+
+@pytest.mark.parametrize("counts", [ONE_DROP, stream(3.0)], ids=["a drop", "no drop"])
+def test_a_drop_is_screened_once_and_its_facts_are_stored(
+    log: Log, writer: Any, counts: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screened: list[int] = []
+
+    def counting(drop: Any, setup: Any) -> Any:
+        screened.append(drop.number)
+        return screen(drop, setup)
+
+    monkeypatch.setattr(drops, "screen", counting)
+    items = pieces(counts)
+    session: list[Session] = []
+
+    def trigger() -> None:
+        if counts is not ONE_DROP:
+            session[0].trigger()
+
+    feed = ScriptedFeed(connected(), began(), items[:30], trigger, items[30:])
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    session[0].run()
+    (saved,) = log.of(DropSaved)
+    (point,) = point_views(read_survey(writer.folder))
+    (stored,) = point.drops
+    live = saved.handed.view
+    assert screened == [1]
+    assert (stored.own, stored.own_pulse_peak) == (live.own, live.own_pulse_peak)
+    assert (stored.own.kind is Kind.REJECTED) == (counts is not ONE_DROP)
+    for name in ("setup", "record", "declared", "metadata", "peaks", "has_traces"):
+        assert getattr(stored, name) == getattr(live, name), name
+
+
+def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
+    setup = PointSetup(plate_radius=0.15)
+    rejected = PointDrop(1, Kind.REJECTED, reason="no pulse")
+    facts = facts_to_store(rejected, 0.0, setup)
+    assert facts is not None
+    metadata = {FACTS_KEY: facts.to_json()}
+    assert stored_facts(1, setup, metadata, None) == (rejected, 0.0)
+    corrected = dataclasses.replace(setup, geophone_natural_frequency=4.5, geophone_damping=0.6)
+    assert stored_facts(1, corrected, metadata, None) is None
 
 
 def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:

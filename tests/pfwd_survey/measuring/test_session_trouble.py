@@ -292,10 +292,10 @@ def test_a_name_that_no_point_can_have_is_wrong_usage() -> None:
 def test_a_drop_that_cannot_be_judged_is_safe_all_the_same(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: Any) -> None:
+    def fail(*_: Any, **__: Any) -> None:
         raise IndexError("planted")
 
-    monkeypatch.setattr("pfwd_survey.measuring.drop_pipeline.screen_next", fail)
+    monkeypatch.setattr("pfwd_survey.measuring.drop_pipeline.drop_from_traces", fail)
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer)
     assert writer.saved == [("1", 1)]
     assert log.of(DropSaved)[0].handed.screening.status == "rejected"

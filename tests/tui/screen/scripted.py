@@ -1,6 +1,7 @@
 """Events whose contents are known here, and sources that say nothing by themselves."""
 
 import asyncio
+import dataclasses
 import datetime
 import math
 import threading
@@ -18,15 +19,15 @@ from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import DropView
+from pfwd_survey.judging import DropView, drop_from_traces
 from pfwd_survey.measuring.events import (
     CalibrationChanged,
     DropAnalysed,
     DropSaved,
-    HandedOn,
     InstrumentReady,
     InstrumentStatus,
     LiveSamples,
+    SavedDrop,
 )
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.procedures import Kind, PointDrop
@@ -88,17 +89,13 @@ def handed_on(
     status: str = "measured",
     reason: str | None = None,
     record: int | None = None,
-) -> HandedOn:
-    return HandedOn(
-        point,
-        number,
-        number if record is None else record,
-        f"survey/drops/drop-{number:06d}.h5",
-        # Drops are judged by their own records.
-        drop(number, 1100.0 if status == "rejected" else 9900.0),
-        SETUP,
-        Screening(status, reason),  # type: ignore[arg-type]
-    )
+) -> SavedDrop:
+    # Drops are judged by their own records.
+    traces = drop(number, 1100.0 if status == "rejected" else 9900.0)
+    view = drop_from_traces(traces, SETUP, record=number if record is None else record)
+    screening = Screening(status, reason)  # type: ignore[arg-type]
+    file = f"survey/drops/drop-{number:06d}.h5"
+    return SavedDrop(point, dataclasses.replace(view, screening=screening), traces, file)
 
 
 def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:

@@ -11,7 +11,7 @@ import pytest
 from pfwd_device import Drop
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.events import SavedDrop
 from pfwd_survey.measuring.plan import SessionPlan
 from tests.tui.screen.scripted import (
     Session,
@@ -147,7 +147,7 @@ class Asking(Refits):
         super().__init__(lambda _: None)
         self.options: list[AnalysisOptions] = []
 
-    def ask(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
+    def ask(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
         self.options.append(options)
 
 

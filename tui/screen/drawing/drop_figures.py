@@ -12,7 +12,7 @@ from pfwd_survey.inverting.screening.signals import (
     remove_offset,
 )
 from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.events import SavedDrop
 from pfwd_survey.measuring.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure
 from tui.screen.drawing.lines import TextRole
@@ -158,7 +158,7 @@ def _place(title: str, offsets: Array, sensor: int, units: Units) -> str:
 
 
 def _raw(
-    handed: HandedOn, units: Units, span: tuple[float, float] | None, sensor: int
+    handed: SavedDrop, units: Units, span: tuple[float, float] | None, sensor: int
 ) -> list[Figure]:
     drop = handed.drop
     if not drop.time.size:

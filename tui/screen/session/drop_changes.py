@@ -4,7 +4,7 @@ import math
 
 from pfwd_survey.inverting.sensor_fits import sensor_fits
 from pfwd_survey.judging import DropView
-from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, HandedOn
+from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, SavedDrop
 from pfwd_survey.measuring.stored_drops import peaks_of
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import DropRead, Refitted
@@ -30,7 +30,7 @@ def saved_drop(event: DropSaved, known: DropState, came: float) -> DropState:
     return fresh
 
 
-def _look_at(drop: DropState, handed: HandedOn) -> None:
+def _look_at(drop: DropState, handed: SavedDrop) -> None:
     drop.peak_load, drop.peak_deflection = peaks_of(handed.drop)
 
 

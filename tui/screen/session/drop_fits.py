@@ -14,7 +14,7 @@ from pfwd_survey.inverting.options import AnalysisOptions, with_layers_of
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.worker.tasks import Building, Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.events import HandedOn, Notice, TableBuilding
+from pfwd_survey.measuring.events import Notice, SavedDrop, TableBuilding
 from pfwd_survey.measuring.stored_drops import add_result, recorded_drop, stored_results
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
@@ -28,7 +28,7 @@ from tui.screen.units import Units
 class _AskedFit:
     """A fit under way."""
 
-    handed: HandedOn
+    handed: SavedDrop
     label: str
 
 
@@ -52,7 +52,7 @@ class Refits:
         """How many are under way."""
         return len(self._asked)
 
-    def ask(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
+    def ask(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop; an empty label: for its curves alone."""
         if self._worker is None:
             self._worker = InversionWorker(self._take)
@@ -142,7 +142,7 @@ class DropFits:
         self._reading.add(key)
         self._in_thread(lambda: self._read_drop(folder, record), "drop")
 
-    def on_read(self, handed: HandedOn) -> None:
+    def on_read(self, handed: SavedDrop) -> None:
         """The traces of a drop have come; it may be read again."""
         self._reading.discard(f"{handed.point}/{handed.number}")
 
@@ -155,7 +155,7 @@ class DropFits:
             return
         self._runner.put(DropRead(recorded, results))
 
-    def refit(self, handed: HandedOn, options: AnalysisOptions, label: str) -> None:
+    def refit(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result that counts stays."""
         self._say(f"fitting drop {handed.number}: {label}")
         self._refits.ask(handed, options, label)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.measuring.drop_metadata import SATURATED
-from pfwd_survey.measuring.events import HandedOn
+from pfwd_survey.measuring.events import SavedDrop
 from tui.screen.session.screen_events import Refitted
 
 
@@ -23,7 +23,7 @@ class DropState:
     discarded: bool = False
     notes: tuple[str, ...] = ()
     marks: tuple[str, ...] = ()
-    handed: HandedOn | None = None
+    handed: SavedDrop | None = None
     """With its traces; None: they are read when it is opened."""
     curves: TimeHistories | None = None
     """Measured and fitted, of the last answer; None: they are computed when it is opened."""

@@ -6,7 +6,7 @@ from typing import Any
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.judging import PointView
-from pfwd_survey.measuring.events import HandedOn, SessionEvent
+from pfwd_survey.measuring.events import SavedDrop, SessionEvent
 from pfwd_survey.measuring.plan import Ending
 
 
@@ -45,7 +45,7 @@ class ContentsRead:
 class DropRead:
     """A drop of the survey with its traces and all its results."""
 
-    handed: HandedOn
+    handed: SavedDrop
     results: tuple[DropResult, ...]
 
 

@@ -16,11 +16,12 @@ import pytest
 from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening.drops import Screening, screen
+from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.worker.tasks import Urgency
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
+from pfwd_survey.judging import drop_from_traces
 from pfwd_survey.measuring.analyses import Analyses
-from pfwd_survey.measuring.events import DropAnalysed, HandedOn, Notice
+from pfwd_survey.measuring.events import DropAnalysed, Notice, SavedDrop
 from tests.pfwd_survey.scripted_feed import IDENTITY
 
 PATIENCE = 60.0  # s; far more than anything here takes
@@ -241,8 +242,8 @@ def test_it_ends_when_its_parent_is_killed() -> None:
         wait_until(lambda: not is_running(pid))
 
 
-def handed_on(drop: Drop, **more: Any) -> HandedOn:
-    return HandedOn("1", drop.number, None, "f", drop, SETUP, screen(drop, SETUP), **more)
+def handed_on(drop: Drop, **more: Any) -> SavedDrop:
+    return SavedDrop("1", drop_from_traces(drop, SETUP), drop, "f", **more)
 
 
 def test_what_is_not_answered_in_time_is_said_and_has_its_keys(drop: Drop) -> None:
