@@ -3,8 +3,9 @@
 import contextlib
 import os
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Protocol, TypeVar
@@ -20,6 +21,8 @@ class Closable(Protocol):
 
 
 _C = TypeVar("_C", bound=Closable)
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 
 
 class ShieldedProcess(SpawnProcess):
@@ -53,6 +56,44 @@ def worker_pool(count: int) -> ProcessPoolExecutor:
     would wait for more for ever.
     """
     return ProcessPoolExecutor(count, spawn_context(), initializer=_begin_worker)
+
+
+class HelperProcess:
+    """A process that works on a list from its end, while this one works on it from its beginning.
+
+    Parameters
+    ----------
+    load : callable
+        Called first in the process, to import what is needed.
+    """
+
+    def __init__(self, load: Callable[[], None]) -> None:
+        self._pool = worker_pool(1)
+        self._pool.submit(load)
+
+    def submit(
+        self, function: Callable[[_T], _R], items: Sequence[_T]
+    ) -> Sequence[Future[_R] | None]:
+        """Request the result of each item, the last one first; None: the process has ended."""
+        requests: list[Future[_R] | None] = [None] * len(items)
+        with contextlib.suppress(BrokenProcessPool):
+            for number in reversed(range(len(items))):
+                requests[number] = self._pool.submit(function, items[number])
+        return requests
+
+    def close(self) -> None:
+        """End the process; items that it has not begun stay undone."""
+        self._pool.shutdown(cancel_futures=True)
+
+
+def helper_result(request: Future[_R] | None) -> _R | None:
+    """Return a result that the helper process has or is computing.
+
+    None: this process has to compute it. An error of any kind will come here too, in its order.
+    """
+    if request is None or request.cancel() or request.exception() is not None:
+        return None
+    return request.result()
 
 
 def processors() -> int:

@@ -12,9 +12,9 @@ import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -22,7 +22,6 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import DropFacts
 from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.index import no_collections
-from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.survey_content import (
     Result,
@@ -31,8 +30,9 @@ from pfwd_device.recording.survey_content import (
     read_result,
 )
 from pfwd_survey.exporting.rows import Order, Row, point_rows_of
+from pfwd_survey.files.folders import has_ledger_of
 from pfwd_survey.judging import Job, point_view
-from pfwd_survey.spawning import beside, processors, worker_pool
+from pfwd_survey.spawning import HelperProcess, beside, helper_result, processors
 
 LARGE_LEDGER = 600_000
 """Bytes of a ledger, those of 2,000 drops: in the time that a second process takes to start the
@@ -56,30 +56,18 @@ class Part(NamedTuple):
     """How many of the drops have a result."""
 
 
-Asked = Future[Part]
-
-
-class SecondProcess:
+class SecondProcess(HelperProcess):
     """A process that makes parts of the rows."""
 
     def __init__(self) -> None:
-        self._pool = worker_pool(1)
-        self._pool.submit(_load)
+        super().__init__(_load)
 
     def make(
         self, survey_id: str, job: Job, texts: Texts, parts: Sequence[Points]
-    ) -> Sequence[Asked | None]:
-        """Ask for these parts; the last one is made first. None: the process has ended."""
-        asked: list[Asked | None] = [None] * len(parts)
-        with contextlib.suppress(BrokenProcessPool):
-            for number in reversed(range(len(parts))):
-                points = _PointsElsewhere(parts[number], job)
-                asked[number] = self._pool.submit(_part, texts, survey_id, points)
-        return asked
-
-    def close(self) -> None:
-        """End it; what it has not begun is not done."""
-        self._pool.shutdown(cancel_futures=True)
+    ) -> Sequence[Future[Part] | None]:
+        """Request these parts, the last one first; None: the process has ended."""
+        points = [_PointsElsewhere(part, job) for part in parts]
+        return self.submit(partial(_part, texts, survey_id), points)
 
 
 def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProcess | None]:
@@ -91,15 +79,9 @@ def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProce
     jobs : int
         Processes that may work, this one included.
     """
-    return beside(SecondProcess, jobs > 1 and processors() > 1 and is_large(survey))
-
-
-def is_large(survey: str) -> bool:
-    """Whether the folder of a survey has so many records that two processes are quicker."""
-    try:
-        return Layout(Path(survey)).ledger.stat().st_size >= LARGE_LEDGER
-    except OSError:
-        return False  # an exported survey, or none at all, which is said when it is read
+    return beside(
+        SecondProcess, jobs > 1 and processors() > 1 and has_ledger_of(survey, LARGE_LEDGER)
+    )
 
 
 def row_texts(order: Order, texts: Texts) -> Iterator[str]:
@@ -112,12 +94,12 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
     texts : callable
     """
     parts = parts_of(order.content.points)
-    asked: Sequence[Asked | None] = [None] * len(parts)
+    asked: Sequence[Future[Part] | None] = [None] * len(parts)
     if order.second is not None and order.inverted is None:
         asked = order.second.make(order.content.survey_id, order.job, texts, parts)
     count = 0
     for part, future in zip(parts, asked, strict=True):
-        made = None if future is None else _made(future)
+        made = helper_result(future)
         if made is not None:
             count += made.results
             yield made.text
@@ -143,14 +125,6 @@ def parts_of(points: Points) -> list[Points]:
             parts.append(part)
             part, drops = [], 0
     return [*parts, part] if part else parts
-
-
-def _made(asked: Asked) -> Part | None:
-    """What the second process has made, or is about to; None: this process has to."""
-    if asked.cancel():
-        return None
-    # Whatever went wrong there goes wrong here too, and is then said in the order of rows.
-    return None if asked.exception() is not None else asked.result()
 
 
 class _PointsElsewhere:

@@ -1,4 +1,4 @@
-"""Which folders are surveys; of use to who has no need of anything that reads them."""
+"""Folders of surveys, looked at without what reads surveys."""
 
 import os
 from pathlib import Path
@@ -8,12 +8,23 @@ from pfwd_survey.errors import SurveyError, refusal
 
 
 def is_survey(path: str | os.PathLike[str]) -> bool:
-    """Whether there is a folder of a survey."""
+    """Return whether this is the folder of a survey."""
     return os.path.isdir(path) and Layout(Path(path)).exists()
 
 
+def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
+    """Return whether the survey in a folder has a ledger of this size, bytes, or a larger one.
+
+    Its size tells the number of drops. An exported survey has no ledger.
+    """
+    try:
+        return Layout(Path(path)).ledger.stat().st_size >= size
+    except OSError:
+        return False
+
+
 def refuse_no_survey(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no survey.
+    """Refuse a path that is not the folder of a survey.
 
     Raises
     ------

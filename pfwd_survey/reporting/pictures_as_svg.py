@@ -7,20 +7,17 @@ the last picture, then the one before, until this one has come there from the be
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import Any
 
-from pfwd_device.recording.layout import Layout
+from pfwd_survey.files.folders import has_ledger_of
 from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.reporting.blocks import Picture
 from pfwd_survey.reporting.fonts import families
-from pfwd_survey.spawning import beside, processors, worker_pool
+from pfwd_survey.spawning import HelperProcess, beside, helper_result, processors
 
 WIDTH = 180.0
 """mm, of a picture."""
@@ -32,24 +29,15 @@ pictures of so many are drawn."""
 _MM_PER_INCH = 25.4
 
 
-class SecondDrawer:
+class SecondDrawer(HelperProcess):
     """A process that draws pictures."""
 
     def __init__(self) -> None:
-        self._pool = worker_pool(1)
-        self._pool.submit(_load)
+        super().__init__(_load)
 
     def ask(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
-        """Ask for these; the last one is drawn first. None: the process has ended."""
-        asked: list[Future[str] | None] = [None] * len(pictures)
-        with contextlib.suppress(BrokenProcessPool):
-            for number in reversed(range(len(pictures))):
-                asked[number] = self._pool.submit(data_address, pictures[number])
-        return asked
-
-    def close(self) -> None:
-        """End it; what it has not begun is not drawn."""
-        self._pool.shutdown(cancel_futures=True)
+        """Request these pictures, the last one first; None: the process has ended."""
+        return self.submit(data_address, pictures)
 
 
 def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDrawer | None]:
@@ -61,14 +49,7 @@ def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDraw
     output : path of the report; HTML alone has its pictures one by one
     """
     html = output.lower().endswith(".html")
-    return beside(SecondDrawer, html and processors() > 1 and _has_many_drops(survey))
-
-
-def _has_many_drops(survey: str) -> bool:
-    try:
-        return Layout(Path(survey)).ledger.stat().st_size >= MANY_DROPS
-    except OSError:
-        return False  # no survey, which is said when it is read
+    return beside(SecondDrawer, html and processors() > 1 and has_ledger_of(survey, MANY_DROPS))
 
 
 def _load() -> None:
@@ -84,16 +65,8 @@ def data_addresses(
     """The address of each picture, in their order."""
     asked = [None] * len(pictures) if second is None else second.ask(pictures)
     for picture, future in zip(pictures, asked, strict=True):
-        made = None if future is None or future.cancel() else _made(future)
+        made = helper_result(future)
         yield data_address(picture) if made is None else made
-
-
-def _made(future: Future[str]) -> str | None:
-    """Return what the second process has drawn; None: it has ended, or could not draw it."""
-    try:
-        return future.result()
-    except Exception:  # of any kind, pickling included: this process draws it, or raises the same
-        return None
 
 
 def data_address(picture: Picture) -> str:

@@ -12,18 +12,20 @@ import pytest
 
 from pfwd_device.recording import read_survey
 from pfwd_device.recording.survey_content import SurveyContent
+from pfwd_survey import spawning
 from pfwd_survey.exporting import parts
 from pfwd_survey.exporting.export import Exported, export_survey
 from pfwd_survey.exporting.parts import (
+    LARGE_LEDGER,
     Part,
     SecondProcess,
-    is_large,
     parts_of,
     row_texts,
     second_process,
 )
 from pfwd_survey.exporting.rows import Order
 from pfwd_survey.exporting.tables import jsonl_texts, table_texts
+from pfwd_survey.files.folders import has_ledger_of
 from pfwd_survey.judging import job_of
 
 TIMEOUT = 60.0  # s; a process takes half a second to start on an idle machine
@@ -183,7 +185,7 @@ def test_stations_and_a_diagnosis_go_with_the_points(
 @pytest.mark.parametrize(("size", "large"), [(599_999, False), (600_000, True)])
 def test_a_survey_of_2000_drops_is_large(tmp_path: Path, size: int, large: bool) -> None:
     (tmp_path / "acknowledged.txt").write_bytes(b"\0" * size)
-    assert is_large(str(tmp_path)) is large
+    assert has_ledger_of(tmp_path, LARGE_LEDGER) is large
 
 
 @pytest.mark.parametrize(
@@ -195,7 +197,7 @@ def test_one_process_does_alone_what_two_would_not_do_sooner(
     monkeypatch.setattr(parts, "processors", lambda: cores)
     if large:
         monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
-    monkeypatch.setattr(parts, "worker_pool", None)  # would be called
+    monkeypatch.setattr(spawning, "worker_pool", None)  # would be called
     name = str(survey) if large is not None else str(survey / "missing")
     with second_process(name, jobs) as second:
         assert second is None
@@ -209,7 +211,7 @@ def test_a_system_that_starts_no_process_is_no_obstacle(
 
     monkeypatch.setattr(parts, "processors", lambda: 2)
     monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
-    monkeypatch.setattr(parts, "worker_pool", refused)
+    monkeypatch.setattr(spawning, "worker_pool", refused)
     with second_process(str(survey), 2) as second:
         assert second is None
 
@@ -226,11 +228,13 @@ def test_an_export_by_two_processes_is_that_by_one(
     monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
     made: list[Part] = []
 
-    def waited_for(asked: Future[Part]) -> Part:  # these few drops would all be made here before
-        made.append(asked.result(TIMEOUT))
+    def waited_for(request: Future[Part] | None) -> Part | None:
+        if request is None:
+            return None
+        made.append(request.result(TIMEOUT))  # these few drops would all be made here before
         return made[-1]
 
-    monkeypatch.setattr(parts, "_made", waited_for)
+    monkeypatch.setattr(parts, "helper_result", waited_for)
     alone, told_alone = export("alone", 1)
     assert made == []
     both, told_both = export("both", 2)
