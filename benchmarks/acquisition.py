@@ -20,7 +20,6 @@ from benchmarks.output import Reporter
 from simulators.instrument import serve
 
 DAY = 86_400.0
-FULL_SECONDS = 600.0
 
 
 def run(arguments: list[str]) -> int:

@@ -8,7 +8,17 @@ field its meaning and its unit, from which the columns of tables are generated.
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Literal, Self, TypeVar, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    ClassVar,
+    Literal,
+    Self,
+    TypeGuard,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from inversion.errors import RecordFormatError
 
@@ -146,8 +156,8 @@ def stored_fields(kind: "type[JsonRecord]") -> list[dataclasses.Field[Any]]:
     return [f for f in fields if f.name != "more" and f.metadata.get("stored", True)]
 
 
-def is_number(value: object) -> bool:
-    """Whether a value is a finite number; True and False are none.
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value is a finite number; True and False are none.
 
     Examples
     --------

@@ -23,6 +23,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inversion.records import is_number
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.disk import disk_errors, sync
 from pfwd_survey.files.output_path import refuse_inside_survey
@@ -199,9 +200,7 @@ def _fitting(value: Any, kind: str) -> Any:
         return str(value)
     if kind == "float64":
         # Free text where a number could stand, as the coordinates of a header.
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return None
-        return float(value)
+        return float(value) if is_number(value) else None
     return value
 
 

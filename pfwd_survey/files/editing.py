@@ -14,7 +14,7 @@ from pfwd_device.recording.record import point_name
 from pfwd_survey.errors import OptionError, TraceError, quote, refusal
 from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.moving import move_with, point_called, restore_with
-from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.files.spare import open_for_edits, spare_folder
 
 __all__ = [
     "Edit",
@@ -81,14 +81,7 @@ def edit_survey(
     _refuse_contradictions(survey, chosen, edits)
     if not edits:
         return survey
-    with SurveyWriter.open(
-        folder,
-        publish=False,
-        spare=spare_folder(),
-        fall_back=False,
-        edits_only=True,
-        known=survey,
-    ) as writer:
+    with open_for_edits(folder, survey) as writer:
         for edit in edits:
             if edit.what == "restore" and drop is not None:
                 restore_with(writer, choose_drop(choose_point(writer.contents(), point), drop))

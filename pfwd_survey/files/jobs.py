@@ -4,9 +4,8 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pfwd_device.recording import SurveyWriter
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.files.spare import open_for_edits
 
 
 def keep_events(
@@ -25,8 +24,6 @@ def keep_events(
         If it is no survey, or another program writes it.
     """
     refuse_no_survey(folder)
-    with SurveyWriter.open(
-        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
-    ) as writer:
+    with open_for_edits(folder) as writer:
         for kind, details in events:
             writer.note_event(kind, details)

@@ -1,9 +1,9 @@
-"""Where drops go that a survey's folder does not take."""
+"""Folder for drops that the folder of a survey does not take, and writers without one."""
 
 import os
 from pathlib import Path
 
-from pfwd_device.recording import SpareFolder
+from pfwd_device.recording import SpareFolder, Survey, SurveyWriter
 
 VARIABLE = "PFWD_SPARE"
 """Names another spare folder for all commands; ``--spare`` comes first."""
@@ -17,3 +17,22 @@ def spare_folder(named: str | os.PathLike[str] | None = None) -> SpareFolder:
     from platformdirs import user_data_path
 
     return SpareFolder(user_data_path("pfwd", appauthor=False) / "spare")
+
+
+def open_for_edits(folder: str | os.PathLike[str], known: Survey | None = None) -> SurveyWriter:
+    """Open a survey that nobody measures into, to add edits, events or results.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    known : Survey, optional
+        The survey as it was read before; saves reading it again.
+    """
+    return SurveyWriter.open(
+        folder,
+        publish=False,
+        spare=spare_folder(),
+        fall_back=False,
+        edits_only=True,
+        known=known,
+    )

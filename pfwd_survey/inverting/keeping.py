@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording import Survey, SurveyDrop, read_survey
 from pfwd_device.recording.layout import ResultKind
 from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.files.spare import open_for_edits
 from pfwd_survey.inverting.options import AS_DECLARED
 from pfwd_survey.inverting.results import DropResult
 
@@ -116,14 +116,7 @@ def keep(folder: str, found: Sequence[Keepsake], survey: Survey | None = None) -
     if not found:
         return None
     try:
-        with SurveyWriter.open(
-            folder,
-            publish=False,
-            spare=spare_folder(),
-            fall_back=False,
-            edits_only=True,
-            known=survey,
-        ) as writer:
+        with open_for_edits(folder, survey) as writer:
             for item in found:
                 writer.save_result(item.number, item.result, item.kind)
     except (RecordingError, SurveyError, OSError) as err:

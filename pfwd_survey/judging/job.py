@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from inversion.records import is_number
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_survey.errors import OptionError, SurveyError, quote, refusal
 from pfwd_survey.procedures import (
@@ -459,10 +460,12 @@ def _named_procedure(survey: SurveyContent) -> Procedure | None:
     return find_procedure(known.pop()) if len(known) == 1 else None
 
 
-def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if 0 < value < math.inf else None
+def _finite(value: Any) -> float | None:
+    return float(value) if is_number(value) else None
+
+
+def _positive(value: Any) -> float | None:
+    return float(value) if is_number(value) and value > 0 else None
 
 
 def _text(value: Any) -> str | None:
@@ -474,15 +477,7 @@ def _units(value: Any) -> str | None:
 
 
 def _degrees(value: Any, most: float) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if abs(value) <= most else None
-
-
-def _any_number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if math.isfinite(value) else None
+    return float(value) if is_number(value) and abs(value) <= most else None
 
 
 def _stations(value: Any) -> tuple[Station, ...] | None:
@@ -496,10 +491,10 @@ def _stations(value: Any) -> tuple[Station, ...] | None:
         found.append(
             Station(
                 name,
-                _any_number(said.get("chainage_m")),
+                _finite(said.get("chainage_m")),
                 _degrees(said.get("latitude"), 90.0),
                 _degrees(said.get("longitude"), 180.0),
-                _number(said.get("target")),
+                _positive(said.get("target")),
             )
         )
     return tuple(found)
@@ -511,9 +506,9 @@ def _mappings(value: Any) -> tuple[Mapping[str, Any], ...] | None:
 
 
 _READERS: Mapping[str, Any] = {
-    "target": _number,
+    "target": _positive,
     "stations": _stations,
-    "step_m": _number,
+    "step_m": _positive,
     "operator": _text,
     "device": _text,
     "calibration": _mappings,

@@ -9,11 +9,11 @@ import numpy as np
 
 from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording import Survey, SurveyDrop, read_survey
 from pfwd_device.recording.survey_content import read_result
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.spare import spare_folder
+from pfwd_survey.files.spare import open_for_edits
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import compare, screen
 from pfwd_survey.inverting.screening.signals import (
@@ -49,9 +49,7 @@ def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) 
         If another program writes it.
     """
     refuse_no_survey(folder)
-    with SurveyWriter.open(
-        folder, publish=False, spare=spare_folder(), fall_back=False, edits_only=True
-    ) as writer:
+    with open_for_edits(folder) as writer:
         writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
 
 

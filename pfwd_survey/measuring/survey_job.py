@@ -2,7 +2,7 @@
 
 import dataclasses
 import datetime
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pfwd_device.identity import Identity
@@ -111,12 +111,6 @@ def known_point(writer: SurveyWriter, name: str) -> PointKnown | None:
         if point.name == name and point.drops:
             return point_known(point)
     return None
-
-
-def points_coming_again(survey: SurveyContent) -> Iterator[PointKnown]:
-    """The points of a survey that is replayed."""
-    for point in survey.points:
-        yield point_known(point, comes_again=True)
 
 
 def point_known(point: SurveyPoint, *, comes_again: bool = False) -> PointKnown:

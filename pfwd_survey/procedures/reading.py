@@ -1,11 +1,11 @@
 """Reads a procedure from TOML, strictly: an unknown key or a number without a source is refused."""
 
 import difflib
-import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inversion.records import is_number
 from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.procedures.profile import CHECKS, Number, Procedure, Quantity, Target
 from pfwd_survey.toml_reading import parse_toml
@@ -169,7 +169,7 @@ def _number(given: object, where: str) -> Number:
         raise OptionError(refusal(where, "a number with its source", quote(given), _EXAMPLE))
     _refuse_unknown(given, ("value", "source", "verified"), where)
     value, source, verified = (given.get(key) for key in ("value", "source", "verified"))
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value):
         came = "none" if value is None else quote(value)
         raise OptionError(refusal(where, "value, a finite number", came, _EXAMPLE))
     if not isinstance(verified, bool):

@@ -1,8 +1,9 @@
 """Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
 
 import math
-from typing import Any, TypeGuard
+from typing import Any
 
+from inversion.records import is_number
 from pfwd_survey.digits import rounded, with_ends
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.procedures import PointValue, Quantity
@@ -53,7 +54,7 @@ def with_interval(
         Whether the data do not support the value.
     """
     mark = UNSUPPORTED_MARK if marked else ""
-    if not interval or not all(_is_finite(end) for end in interval):
+    if not interval or not all(is_number(end) for end in interval):
         return f"{f'{digits(value)}{mark} {unit}'.strip()} ({texts[missing]})"
     shown, low, high = with_ends(value, (interval[0], interval[1]))
     # Broken between value and interval, if at all.
@@ -75,10 +76,10 @@ def with_deviation(
     relative : float
         Least spread over the value that the digits are for, where the deviation is not all.
     """
-    if not _is_finite(value):
+    if not is_number(value):
         return NOTHING
     shown = value * scale
-    if not _is_finite(deviation):
+    if not is_number(deviation):
         return f"{digits(shown)} {unit}".rstrip()
     spread = deviation * scale
     if relative > 0.0 and abs(shown) * relative > spread:
@@ -97,7 +98,7 @@ def with_deviation(
 def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
     """The depth of the rock with its interval; a dash for none."""
     depth = result.bedrock_depth_m
-    if not _is_finite(depth):
+    if not is_number(depth):
         return NOTHING
     if result.bedrock_depth_sd_m is None:
         return f"{digits(depth)} {unit}".rstrip()
@@ -108,7 +109,7 @@ def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> st
     """The modulus of a result with its interval, MPa; the unit may stand above it."""
     if result is None:
         return NOTHING
-    if not _is_finite(result.modulus_pa):
+    if not is_number(result.modulus_pa):
         return texts["no_result"]
     interval = result.modulus_interval_pa
     ends = None if interval is None else [end / 1e6 for end in interval]
@@ -185,17 +186,13 @@ def target_of(target: float | None, quantity: Quantity) -> str:
 
 def percent(value: Any, count: int = 2) -> str:
     """A part as percent."""
-    return f"{digits(value * 100, count)} %" if _is_finite(value) else NOTHING
+    return f"{digits(value * 100, count)} %" if is_number(value) else NOTHING
 
 
 def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
     """A number in a unit of people; a dash for none."""
-    return f"{digits(value * scale, count)} {unit}".rstrip() if _is_finite(value) else NOTHING
+    return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NOTHING
 
 
 def _plain(value: Any) -> str:
-    return f"{value:g}" if _is_finite(value) else NOTHING
-
-
-def _is_finite(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return f"{value:g}" if is_number(value) else NOTHING

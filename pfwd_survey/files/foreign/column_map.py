@@ -4,7 +4,7 @@ import codecs
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pfwd_device.drop import Quantity
@@ -45,12 +45,13 @@ class SensorColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnMap:
-    """How a text is read."""
+class TextLayout:
+    """Layout of a text with columns."""
 
     file: str
-    """Of the map, for messages."""
+    """Of the map or of the text, for messages."""
     delimiter: str | None
+    """None: runs of blanks."""
     decimal: str
     encoding: str
     skip_lines: int
@@ -58,7 +59,13 @@ class ColumnMap:
     names: bool
     """Whether a line with names comes before the numbers."""
     units_line: bool
-    """Whether a line follows the names that is passed over."""
+    """Whether a line to skip follows the names."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMap(TextLayout):
+    """Layout of a text and the meaning of its columns."""
+
     time: Column | None
     rate: float | None
     """Hz; in place of a column with the time."""
@@ -131,10 +138,7 @@ class _Reader:
         self._refuse_contradictions(made)
         where = self._file
         declared = {key: Declaration(value, where) for key, value in self._table.items()}
-        return ColumnMap(
-            **{name: getattr(made, name) for name in ColumnMap.__slots__ if name != "declarations"},
-            declarations=declared,
-        )
+        return replace(made, declarations=declared)
 
     def _refuse_contradictions(self, made: ColumnMap) -> None:
         if (made.time is None) == (made.rate is None):

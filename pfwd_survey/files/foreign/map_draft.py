@@ -13,7 +13,7 @@ from typing import Literal
 
 from pfwd_device.drop import Quantity
 from pfwd_survey.errors import TraceError, refusal
-from pfwd_survey.files.foreign.column_map import UNITS
+from pfwd_survey.files.foreign.column_map import UNITS, TextLayout
 from pfwd_survey.files.toml import toml_line
 
 Role = Literal["time", "load", "sensor", "drop", "none"]
@@ -76,17 +76,9 @@ class DraftColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class MapDraft:
-    """What a text seems to be."""
+class MapDraft(TextLayout):
+    """Layout that a text seems to have, and the likely meaning of its columns."""
 
-    file: str
-    delimiter: str | None
-    """None: runs of blanks."""
-    decimal: str
-    encoding: str
-    skip_lines: int
-    names: bool
-    units_line: bool
     columns: tuple[DraftColumn, ...]
     plate_radius: float | None = None
     """m; asked for, no text says it."""

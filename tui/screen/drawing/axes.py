@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tui.screen.drawing.canvas import Trace, across, columns_of, draw, row_of
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, pad, piece, width_of
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, pad, piece
 
 MARGIN = 0.06
 """Part of the range that stays free above and below a curve."""
@@ -217,8 +217,3 @@ def _with_cursor(content: Line, column: int | None) -> Line:
             cells.append(text)
         position = end
     return tuple(cells)
-
-
-def legend_width(curves: Sequence[Curve]) -> int:
-    """Columns that the names of curves take."""
-    return width_of([cell(f"─── {curve.name}   ") for curve in curves])
