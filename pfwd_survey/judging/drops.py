@@ -15,8 +15,9 @@ from pfwd_device.drop import Peaks
 from pfwd_device.recording.survey_content import SurveyDrop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.drop_facts import own_facts, with_modulus
-from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.inverting.results import DropResult, TimeHistories
 from pfwd_survey.inverting.screening.drops import Screening, rebound_reason, screen
+from pfwd_survey.peaks.stiffness import Stiffness
 from pfwd_survey.procedures import Kind, PointDrop
 
 
@@ -55,13 +56,38 @@ class DropView:
     """Damage of the record or of its results; None: no damage."""
     screening: Screening | None = None
     """Screening of its traces; None: its facts are stored, and the traces were not read."""
+    curves: TimeHistories | None = None
+    """Measured and fitted, for a report; None: there are none, or the traces were not read."""
+    stiffness: Stiffness | None = None
+    """Stiffness of the rig under it, for a report; None: it is on ground, or not read."""
     source: SurveyDrop | None = None
-    """The stored drop, for its traces; None: it is being measured."""
+    """The stored drop, for its traces; None: it is measured now, or came from another process."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for another process, which does not have the survey."""
+        return {**self.__dict__, "source": None}
 
     @property
     def number(self) -> int:
         """Number within the point."""
         return self.own.number
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """Irregularities of the record."""
+        return tuple(map(str, self.metadata.get("marks") or ()))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the screening and of the result, each once."""
+        screened = () if self.screening is None else self.screening.warnings
+        found = () if self.result is None else self.result.warnings or ()
+        return (*screened, *(warning for warning in found if warning not in screened))
+
+    @property
+    def left_out(self) -> tuple[float, ...]:
+        """Distances of the sensors that take no part in the fit, m, once its traces are read."""
+        return () if self.screening is None else self.screening.left_out
 
     @cached_property
     def facts(self) -> PointDrop:

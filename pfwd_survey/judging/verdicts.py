@@ -7,10 +7,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from pfwd_device.recording.survey_content import SurveyPoint
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.holding import holds
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.judging.drops import DropView, classify_drops
 from pfwd_survey.judging.job import Job
+from pfwd_survey.judging.places import place_in
 from pfwd_survey.procedures import (
     DiagnosedModulus,
     Kind,
@@ -53,12 +55,31 @@ class PointView:
     fallback_target: tuple[float, str] | None = None
     """Target where the survey has none, and its source; None: that of the procedure counts."""
     notes: tuple[str, ...] = ()
-    position: tuple[float, float] | None = None
-    """Latitude and longitude, degrees; None: unknown."""
+    place: Mapping[str, Any] | None = None
+    """latitude, longitude (degrees) and `source`: edited, declared, or of a receiver, with the
+    quality of its fix; None: unknown."""
     replayed: Sequence[DropView] = ()
     """Stored drops of a survey that is replayed; each counts from when it comes again."""
     source: SurveyPoint | None = None
-    """The stored point, for its edits; None: it is being measured."""
+    """The stored point; None: it is measured now, or came from another process."""
+    whole: "PointView | None" = None
+    """The point that is judged, where this is a part of its drops; None: this is all of it."""
+    warnings: tuple[str, ...] = ()
+    """Warnings of its setup, for a report."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for another process, which does not have the survey."""
+        return {**self.__dict__, "source": None}
+
+    @property
+    def position(self) -> tuple[float, float] | None:
+        """Latitude and longitude, degrees; None: unknown."""
+        return place_in(self.place)
+
+    @property
+    def setup(self) -> PointSetup:
+        """Setup of its first drop."""
+        return self.drops[0].setup
 
     @property
     def shown_name(self) -> str:
@@ -68,6 +89,9 @@ class PointView:
     @cached_property
     def facts(self) -> Sequence[PointDrop]:
         """Facts of the drops, each compared with the others."""
+        if self.whole is not None:
+            known = {fact.number: fact for fact in self.whole.facts}
+            return tuple(known[drop.number] for drop in self.drops)
         return tuple(classify_drops(self.drops))
 
     @cached_property
@@ -78,6 +102,8 @@ class PointView:
     @cached_property
     def diagnosis_in_force(self) -> DiagnosisResult | None:
         """Diagnosis of the drops and the setup as they are now; None: there is none."""
+        if self.whole is not None:
+            return self.whole.diagnosis_in_force
         if self.diagnosis is None or not self.drops:
             return None
         numbers = [fact.number for fact in self.facts if fact.kind not in _TAKING_NO_PART]
@@ -86,7 +112,7 @@ class PointView:
     @cached_property
     def progress(self) -> PointProgress:
         """Value, target and verdict by the procedure of the job."""
-        return _judge(self)
+        return _judge(self) if self.whole is None else self.whole.progress
 
     def drop(self, number: int) -> DropView | None:
         """Return a drop by its number within the point; None: there is none."""

@@ -112,7 +112,7 @@ def point_view(point: SurveyPoint, job: Job) -> PointView:
         title=point.title,
         job=job,
         notes=point.notes,
-        position=_position_of(point, drops),
+        place=place_of_point(point, drops, point.declared),
         source=point,
     )
 
@@ -303,12 +303,24 @@ def _target_of(point: SurveyPoint) -> float | None:
     return float(target) if sound and 0 < target < float("inf") else None
 
 
-def _position_of(point: SurveyPoint, drops: Sequence[DropView]) -> tuple[float, float] | None:
-    """Return latitude and longitude of a point, degrees; None: unknown, or not on the earth.
+def place_of_point(
+    point: SurveyPoint | None, drops: Sequence[DropView], declared: Mapping[str, Any]
+) -> Mapping[str, Any] | None:
+    """Return the `PointView.place` of a point, or of some of its drops.
 
-    An edit wins over the receiver at the first drop with a fix, and that over what was declared.
+    An edit wins over the receiver at the first drop with a fix, and that over the declaration.
+
+    Parameters
+    ----------
+    point : SurveyPoint or None
+    drops : sequence of DropView
+    declared : mapping
+        Keys of a header.
     """
-    if isinstance(point.position, Mapping):
-        return place_in(point.position)
-    received = (place_in(drop.metadata.get("position")) for drop in drops)
-    return next((place for place in received if place is not None), place_in(point.declared))
+    stored = [point, *(drop.source for drop in drops)]
+    edits = [source.position for source in stored if source is not None]
+    edited = [{**edit, "source": "edited"} for edit in edits if isinstance(edit, Mapping)]
+    received = [drop.metadata.get("position") for drop in drops]
+    known = {key: declared.get(key) for key in ("latitude", "longitude")}
+    places = (*edited, *received, {**known, "source": "declared"})
+    return next((place for place in places if place_in(place) is not None), None)

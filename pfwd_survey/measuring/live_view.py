@@ -85,8 +85,9 @@ def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:
 def _with_drop(point: PointView, handed: SavedDrop) -> PointView:
     drop = _stored_drop(point, handed.number) or handed.view
     drops = {drop.number: drop for drop in point.drops} | {handed.number: drop}
-    position = point.position or place_in(handed.view.metadata.get("position"))
-    return replace(point, drops=_sorted(drops), position=position)
+    received = handed.view.metadata.get("position")
+    place = received if point.place is None and place_in(received) is not None else point.place
+    return replace(point, drops=_sorted(drops), place=place)
 
 
 def _stored_drop(point: PointView, number: int) -> DropView | None:
@@ -117,7 +118,8 @@ def _with_edit(point: PointView, event: Edited) -> PointView:
         case "note":
             return replace(point, notes=(*point.notes, str(value)))
         case "position":
-            return replace(point, position=place_in(value))
+            place = None if place_in(value) is None else {**value, "source": "edited"}
+            return replace(point, place=place)
     return point
 
 

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from pfwd_survey.errors import OptionError, refusal
+from pfwd_survey.judging import PointView
 from pfwd_survey.matplotlib_start import start_matplotlib
 from pfwd_survey.procedures import Procedure, Quantity, Verdict
 from pfwd_survey.procedures.point import UNSUPPORTED_MARK
@@ -23,7 +24,7 @@ from pfwd_survey.reporting.blocks import (
     Table,
     Together,
 )
-from pfwd_survey.reporting.content import Report, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import (
     curves_height,
     draw_curves,
@@ -101,7 +102,7 @@ def read_logo(path: str | os.PathLike[str]) -> Any:
         raise OptionError(refusal(f"--logo {path}", "a picture (.png, .jpg)", came)) from err
 
 
-def _rows(report: Report, kept: Sequence[ReportPoint], texts: Texts) -> tuple[tuple[str, str], ...]:
+def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tuple[str, str], ...]:
     counts = Counter(verdict_of(point) for point in kept)
     times = sorted(filter(None, map(time_of, report.points)))
     measured = " – ".join(dict.fromkeys((times[0], times[-1]))) if times else ""
@@ -152,7 +153,7 @@ def _drops_asked(report: Report, texts: Texts) -> str:
     return " + ".join(f"{count} ({texts[kind]})" for count, kind in wanted if count)
 
 
-def _loads(kept: Sequence[ReportPoint], procedure: Procedure, texts: Texts) -> str:
+def _loads(kept: Sequence[PointView], procedure: Procedure, texts: Texts) -> str:
     """Return peak loads and mean stresses below the plate: measured, then presumed."""
     loads = [
         (load, load / (math.pi * radius**2))
@@ -181,7 +182,7 @@ def _range(values: Sequence[float], scale: float) -> str:
     return " – ".join(dict.fromkeys(ends))
 
 
-def _conditions(kept: Sequence[ReportPoint], texts: Texts) -> str:
+def _conditions(kept: Sequence[PointView], texts: Texts) -> str:
     """Material, moisture and temperature, where anybody said them."""
     found = []
     materials = _each(point.setup.material for point in kept)
@@ -198,7 +199,7 @@ def _each(values: Any) -> str:
     return ", ".join(sorted({str(value) for value in values if value is not None}))
 
 
-def _device(report: Report, kept: Sequence[ReportPoint]) -> str:
+def _device(report: Report, kept: Sequence[PointView]) -> str:
     named = [
         f"{identity.get('model', '')} {identity.get('serial_number', '')}".strip()
         for identity in report.instruments
@@ -252,7 +253,7 @@ def points_table(report: Report, texts: Texts) -> Table:
         depths = [s * 1e3 for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
-            point.name,
+            point.shown_name,
             time_of(point)[:16],
             " / ".join(f"{value:.3f}" for value in depths[:MOST_DEPTHS])
             + (" …" if len(depths) > MOST_DEPTHS else ""),
@@ -282,7 +283,7 @@ def unsupported_note(report: Report, texts: Texts) -> list[Block]:
         value, modulus = point.progress.value, point.progress.modulus
         marked = [item.not_supported for item in (value, modulus) if item is not None]
         for reason in dict.fromkeys(filter(None, marked)):
-            reasons.setdefault(texts.message(reason), []).append(point.name)
+            reasons.setdefault(texts.message(reason), []).append(point.shown_name)
     if not reasons:
         return []
     listed = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())

@@ -10,6 +10,7 @@ from inversion.records import is_number, stored_fields
 from inversion.result import InversionResult
 from pfwd_survey.files.header import IMPORTED, declared_values
 from pfwd_survey.inverting.results import DropResult
+from pfwd_survey.judging import PointView
 from pfwd_survey.reporting.blocks import (
     Block,
     Code,
@@ -20,11 +21,12 @@ from pfwd_survey.reporting.blocks import (
     Together,
 )
 from pfwd_survey.reporting.certificate_blocks import MOST_ROWS, certificate_blocks, points_table
-from pfwd_survey.reporting.content import Report, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.device_blocks import device_blocks
 from pfwd_survey.reporting.fonts import Letters
 from pfwd_survey.reporting.localising import localised
 from pfwd_survey.reporting.lot_blocks import lot_blocks
+from pfwd_survey.reporting.peaks_blocks import basin_of_drop
 from pfwd_survey.reporting.point_blocks import point_blocks
 from pfwd_survey.reporting.procedure_blocks import procedure_blocks
 from pfwd_survey.reporting.summary_blocks import common_warnings, summary_blocks, warning_blocks
@@ -66,7 +68,7 @@ def compose(
     blocks += warning_blocks(report, texts)
     blocks.append(Paragraph(texts["uncertainty_note"], "note"))
     blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
-    if any(drop.basin is not None for point in report.points for drop in point.drops):
+    if any(basin_of_drop(drop) is not None for point in report.points for drop in point.drops):
         blocks.append(Paragraph(texts["basin_note"], "note"))
     if texts.code not in ("en", *texts.with_messages):
         blocks.append(Paragraph(texts["messages_note"], "note"))
@@ -92,7 +94,7 @@ def on_new_page(heading: Block) -> Block:
 
 def _declared(report: Report, texts: Texts) -> list[Block]:
     """What was declared: what all points share once, then what they have of their own."""
-    said = [(point.name, _said(point)) for point in report.points]
+    said = [(point.shown_name, _said(point)) for point in report.points]
     first = said[0][1] if said else {}
     shared = {k: v for k, v in first.items() if all(o.get(k, _ABSENT) == v for _, o in said)}
     points: dict[str, list[str]] = {}
@@ -107,7 +109,7 @@ def _declared(report: Report, texts: Texts) -> list[Block]:
 _ABSENT = object()
 
 
-def _said(point: ReportPoint) -> dict[str, Any]:
+def _said(point: PointView) -> dict[str, Any]:
     """The keys of a point; the remarks of its import are among the warnings."""
     said = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
     noted = said.pop(IMPORTED, None)
@@ -137,10 +139,10 @@ def _recompute(report: Report, texts: Texts) -> list[Block]:
     ]
     blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
     files = [
-        (point.name, str(drop.number), f"drop-{drop.record:06d}.h5", drop.checksum)
+        (point.shown_name, str(drop.number), f"drop-{drop.record:06d}.h5", checksum)
         for point in report.points
         for drop in point.drops
-        if drop.checksum
+        if drop.record is not None and (checksum := report.checksums.get(drop.record))
     ]
     if files:
         columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
@@ -156,7 +158,7 @@ def _recompute(report: Report, texts: Texts) -> list[Block]:
 def _values_of_averaged_drops(report: Report) -> list[str]:
     """Return a line for each averaged drop with the values of its result."""
     return [
-        f"{point.name}, {drop.number}: {result_values(drop.result)}"
+        f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
         for point in report.points
         for drop in point.drops
         if drop.number in point.progress.used and drop.result is not None

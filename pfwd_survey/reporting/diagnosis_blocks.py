@@ -5,26 +5,27 @@ from functools import partial
 
 from pfwd_survey.digits import read_in
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
+from pfwd_survey.judging import PointView
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Listing, Paragraph, Picture, Table
-from pfwd_survey.reporting.content import ReportPoint
 from pfwd_survey.reporting.diagnosis_drawing import draw_ladder, ladder_of
+from pfwd_survey.reporting.point_facts import diagnosis_of
 from pfwd_survey.reporting.texts import Texts
 
 _ROW, _MARGIN = 4.2, 13.0  # mm of the picture: a bar, and what is around the bars
 _SAME_MODULUS = 0.02  # moduli at two stresses that differ by less need not both be told
 
 
-def diagnosis_blocks(point: ReportPoint, texts: Texts) -> list[Block]:
+def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
     """Verdict, before and after, what each effect is worth, and the effects themselves.
 
     Parameters
     ----------
-    point : ReportPoint
+    point : PointView
         Without a diagnosis there is nothing to show.
     texts : Texts
     """
-    found = point.diagnosis
+    found = diagnosis_of(point)
     if found is None:
         return []
     verdict = str(found.verdict)
@@ -40,7 +41,7 @@ def diagnosis_blocks(point: ReportPoint, texts: Texts) -> list[Block]:
             partial(draw_ladder, found=found, texts=texts),
             _MARGIN + _ROW * len(steps),
             texts["ladder_note"],
-            f"{texts['diagnosis']}: {texts['point']} {point.name}",
+            f"{texts['diagnosis']}: {texts['point']} {point.shown_name}",
         )
         blocks.append(picture)
     effects = [_effect(effect) for effect in found.effects or ()]

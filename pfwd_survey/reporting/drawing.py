@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from inversion.result import TimeHistories
 from pfwd_survey.inverting.drop_facts import PEAK_WITHIN
+from pfwd_survey.judging import DropView, PointView
 from pfwd_survey.procedures import Quantity, Verdict
-from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fonts import Letters
 from pfwd_survey.reporting.labels import common_beginning, on_page, place_labels, room_of
 from pfwd_survey.reporting.lot import Line, Lot
@@ -46,7 +47,7 @@ MOST_DOTS = 260
 def place(report: Report) -> dict[int, tuple[float, float]]:
     """East and north of the points that have a position, m from their middle, by index."""
     known = {
-        index: (float(point.position["latitude"]), float(point.position["longitude"]))
+        index: point.position
         for index, point in enumerate(report.points)
         if point.position is not None
     }
@@ -170,7 +171,7 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
         axes.legend(fontsize=7, ncols=4, frameon=False, **above)
     finish(axes, texts)
     if not by_distance:
-        name_ticks(axes, distances, [point.name for point in report.points], letters)
+        name_ticks(axes, distances, [point.shown_name for point in report.points], letters)
 
 
 def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letters: Letters) -> None:
@@ -213,14 +214,14 @@ def _short(name: str, most: int = 12) -> str:
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
-def _verdict(point: ReportPoint) -> str:
+def _verdict(point: PointView) -> str:
     return "none" if point.discarded else Verdict(point.progress.verdict).value
 
 
-def draw_point(figure: Any, point: ReportPoint, drops: Sequence[ReportDrop], texts: Texts) -> None:
+def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: Texts) -> None:
     """Traces of drops on the left, deflection and modulus drop by drop on the right."""
     several = len(point.progress.compaction) > 1
-    if several and not drops and not any(drop.facts.modulus for drop in point.drops):
+    if several and not drops and not any(facts.modulus for facts in point.facts):
         # Of peaks alone.
         _draw_deflections(figure.add_axes((0.09, 0.24, 0.895, 0.64)), point, texts)
         return
@@ -235,12 +236,12 @@ def draw_point(figure: Any, point: ReportPoint, drops: Sequence[ReportDrop], tex
         top.tick_params(labelbottom=False)
 
 
-def draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
+def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
     """Load, displacement and residual of drops, one above the other."""
     _draw_traces(figure, drops, texts, 0.985)
 
 
-def _draw_traces(figure: Any, drops: Sequence[ReportDrop], texts: Texts, right: float) -> None:
+def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: float) -> None:
     wide = right - 0.09
     residual = figure.add_axes((0.09, 0.16, wide, 0.2))
     moved = figure.add_axes((0.09, 0.39, wide, 0.35), sharex=residual)
@@ -307,7 +308,7 @@ def _end(curves: TimeHistories) -> float:
     return min(float(curves.time[-1]), start + SHOWN_AFTER * (curves.window_end - start))
 
 
-def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
+def draw_compaction(figure: Any, point: PointView, texts: Texts) -> None:
     """Deflection by drop, and the modulus beside it."""
     left, right = figure.subplots(
         1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
@@ -315,7 +316,7 @@ def draw_compaction(figure: Any, point: ReportPoint, texts: Texts) -> None:
     _draw_compaction(left, right, point, texts)
 
 
-def _draw_compaction(left: Any, right: Any, point: ReportPoint, texts: Texts) -> None:
+def _draw_compaction(left: Any, right: Any, point: PointView, texts: Texts) -> None:
     _draw_deflections(left, point, texts)
     _draw_moduli(right, point, texts)
 
@@ -328,7 +329,7 @@ _DROP_SHAPES = {
 _OTHER_SHAPE = ("x", "0.4")
 
 
-def _draw_deflections(axes: Any, point: ReportPoint, texts: Texts) -> None:
+def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
     """Deflection by drop."""
     told: set[str] = set()
     numbers, depths = [], []
@@ -360,7 +361,7 @@ def _draw_deflections(axes: Any, point: ReportPoint, texts: Texts) -> None:
         )
 
 
-def _draw_moduli(axes: Any, point: ReportPoint, texts: Texts) -> None:
+def _draw_moduli(axes: Any, point: PointView, texts: Texts) -> None:
     """Modulus by drop, with its interval."""
     kinds = dict(point.progress.kinds)
     highest = 0.0
@@ -409,17 +410,17 @@ _ONE_POINT, _ROW_OF_CURVES, _BELOW_CURVES = 62.0, 33.0, 8.0
 """mm; of the picture of the curves. Below the lowest stand their numbers and unit."""
 
 
-def curve_rows(points: Sequence[ReportPoint]) -> int:
+def curve_rows(points: Sequence[PointView]) -> int:
     """Rows of the picture of :func:`draw_curves`."""
     return math.ceil(min(len(points), MOST_CURVES) / _CURVES_IN_ROW)
 
 
-def curves_height(points: Sequence[ReportPoint]) -> float:
+def curves_height(points: Sequence[PointView]) -> float:
     """Height of the picture of :func:`draw_curves`, mm."""
     return _ONE_POINT if len(points) == 1 else curve_rows(points) * _ROW_OF_CURVES + _BELOW_CURVES
 
 
-def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letters: Letters) -> None:
+def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters: Letters) -> None:
     """The deflection curves of the averaged drops of each point, all to one scale."""
     shown = list(points)[:MOST_CURVES]
     columns, rows = min(len(shown), _CURVES_IN_ROW), curve_rows(shown)
@@ -437,7 +438,7 @@ def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letter
         axes.set_ylim(1.08 * depth, -0.12 * depth)  # a plate goes down
         axes.locator_params(nbins=_FEW_STEPS)
         axes.axhline(0.0, color="0.7", linewidth=0.6)
-        title = _short(letters.drawable(point.name), 22)
+        title = _short(letters.drawable(point.shown_name), 22)
         axes.set_title(title, fontsize=7, pad=2, parse_math=False)
         finish(axes, texts)
         axes.tick_params(labelsize=6, labelleft=not column)
@@ -453,7 +454,7 @@ def draw_curves(figure: Any, points: Sequence[ReportPoint], texts: Texts, letter
         axes.set_xlim(right=end or 1.0)
 
 
-def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
+def _draw_curve(axes: Any, drop: DropView, colour: str) -> float:
     """Draws the deflection of the centre and returns where it ends, ms."""
     curves = drop.curves
     if curves is None:
@@ -470,7 +471,7 @@ def _draw_curve(axes: Any, drop: ReportDrop, colour: str) -> float:
     return float(curves.time[part[-1]]) * 1e3
 
 
-def _curve_part(drop: ReportDrop, curves: TimeHistories) -> NDArray[np.intp]:
+def _curve_part(drop: DropView, curves: TimeHistories) -> NDArray[np.intp]:
     """Which samples the first page shows: the pulse, and the deflection past its peak."""
     time = curves.time
     until = time[0] + _CURVE_PART * (curves.window_end - time[0])
@@ -484,7 +485,7 @@ def _curve_part(drop: ReportDrop, curves: TimeHistories) -> NDArray[np.intp]:
     return np.flatnonzero(time <= until)
 
 
-def with_curves(point: ReportPoint) -> list[ReportDrop]:
+def with_curves(point: PointView) -> list[DropView]:
     """The averaged drops that have traces."""
     used = [drop for drop in point.drops if drop.number in point.progress.used]
     return [drop for drop in used if drop.curves is not None]
@@ -495,7 +496,7 @@ _OUT_OF_SCALE = 2.5
 far leaves the picture, and the others stay readable."""
 
 
-def _deepest(points: Sequence[ReportPoint]) -> float:
+def _deepest(points: Sequence[PointView]) -> float:
     """Largest deflection of the curves that is shown, mm."""
     peaks = [
         float(drop.curves.observed[0][_curve_part(drop, drop.curves)].max()) * 1e3

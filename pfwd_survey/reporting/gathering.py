@@ -7,17 +7,18 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any
 
 from inversion import SurrogateLibrary
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 from pfwd_survey.errors import OptionError, SurveyError, refusal
 from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.header import PointSetup, setup_warnings
+from pfwd_survey.files.header import PointSetup, declared_values, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd_survey.inverting.diagnosis.holding import basis_of
@@ -37,18 +38,16 @@ from pfwd_survey.inverting.screening.drops import Screening, screen_point
 from pfwd_survey.judging import DropView, Job, PointView, job_of, point_view, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.job import target_text
-from pfwd_survey.judging.view import later_declarations, setup_now
-from pfwd_survey.peaks.basin import Basin, basin_of
+from pfwd_survey.judging.view import NO_SETUP, place_of_point
 from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import (
     Kind,
-    PointDrop,
     PointProgress,
     Procedure,
     Quantity,
     find_procedure,
 )
-from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.fits import curves_of
 from pfwd_survey.spawning import worker_pool
 
@@ -179,6 +178,7 @@ def gather(
         instruments=tuple(found.instruments.values()),
         check=survey.checks[-1] if survey.checks else None,
         points=tuple(points),
+        checksums=dict(_checksums(survey)),
         damage=survey.damage,
         settings={
             "method": "mpga",
@@ -206,14 +206,14 @@ def _own_procedure(survey: Survey) -> str:
 
 
 def _said_otherwise(
-    own: str | None, procedure: Procedure, target: float | None, points: Sequence[ReportPoint]
+    own: str | None, procedure: Procedure, target: float | None, points: Sequence[PointView]
 ) -> tuple[str, ...]:
     """Where the report was asked for another judgement than the survey's own, a sentence each."""
     said = []
     if own is not None:
         said.append(f"judged by {procedure.name}; the procedure of the survey is another: {own}")
-    names = {point.name for point in points}
-    others = {p.name: p.progress for p in points if p.progress.target_source != GIVEN}
+    names = {point.shown_name for point in points}
+    others = {p.shown_name: p.progress for p in points if p.progress.target_source != GIVEN}
     if target is not None and others:
         kept = Counter(f"{_of(progress)} {progress.target_source}" for progress in others.values())
         listed = ", ".join(f"{count} x {text.strip()}" for text, count in kept.most_common(3))
@@ -228,7 +228,7 @@ def _of(progress: PointProgress) -> str:
     return "none" if progress.target is None else target_text(progress.target)
 
 
-def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[ReportPoint]]:
+def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
     """The points of a survey in their order, on so many processes."""
     points = found.survey.points
     if jobs < 2 or len(points) < 2:
@@ -252,7 +252,7 @@ _here: dict[str, "_Gatherer"] = {}
 
 def _gather_elsewhere(
     folder: str, options: ReportOptions, job: Job, new: Diagnoses, number: int
-) -> tuple[list[str], dict[str, Mapping[str, Any]], list[ReportPoint]]:
+) -> tuple[list[str], dict[str, Mapping[str, Any]], list[PointView]]:
     """What was said, the instruments that were met, and one point."""
     said: list[str] = []
     if folder not in _here:
@@ -263,13 +263,14 @@ def _gather_elsewhere(
     return said, gatherer.instruments, point
 
 
-def _new_results(points: Sequence[ReportPoint]) -> list[tuple[int, DropResult]]:
+def _new_results(points: Sequence[PointView]) -> list[tuple[int, DropResult]]:
     """What the survey has not, with the numbers of the drops within it."""
     return [
         (drop.record, drop.result)
         for point in points
         for drop in point.drops
-        if drop.result is not None and not drop.stored and drop.result.question is not None
+        if drop.result is not None and not drop.result.stored
+        if drop.result.question is not None and drop.record is not None
     ]
 
 
@@ -283,7 +284,7 @@ def _job(survey: Survey, options: ReportOptions) -> Job:
     return job_of(survey, chosen)
 
 
-def _title(survey: Survey, points: Sequence[ReportPoint]) -> str:
+def _title(survey: Survey, points: Sequence[PointView]) -> str:
     sites = {str(point.setup.site) for point in points if point.setup.site is not None}
     return ", ".join(sorted(sites)) or Path(survey.folder).resolve().name
 
@@ -341,26 +342,32 @@ class _Gatherer:
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
 
-    def points(self, stored: SurveyPoint) -> list[ReportPoint]:
+    def points(self, stored: SurveyPoint) -> list[PointView]:
         """Return a point; several where another plate was used on the way.
 
         All of them have the verdict of the point as a whole.
         """
         point = self._view(stored)
-        groups: list[tuple[PointSetup, list[tuple[DropView, DropRecord]]]] = []
+        groups: list[list[tuple[DropView, Drop]]] = []
         for drop in point.drops:
             assert drop.source is not None
             record = drop.source.read()
-            where = f"{self.survey.folder}, point {point.title}"
-            setup = setup_now(record.declared, later_declarations(stored), where)
-            setup = replace(setup, point=point.title)
-            if not groups or basis_of(groups[-1][0]) != basis_of(setup):
-                groups.append((setup, []))
-            groups[-1][1].append((drop, record))
+            if drop.setup is NO_SETUP:
+                raise SurveyError(f"{self.survey.folder}, point {point.title}: {drop.own.reason}")
+            if not groups or basis_of(groups[-1][0][0].setup) != basis_of(drop.setup):
+                groups.append([])
+            groups[-1].append((drop, record.drop))
             self._note_instrument(record)
-        fits = [(setup, self._fits(point, setup, drops)) for setup, drops in groups]
-        point = replace(point, drops=tuple(fit.drop for _, group in fits for fit in group))
-        return [self._point(point, setup, group) for setup, group in fits]
+        fitted = [self._fits(point, group) for group in groups]
+        whole = replace(point, drops=tuple(drop for drops in fitted for drop in drops))
+        parts = []
+        for drops, group in zip(fitted, groups, strict=True):
+            setup = drops[0].setup
+            place = place_of_point(stored, drops, declared_values(setup))
+            part = replace(whole, drops=drops, whole=whole, place=place)
+            warnings = self._warnings(part, [traces for _, traces in group])
+            parts.append(replace(part, warnings=warnings))
+        return parts
 
     def _view(self, stored: SurveyPoint) -> PointView:
         """Return a point with the diagnosis and the target of this report."""
@@ -375,108 +382,59 @@ class _Gatherer:
             self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
 
     def _fits(
-        self,
-        point: PointView,
-        setup: PointSetup,
-        drops: Sequence[tuple[DropView, DropRecord]],
-    ) -> list["_Fit"]:
+        self, point: PointView, drops: Sequence[tuple[DropView, Drop]]
+    ) -> tuple[DropView, ...]:
+        """Return drops of one setup, each with its screening, result and curves."""
         where = f"{self.survey.folder}, point {point.title}"
-        traces = TracePoint(where, setup, tuple(record.drop for _, record in drops))
+        setup = drops[0][0].setup
+        traces = TracePoint(where, setup, tuple(drop for _, drop in drops))
         screenings = leave_out_bad_sensors(traces, screen_point(traces))
         self.tell(f"point {point.title}: {len(drops)} drops")
-        return [
-            self._fit(drop, record, setup, screening)
-            for (drop, record), screening in zip(drops, screenings, strict=True)
-        ]
+        return tuple(
+            self._fit(drop, own, setup, screening)
+            for (drop, own), screening in zip(drops, screenings, strict=True)
+        )
 
     def _fit(
-        self, drop: DropView, record: DropRecord, setup: PointSetup, screening: Screening
-    ) -> "_Fit":
+        self, drop: DropView, traces: Drop, setup: PointSetup, screening: Screening
+    ) -> DropView:
         """Return a drop with its stored result, or with a new one where that does not count."""
-        result, stored, warnings = None, False, list(screening.warnings)
-        if drop.discarded is None and screening.status != "rejected":
-            result = None if self.options.anew else drop.sound_result
-            options = self._analysis
-            if result is not None and not rests_on(result, setup):
-                options = with_layers_of(options, result)
-                result = None
-                warnings.append("declared values were changed since: inverted anew")
-            stored = result is not None
-            if result is None:
-                self.tell(f"  drop {drop.number} is inverted")
-                analysis = analyse_drop(record.drop, setup, screening, options, self._library)
-                file = None if drop.source is None else drop.source.file
-                result = drop_result(str(file or self.survey.folder), analysis)
-            warnings += [text for text in result.warnings or () if text not in warnings]
-        return _Fit(drop.with_result(result), record, screening, stored, tuple(warnings))
+        stiffness = stiffness_of(traces, setup) if setup.is_stiffness_test else None
+        drop = replace(drop, screening=screening, stiffness=stiffness)
+        if drop.discarded is not None or screening.status == "rejected":
+            return drop.with_result(None)
+        result = None if self.options.anew else drop.sound_result
+        options = self._analysis
+        if result is not None and not rests_on(result, setup):
+            options = with_layers_of(options, result)
+            result = None
+            changed = "declared values were changed since: inverted anew"
+            said = replace(screening, warnings=(*screening.warnings, changed))
+            drop = replace(drop, screening=said)
+        if result is not None:
+            result = replace(result, stored=True)
+        else:
+            self.tell(f"  drop {drop.number} is inverted")
+            analysis = analyse_drop(traces, setup, screening, options, self._library)
+            file = None if drop.source is None else drop.source.file
+            result = drop_result(str(file or self.survey.folder), analysis)
+        curves = curves_of(traces, setup, screening, result, self._library)
+        return replace(drop.with_result(result), curves=curves)
 
-    def _point(self, point: PointView, setup: PointSetup, fits: Sequence["_Fit"]) -> ReportPoint:
-        facts = {fact.number: fact for fact in point.facts}
-        drops = tuple(self._drop(fit, setup, facts[fit.drop.number]) for fit in fits)
-        warnings = list(setup_warnings(setup, [fit.record.drop for fit in fits]))
+    def _warnings(self, point: PointView, traces: Sequence[Drop]) -> tuple[str, ...]:
+        setup = point.setup
+        warnings = list(setup_warnings(setup, traces))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
             warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        warnings += _said_of_layers(drops, self.job.procedure_in_force)
-        return ReportPoint(
-            name=point.title,
-            setup=setup,
-            drops=drops,
-            progress=point.progress,
-            position=_position(point, [fit.drop for fit in fits], setup),
-            notes=point.notes,
-            discarded=point.discarded,
-            diagnosis=None if point.discarded else point.diagnosis_in_force,
-            warnings=tuple(warnings),
-        )
-
-    def _drop(self, fit: "_Fit", setup: PointSetup, facts: PointDrop) -> ReportDrop:
-        drop, traces, screening = fit.drop, fit.record.drop, fit.screening
-        assert drop.record is not None
-        curves = None
-        if drop.result is not None:
-            curves = curves_of(traces, setup, screening, drop.result, self._library)
-        return ReportDrop(
-            number=drop.number,
-            record=drop.record,
-            facts=facts,
-            result=drop.result,
-            stored=fit.stored,
-            curves=curves,
-            warnings=fit.warnings,
-            time_local=_local_time(drop.metadata),
-            marks=tuple(map(str, drop.metadata.get("marks") or ())),
-            notes=drop.notes,
-            checksum=_checksum(None if drop.source is None else drop.source.file),
-            left_out=screening.left_out,
-            basin=_basin(traces, setup),
-            stiffness=stiffness_of(traces, setup) if setup.is_stiffness_test else None,
-        )
+        return (*warnings, *_said_of_layers(point, self.job.procedure_in_force))
 
 
-class _Fit(NamedTuple):
-    """A drop with the result that the report shows."""
-
-    drop: DropView
-    record: DropRecord
-    screening: Screening
-    stored: bool
-    """Whether the result was stored with the survey."""
-    warnings: tuple[str, ...]
-
-
-def _basin(drop: Drop, setup: PointSetup) -> Basin | None:
-    if drop.only_peaks is None or setup.is_stiffness_test:
-        return None
-    ratio = ASSUMED_POISSON_RATIO if setup.poisson_ratio is None else setup.poisson_ratio
-    return basin_of(drop.only_peaks, setup.plate_radius, ratio)
-
-
-def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[str]:
+def _said_of_layers(point: PointView, procedure: Procedure) -> list[str]:
     """What a modulus means where the ground has layers; it is no modulus of homogeneous ground."""
     numbers = {
         len(drop.result.layers or ()) or 1
-        for drop in drops
-        if drop.result is not None and drop.facts.kind in (Kind.MEASURED, Kind.SEATING)
+        for drop, facts in zip(point.drops, point.facts, strict=True)
+        if drop.result is not None and facts.kind in (Kind.MEASURED, Kind.SEATING)
     }
     if not numbers or max(numbers) == 1:
         return []
@@ -489,53 +447,12 @@ def _said_of_layers(drops: Sequence[ReportDrop], procedure: Procedure) -> list[s
     return [what]
 
 
-def _checksum(file: Path | None) -> str:
-    if file is None:
-        return ""
-    try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError:
-        return ""
-
-
-def _local_time(metadata: Mapping[str, Any]) -> str:
-    for key in ("time_local", "time_utc"):
-        text = metadata.get(key)
-        if isinstance(text, str) and text:
-            try:
-                found = datetime.datetime.fromisoformat(text)
-            except ValueError:
-                continue
-            return found.isoformat(sep=" ", timespec="seconds")
-    return ""
-
-
-def _position(
-    point: PointView, drops: Sequence[DropView], setup: PointSetup
-) -> Mapping[str, Any] | None:
-    """Return the position: an edit, else that of the receiver, else as declared."""
-    stored = [point.source, *(drop.source for drop in drops)]
-    for edited in (source.position for source in stored if source is not None):
-        if _is_place(edited):
-            return {**edited, "source": "edited"}
-    for drop in drops:
-        received = drop.metadata.get("position")
-        if _is_place(received):
-            return {**received}
-    declared = {"latitude": setup.latitude, "longitude": setup.longitude}
-    return {**declared, "source": "declared"} if _is_place(declared) else None
-
-
-def _is_place(said: Any) -> TypeGuard[Mapping[str, Any]]:
-    if not isinstance(said, Mapping):
-        return False
-    ends = (("latitude", 90.0), ("longitude", 180.0))
-    return all(
-        isinstance(said.get(key), int | float)
-        and not isinstance(said.get(key), bool)
-        and abs(said[key]) <= most
-        for key, most in ends
-    )
+def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:
+    """Yield number and SHA-256 of each drop that has a file."""
+    for drop in survey.drops:
+        if drop.file is not None:
+            with suppress(OSError):
+                yield drop.number, hashlib.sha256(drop.file.read_bytes()).hexdigest()
 
 
 def _diagnosed(

@@ -5,9 +5,9 @@ from functools import partial
 
 from pfwd_survey.inverting.results import DropResult, LayerResult
 from pfwd_survey.inverting.sensor_fits import over_drops, sensor_fits
+from pfwd_survey.judging import DropView
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Paragraph, Picture, Table
-from pfwd_survey.reporting.content import ReportDrop
 from pfwd_survey.reporting.ground_drawing import draw_ground, has_layers
 from pfwd_survey.reporting.texts import Texts
 
@@ -25,12 +25,12 @@ _COLUMNS = (
 )
 
 
-def ground_blocks(drops: Sequence[ReportDrop], name: str, texts: Texts) -> list[Block]:
+def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Block]:
     """Blocks on the drops whose traces are shown; none for one sensor on ground without layers.
 
     Parameters
     ----------
-    drops : sequence of ReportDrop
+    drops : sequence of DropView
     name : str
         Of the point.
     texts : Texts
@@ -67,7 +67,7 @@ def effective_of(result: DropResult, texts: Texts) -> str:
     return texts.say("effective_text", value=value, depth=shown.digits(depth, 2))
 
 
-def _layers(drops: Sequence[ReportDrop], texts: Texts) -> list[Block]:
+def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
     rows = []
     for drop in drops:
         result = drop.result or DropResult()
@@ -117,7 +117,7 @@ def _thickness(layer: LayerResult, texts: Texts) -> str:
     return shown.with_interval(layer.thickness_m, layer.thickness_interval_m, "", texts)
 
 
-def _sensors(drops: Sequence[ReportDrop], texts: Texts) -> list[Block]:
+def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
     """A line a sensor: rms over the drops of its residual over its own peak."""
     fits = over_drops([sensor_fits(drop.curves) for drop in drops if drop.curves is not None])
     rows = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from pfwd_survey.inverting.results import DropResult, LayerResult
 from pfwd_survey.inverting.sensor_fits import SensorFit, sensor_fits
-from pfwd_survey.reporting.content import ReportDrop
+from pfwd_survey.judging import DropView
 from pfwd_survey.reporting.drawing import COLOURS, finish, margins
 from pfwd_survey.reporting.texts import Texts
 
@@ -24,12 +24,12 @@ _BAND = 0.14
 """Opacity: the bands of several drops lie on each other."""
 
 
-def has_layers(drop: ReportDrop) -> bool:
+def has_layers(drop: DropView) -> bool:
     """Whether the drop's result has a profile of moduli."""
     return drop.result is not None and len(drop.result.layers or ()) > 1
 
 
-def draw_ground(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
+def draw_ground(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
     """Profile of moduli where there are layers, deflection bowl where there are sensors."""
     layered, bowls = [has_layers(drop) for drop in drops], [_bowl(drop) for drop in drops]
     wanted = [any(layered), any(bowls)]
@@ -53,7 +53,7 @@ def draw_ground(figure: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
         _draw_bowl(right, drops, bowls, texts)
 
 
-def _draw_layers(axes: Any, drops: Sequence[ReportDrop], texts: Texts) -> None:
+def _draw_layers(axes: Any, drops: Sequence[DropView], texts: Texts) -> None:
     shown = [(i, drop.result) for i, drop in enumerate(drops) if drop.result is not None]
     layered = [(i, result) for i, result in shown if len(result.layers or ()) > 1]
     bottom = BELOW * max(_reach(result) for _, result in layered)
@@ -143,7 +143,7 @@ def _decades(axes: Any) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _bowl(drop: ReportDrop) -> tuple[SensorFit, ...]:
+def _bowl(drop: DropView) -> tuple[SensorFit, ...]:
     """The sensors of a drop from one side to the other; none where there is a single one."""
     if drop.curves is None or drop.curves.offsets.size < 2:
         return ()
@@ -151,7 +151,7 @@ def _bowl(drop: ReportDrop) -> tuple[SensorFit, ...]:
 
 
 def _draw_bowl(
-    axes: Any, drops: Sequence[ReportDrop], bowls: Sequence[Sequence[SensorFit]], texts: Texts
+    axes: Any, drops: Sequence[DropView], bowls: Sequence[Sequence[SensorFit]], texts: Texts
 ) -> None:
     deepest = 0.0
     for index, (drop, bowl) in enumerate(zip(drops, bowls, strict=True)):

@@ -4,10 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
+from pfwd_survey.judging import PointView
 from pfwd_survey.procedures import Quantity
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
-from pfwd_survey.reporting.content import Report, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.drawing import draw_correlation, draw_lot
 from pfwd_survey.reporting.lot import Lot, line_through, lot_of
 from pfwd_survey.reporting.point_facts import verdict_of
@@ -21,7 +22,7 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     """Blocks on the points as a lot; none for fewer than three values."""
     valued = [p for p in report.points if not p.discarded and p.progress.value is not None]
     kept = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
-    excluded = [point.name for point in valued if point not in kept]
+    excluded = [point.shown_name for point in valued if point not in kept]
     scale, unit = _unit(report)
     lot = _lot(report, kept, scale)
     if lot is None:
@@ -52,15 +53,15 @@ def _unit(report: Report) -> tuple[float, str]:
     return (1e3, "mm") if report.procedure.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
 
 
-def _lot(report: Report, points: Sequence[ReportPoint], scale: float) -> Lot | None:
+def _lot(report: Report, points: Sequence[PointView], scale: float) -> Lot | None:
     values = [p.progress.value.value * scale for p in points if p.progress.value is not None]
     return lot_of(values, small_is_good=report.procedure.quantity is Quantity.DEFLECTION)
 
 
 def _rows(
-    lot: Lot, points: Sequence[ReportPoint], excluded: Sequence[str], unit: str, texts: Texts
+    lot: Lot, points: Sequence[PointView], excluded: Sequence[str], unit: str, texts: Texts
 ) -> list[tuple[str, str]]:
-    names = [point.name for point in points]
+    names = [point.shown_name for point in points]
     outliers = ", ".join(f"{names[i]} ({shown.digits(lot.values[i])})" for i in lot.noticeable)
     low, high = lot.mean_interval
     ends = (max(0.0, low), high)
@@ -88,7 +89,7 @@ def _characteristic(lot: Lot, unit: str, texts: Texts) -> str:
     return f"{shown.digits(lot.characteristic, 2)} {unit}"
 
 
-def _passed(points: Sequence[ReportPoint], texts: Texts) -> str:
+def _passed(points: Sequence[PointView], texts: Texts) -> str:
     """Share of the points with a target that pass."""
     counts = Counter(verdict_of(point) for point in points)
     judged = len(points) - counts["none"]
@@ -98,9 +99,9 @@ def _passed(points: Sequence[ReportPoint], texts: Texts) -> str:
 
 
 def _zones(
-    report: Report, points: Sequence[ReportPoint], scale: float, unit: str, texts: Texts
+    report: Report, points: Sequence[PointView], scale: float, unit: str, texts: Texts
 ) -> list[Block]:
-    zones: dict[str, list[ReportPoint]] = {}
+    zones: dict[str, list[PointView]] = {}
     for point in points:
         zone = point.setup.site if point.setup.zone is None else point.setup.zone
         zones.setdefault(shown.NOTHING if zone is None else str(zone), []).append(point)
@@ -134,7 +135,7 @@ def _zones(
 
 
 def _correlation(
-    report: Report, points: Sequence[ReportPoint], scale: float, unit: str, texts: Texts
+    report: Report, points: Sequence[PointView], scale: float, unit: str, texts: Texts
 ) -> list[Block]:
     """What plate load tests gave at the same points, where somebody said so."""
     pairs = [

@@ -1,19 +1,29 @@
 """The part of a report on drops without a modulus of a history: basins of peaks, rigs."""
 
-from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, Basin
+from pfwd_survey.judging import DropView, PointView
+from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, Basin, basin_of
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Paragraph, Table
-from pfwd_survey.reporting.content import ReportPoint
 from pfwd_survey.reporting.texts import Texts
 
 
-def peaks_blocks(point: ReportPoint, texts: Texts) -> list[Block]:
+def peaks_blocks(point: PointView, texts: Texts) -> list[Block]:
     """Tables of a point; none where its drops have histories on the ground."""
     return [*_basins(point, texts), *_stiffness(point, texts)]
 
 
-def _basins(point: ReportPoint, texts: Texts) -> list[Block]:
-    found = [(drop, drop.basin) for drop in point.drops if drop.basin is not None]
+def basin_of_drop(drop: DropView) -> Basin | None:
+    """Return the basin of a drop without traces; None: it has traces, or is on a rig."""
+    setup = drop.setup
+    if drop.has_traces or drop.peaks is None or setup.is_stiffness_test:
+        return None
+    ratio = ASSUMED_POISSON_RATIO if setup.poisson_ratio is None else setup.poisson_ratio
+    return basin_of(drop.peaks, setup.plate_radius, ratio)
+
+
+def _basins(point: PointView, texts: Texts) -> list[Block]:
+    basins = [(drop, basin_of_drop(drop)) for drop in point.drops]
+    found = [(drop, basin) for drop, basin in basins if basin is not None]
     if not found:
         return []
     distances = sorted({offset for _, basin in found for offset in basin.surface_moduli_pa})
@@ -55,7 +65,7 @@ def _indices(basin: Basin) -> tuple[str, ...]:
     return (*depths, shown.scaled(basin.area_m, 1e3, ""))
 
 
-def _stiffness(point: ReportPoint, texts: Texts) -> list[Block]:
+def _stiffness(point: PointView, texts: Texts) -> list[Block]:
     rows = [
         (
             str(drop.number),

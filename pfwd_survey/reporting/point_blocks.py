@@ -7,6 +7,7 @@ from typing import Any
 
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.spread import relative_spread
+from pfwd_survey.judging import DropView, PointView
 from pfwd_survey.message_groups import as_ranges, group_messages
 from pfwd_survey.procedures import Quantity, Verdict
 from pfwd_survey.reporting import shown
@@ -19,13 +20,14 @@ from pfwd_survey.reporting.blocks import (
     Picture,
     Table,
 )
-from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
+from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.diagnosis_blocks import diagnosis_blocks
 from pfwd_survey.reporting.drawing import draw_point
 from pfwd_survey.reporting.ground_blocks import effective_of, ground_blocks
 from pfwd_survey.reporting.peaks_blocks import peaks_blocks
 from pfwd_survey.reporting.point_facts import (
     all_warnings,
+    diagnosis_of,
     effective_result,
     first_result,
     modulus_text,
@@ -63,33 +65,33 @@ _HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
 
 
 def point_blocks(
-    point: ReportPoint, report: Report, texts: Texts, common: Collection[str] = ()
+    point: PointView, report: Report, texts: Texts, common: Collection[str] = ()
 ) -> list[Block]:
     """All of one point.
 
     Parameters
     ----------
-    point : ReportPoint
+    point : PointView
     report : Report
     texts : Texts
     common : collection of str
         Patterns of warnings that hold for all points, and are said once in the beginning.
     """
     blocks: list[Block] = [
-        Heading(f"{texts['point']} {point.name}"),
+        Heading(f"{texts['point']} {point.shown_name}"),
         Pairs(tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))),
         *_pictures(point, texts),
-        *ground_blocks(_traced(point), point.name, texts),
+        *ground_blocks(_traced(point), point.shown_name, texts),
         *_results(point, texts),
         *peaks_blocks(point, texts),
         *_remarks(point, texts, common),
     ]
-    if point.diagnosis is not None:
+    if diagnosis_of(point) is not None:
         blocks += diagnosis_blocks(point, texts)
     return blocks
 
 
-def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, str]]:
+def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:
     progress = point.progress
     word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
     # "no target" is its own reason.
@@ -137,7 +139,7 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
         (texts["stress"], _stress(point, texts)),
         (
             texts["position"],
-            "; ".join(filter(None, (time_of(point), _position(point.position, texts)))),
+            "; ".join(filter(None, (time_of(point), _position(point.place, texts)))),
         ),
         (texts["conditions"], "; ".join(around)),
         (texts["notes"], "; ".join(point.notes)),
@@ -145,14 +147,14 @@ def _rows(point: ReportPoint, report: Report, texts: Texts) -> list[tuple[str, s
     return rows
 
 
-def _used(point: ReportPoint, texts: Texts) -> str:
+def _used(point: PointView, texts: Texts) -> str:
     """Which drops are averaged, and why the others take no part, each reason once."""
     used = ", ".join(map(str, point.progress.used)) or shown.NOTHING
     excluded = _excluded(point, texts)
     return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
 
 
-def _excluded(point: ReportPoint, texts: Texts) -> str:
+def _excluded(point: PointView, texts: Texts) -> str:
     order = [str(drop.number) for drop in point.drops]
     excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
     return "; ".join(
@@ -162,30 +164,30 @@ def _excluded(point: ReportPoint, texts: Texts) -> str:
     )
 
 
-def _traced(point: ReportPoint) -> list[ReportDrop]:
+def _traced(point: PointView) -> list[DropView]:
     """The drops whose curves are shown."""
     traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
     return traced or [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
 
 
-def _pictures(point: ReportPoint, texts: Texts) -> list[Block]:
+def _pictures(point: PointView, texts: Texts) -> list[Block]:
     traced = _traced(point)
     if not traced and len(point.progress.compaction) < 2:
         return []
     names = ", ".join(str(drop.number) for drop in traced)
     caption = f"{texts['traces']}, {texts['drops']} {names}. " if traced else ""
     caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
-    alternative = f"{texts['traces']}: {texts['point']} {point.name}"
+    alternative = f"{texts['traces']}: {texts['point']} {point.shown_name}"
     draw = partial(draw_point, point=point, drops=traced, texts=texts)
     return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
 
 
-def _remarks(point: ReportPoint, texts: Texts, common: Collection[str]) -> list[Block]:
+def _remarks(point: PointView, texts: Texts, common: Collection[str]) -> list[Block]:
     """Warnings that not all points share, and notes of drops."""
     blocks: list[Block] = []
     found = [
         texts.grouped_message(group.pattern, group.numbers)
-        for group in group_messages((point.name, text) for text in all_warnings(point))
+        for group in group_messages((point.shown_name, text) for text in all_warnings(point))
         if group.pattern not in common
     ]
     drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
@@ -196,7 +198,7 @@ def _remarks(point: ReportPoint, texts: Texts, common: Collection[str]) -> list[
     return blocks
 
 
-def _target(point: ReportPoint, report: Report, texts: Texts) -> str:
+def _target(point: PointView, report: Report, texts: Texts) -> str:
     text = shown.target_of(point.progress.target, report.procedure.quantity)
     source = texts.message(point.progress.target_source or "")
     return f"{text} ({source})" if text != shown.NOTHING and source else text
@@ -206,7 +208,7 @@ def _said(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _stress(point: ReportPoint, texts: Texts) -> str:
+def _stress(point: PointView, texts: Texts) -> str:
     stress = point.progress.stress
     if stress is None:
         return ""
@@ -230,11 +232,11 @@ def _position(position: Mapping[str, Any] | None, texts: Texts) -> str:
     return ", ".join(parts)
 
 
-def _results(point: ReportPoint, texts: Texts) -> list[Block]:
+def _results(point: PointView, texts: Texts) -> list[Block]:
     kinds = dict(point.progress.kinds)
     rows = []
-    for drop in point.drops:
-        facts, result = drop.facts, drop.result or _NO_RESULT
+    for drop, facts in zip(point.drops, point.facts, strict=True):
+        result = drop.result or _NO_RESULT
         kind = str(kinds.get(drop.number, facts.kind))
         blurred = relative_spread(result)
         rows.append(
@@ -266,7 +268,7 @@ def _results(point: ReportPoint, texts: Texts) -> list[Block]:
     for drop in point.drops:
         found = drop.result
         if found is not None and found.modulus_pa is not None:
-            where = texts["stored" if drop.stored else "fitted"]
+            where = texts["stored" if found.stored else "fitted"]
             text = (
                 f"{shown.basis_of(found, with_depth=False)}; "
                 f"{found.method}, {texts['load']}: {found.load}; "

@@ -80,7 +80,7 @@ MOST_RANGES = 6
 def _grouped(report: Report, texts: Texts) -> list[str]:
     places = [(str(number), point) for number, point in enumerate(report.points)]
     said = [(number, text) for number, point in places for text in all_warnings(point)]
-    names = {number: point.name for number, point in places}
+    names = {number: point.shown_name for number, point in places}
     order = [number for number, _ in places]
     lines = []
     for group in sorted(group_messages(said), key=lambda group: -len(group.places)):

@@ -22,8 +22,15 @@ from pfwd_survey.errors import OptionError, quote, refusal
 from pfwd_survey.exporting.point_rows import unit_of
 from pfwd_survey.exporting.tables import FORMULA
 from pfwd_survey.exporting.workbook import as_date
-from pfwd_survey.reporting.content import Report, ReportDrop, ReportPoint
-from pfwd_survey.reporting.point_facts import time_of, used_drops, verdict_of
+from pfwd_survey.judging import DropView, PointView
+from pfwd_survey.reporting.content import Report
+from pfwd_survey.reporting.point_facts import (
+    diagnosis_of,
+    local_time,
+    time_of,
+    used_drops,
+    verdict_of,
+)
 
 LARGEST_TEMPLATE = 20_000_000
 """Bytes; forms with a logo have some 100,000."""
@@ -277,10 +284,11 @@ def survey_values(report: Report) -> Values:
     }
 
 
-def point_values(point: ReportPoint, report: Report) -> Values:
+def point_values(point: PointView, report: Report) -> Values:
     """What there is of a point: the names of the exports, and its settlements."""
-    progress, value, place = point.progress, point.progress.value, point.position or {}
+    progress, value, place = point.progress, point.progress.value, point.place or {}
     used = used_drops(point)
+    diagnosis = diagnosis_of(point)
     mean, in_force = progress.fitted_modulus, progress.modulus_in_force
     ends = (None, None) if value is None or value.interval is None else value.interval
     modulus_ends = (None, None) if mean is None or mean.interval is None else mean.interval
@@ -292,7 +300,7 @@ def point_values(point: ReportPoint, report: Report) -> Values:
     imported = point.setup.extra.get("imported")
     noted = imported if isinstance(imported, Mapping) else {}
     return {
-        "point": point.name,
+        "point": point.shown_name,
         "chainage_m": noted.get("chainage_m"),
         "latitude": place.get("latitude"),
         "longitude": place.get("longitude"),
@@ -318,7 +326,7 @@ def point_values(point: ReportPoint, report: Report) -> Values:
         "modulus_pa": None if mean is None else mean.value,
         "modulus_interval_low_pa": modulus_ends[0],
         "modulus_interval_high_pa": modulus_ends[1],
-        "diagnosis": None if point.diagnosis is None else point.diagnosis.verdict,
+        "diagnosis": None if diagnosis is None else diagnosis.verdict,
         "discarded": point.discarded,
         "note": "; ".join(point.notes) or None,
         **{f"s{n}_m": depths[n - 1] if len(depths) >= n else None for n in (1, 2, 3)},
@@ -331,18 +339,19 @@ def point_values(point: ReportPoint, report: Report) -> Values:
     }
 
 
-def drop_values(point: ReportPoint, drop: ReportDrop) -> Values:
+def drop_values(point: PointView, drop: DropView) -> Values:
     """What there is of a drop."""
-    facts, result = drop.facts, drop.result
+    facts = next(facts for facts in point.facts if facts.number == drop.number)
+    result = drop.result
     kinds = dict(point.progress.kinds)
     low, high = (None, None)
     if result is not None and result.modulus_interval_pa is not None:
         low, high = result.modulus_interval_pa
     return {
-        "point": point.name,
+        "point": point.shown_name,
         "drop": drop.number,
         "kind": str(kinds.get(drop.number, facts.kind)),
-        "time_local": as_date(drop.time_local),
+        "time_local": as_date(local_time(drop)),
         "peak_load_n": facts.peak_load,
         "deflection_corrected_m": facts.peak_deflection,
         "pulse_duration_s": facts.pulse_duration,

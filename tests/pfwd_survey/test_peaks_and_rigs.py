@@ -19,6 +19,7 @@ from pfwd_survey.procedures import Kind, PointDrop, find_procedure, judge
 from pfwd_survey.reporting.composing import compose
 from pfwd_survey.reporting.fonts import Letters
 from pfwd_survey.reporting.gathering import ReportOptions, gather
+from pfwd_survey.reporting.peaks_blocks import basin_of_drop
 from pfwd_survey.reporting.texts import load_texts
 from tests.pfwd_survey.files.foreign.builders import dataset, pulse, zipped
 from tests.pfwd_survey.files.foreign.peaks_builders import pddx, places
@@ -124,7 +125,7 @@ def test_a_report_shows_the_basin(peaks: Path) -> None:
     assert "Deflection basin from peaks" in text
     assert "Ullidtz 1987" in text
     assert "standing still or moving more than one nearer to the plate: -0.2 m" in text
-    basin = report.points[0].drops[0].basin
+    basin = basin_of_drop(report.points[0].drops[0])
     assert basin is not None
     assert basin.sci_m is not None
     for language in ("de", "zh"):

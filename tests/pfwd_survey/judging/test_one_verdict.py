@@ -166,7 +166,7 @@ def check_report(folder: Path, known: Mapping[str, PointView]) -> None:
     table = points_table(report, texts)
     by_title = {point.shown_name: point for point in known.values()}
     for point, cells in zip(report.points, table.rows, strict=True):
-        progress = by_title[point.name].progress
+        progress = by_title[point.shown_name].progress
         assert point.progress == progress, "reported"
         assert point.progress.as_dict() == progress.as_dict()
         (mark,) = (cell for cell in cells if isinstance(cell, Mark))

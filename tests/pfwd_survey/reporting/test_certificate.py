@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from pfwd_survey.judging import PointView
 from pfwd_survey.reporting import drawing
 from pfwd_survey.reporting.blocks import Pairs, Paragraph
 from pfwd_survey.reporting.certificate_blocks import certificate_blocks, points_table
@@ -73,8 +75,13 @@ def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:
     )
     assert "Conditions" not in rows_of(report)
     first, second = report.points
-    wet = replace(first, setup=replace(first.setup, moisture=5.5, temperature=12.0))
-    dry = replace(second, setup=replace(second.setup, moisture=4.0, material="gravel"))
+
+    def declared(point: PointView, **values: Any) -> PointView:
+        setup = replace(point.setup, **values)
+        return replace(point, drops=[replace(drop, setup=setup) for drop in point.drops])
+
+    wet = declared(first, moisture=5.5, temperature=12.0)
+    dry = declared(second, moisture=4.0, material="gravel")
     said = rows_of(replace(report, points=(wet, dry)))["Conditions"]
     assert said == "Material: gravel; Moisture: 4.00 – 5.50 %; Temperature: 12.0 °C"
 

@@ -72,7 +72,7 @@ def keep(survey: Path, make_drop: Any, **changed: Any) -> None:
 
 def point_of(survey: Path, **options: Any) -> Any:
     report = gather(survey, ReportOptions(**options))
-    (point,) = [point for point in report.points if point.name == "L"]
+    (point,) = [point for point in report.points if point.shown_name == "L"]
     return point
 
 
@@ -170,7 +170,7 @@ def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> 
         drop = make_drop(number=1, offsets=(0.0, 0.3))
         saved = writer.save_drop(DropRecord("plain", drop, None, DECLARED, {}))
         writer.save_result(saved, result_of(1))
-    points = {point.name: point for point in gather(layered).points}
+    points = {point.shown_name: point for point in gather(layered).points}
     figure = Figure()
     draw_ground(figure, points["plain"].drops, load_texts("en"))
     (bowl,) = figure.axes

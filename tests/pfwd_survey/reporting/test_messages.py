@@ -98,7 +98,7 @@ def test_warnings_of_all_points_stand_once(survey: Path) -> None:
 
 def test_several_processes_find_the_same(survey: Path) -> None:
     alone, shared = (gather(survey, ReportOptions(jobs=jobs)) for jobs in (1, 2))
-    assert [p.name for p in shared.points] == [p.name for p in alone.points]
+    assert [p.shown_name for p in shared.points] == [p.shown_name for p in alone.points]
     assert [p.progress.as_dict() for p in shared.points] == [
         p.progress.as_dict() for p in alone.points
     ]

@@ -239,7 +239,13 @@ def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
 def contents() -> ContentsRead:
     first = [stored_drop(n, result(40e6 + n * 1e6), record=n) for n in range(1, 4)]
     points = (
-        PointView("6", first, 45e6, title="km 12+300", position=(48.1, 11.5)),
+        PointView(
+            "6",
+            first,
+            45e6,
+            title="km 12+300",
+            place={"latitude": 48.1, "longitude": 11.5, "source": "edited"},
+        ),
         PointView("7"),
     )
     return ContentsRead(points, drops=True)

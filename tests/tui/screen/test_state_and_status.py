@@ -166,7 +166,9 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     result = DropResult(modulus_pa=30e6, status="measured")
     first = stored_drop(1, result, record=11, notes=("old",))
     second = stored_drop(2, None, record=12, discarded="")
-    contents = PointView("7", (first, second), 45e6, title="km 3", position=(1.0, 2.0))
+    contents = PointView(
+        "7", (first, second), 45e6, title="km 3", place={"latitude": 1.0, "longitude": 2.0}
+    )
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
     drops = state.drops["7"]
     assert drops[1].modulus == 30e6
