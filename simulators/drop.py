@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simulators.finite_elements import PLATE, FiniteElementModel, factorise
-from simulators.mesh import Array, Ground, Plate, Resolution, design_grid, require
+from simulators.mesh import Array, ConstantQ, Ground, Plate, Resolution, design_grid, require
 
 STANDARD_GRAVITY = 9.80665  # m/s2
 
@@ -148,7 +148,10 @@ class DropSimulator:
         self.substeps = math.ceil(time_step * resolution.steps_per_pulse / pulse_duration - 1e-9)
         self.step = time_step / self.substeps
         model, rate = self.model, 2 / self.step
-        self._solve = factorise(model.stiffness + rate * model.damping + rate**2 * model.inertia)
+        self._memory = _Memory(ground.damping_law, self.step) if ground.damping_law else None
+        spring = self._memory.stiffness if self._memory else 1.0
+        elastic = spring * model.stiffness
+        self._solve = factorise(elastic + rate * model.damping + rate**2 * model.inertia)
         self._unit_answer = self._solve(model.plate_force())
 
     def run(self, source: Hammer | PrescribedLoad) -> SimulatedDrop:
@@ -181,19 +184,52 @@ class DropSimulator:
         model, rate = self.model, 2 / self.step
         force = _HammerForce(source, rate) if isinstance(source, Hammer) else source
         u, v, a = np.zeros((3, model.size))
+        memory = self._memory
+        extensions = np.zeros((memory.shares.size if memory else 0, model.size))
         yield Instant(u, v, a, 0.0)
         for count in range(1, (self.samples - 1) * self.substeps + 1):
             damped, inert = rate * u + v, rate**2 * u + 2 * rate * v + a
-            free = self._solve(model.damping @ damped + model.inertia @ inert)
+            known = model.damping @ damped + model.inertia @ inert
+            if memory is not None:
+                known += model.stiffness @ memory.released(u, v, extensions)
+            free = self._solve(known)
             if isinstance(force, _HammerForce):
                 load = force.advance(free[PLATE], self._unit_answer[PLATE])
             else:
                 load = force.at(count * self.step)
             new = free + load * self._unit_answer
+            if memory is not None:
+                extensions = memory.advanced(extensions, new - u)
             a = rate**2 * (new - u) - 2 * rate * v - a
             v = rate * (new - u) - v
             u = new
             yield Instant(u, v, a, load)
+
+
+class _Memory:
+    r"""Maxwell elements of constant-Q soil in one step of the trapezoidal rule.
+
+    The spring of element j is extended by :math:`\dot e_j = \dot u - \omega_j e_j`,
+    and the ground resists by :math:`K (c_0 u + \sum c_j e_j + c_\infty \dot u)`. With
+    :math:`x_j = h \omega_j / 2` the rule is
+    :math:`e_j^{new} = (e_j (1 - x_j) + u^{new} - u)/(1 + x_j)`.
+    """
+
+    def __init__(self, law: ConstantQ, step: float) -> None:
+        self.spring, rates, self.shares, self.dashpot = law.elements
+        self.rate = 2 / step
+        half = step * rates / 2
+        self.kept, self.gained = (1 - half) / (1 + half), 1 / (1 + half)
+        self.stiffness = float(self.spring + self.shares @ self.gained + self.rate * self.dashpot)
+
+    def released(self, u: Array, v: Array, extensions: Array) -> Array:
+        """Return the displacement whose elastic force stands on the right of the next step."""
+        past = (self.shares * self.kept) @ extensions
+        return float(self.shares @ self.gained) * u - past + self.dashpot * (self.rate * u + v)
+
+    def advanced(self, extensions: Array, moved: Array) -> Array:
+        """Return the extensions after the nodes have moved by `moved`."""
+        return self.kept[:, None] * extensions + np.multiply.outer(self.gained, moved)
 
 
 class _HammerForce:

@@ -24,7 +24,7 @@ import scipy.sparse as sparse
 import skfem
 from scipy.sparse.linalg import splu
 
-from simulators.mesh import Array, Grid, Ground, Plate
+from simulators.mesh import Array, Grid, Ground, Plate, graded_line
 
 # Integration orders that select 3 x 3 and 2 x 2 Gauss points.
 FULL_ORDER, REDUCED_ORDER = 5, 3
@@ -65,7 +65,8 @@ class FiniteElementModel:
     Attributes
     ----------
     stiffness, damping, inertia : (n, n) sparse, N/m, N s/m, kg
-        Degree of freedom `PLATE` is the plate, whose mass is in `inertia`.
+        Degree of freedom `PLATE` is the plate, whose mass is in `inertia`. A damping law of the
+        ground multiplies `stiffness` and is not in it.
     observation : (n_offsets, n) sparse
         Takes a state to the vertical displacement at the offsets.
     size : n
@@ -79,7 +80,7 @@ class FiniteElementModel:
         offsets: Sequence[float] = (),
         absorption: float = 0.0,
     ) -> None:
-        self.plate = plate
+        self.plate, self.damping_law = plate, ground.damping_law
         mesh = skfem.MeshQuad.init_tensor(grid.radii, grid.depths)
         element = skfem.ElementVector(skfem.ElementQuad2())
         full = skfem.Basis(mesh, element, intorder=FULL_ORDER)
@@ -102,7 +103,7 @@ class FiniteElementModel:
         self.observation = _observation(full, free, plate, offsets)
 
     def static_stiffness(self) -> float:
-        """Force over displacement of the plate at rest, N/m."""
+        """Force over displacement of the plate at rest, N/m; of constant-Q soil with |E*(w0)|."""
         return 1.0 / float(factorise(self.stiffness)(self.plate_force())[PLATE])
 
     def compliance(self, laplace: complex) -> complex:
@@ -112,7 +113,8 @@ class FiniteElementModel:
         """
         weightless = self.inertia.copy()
         weightless[PLATE, PLATE] -= self.plate.mass
-        matrix = self.stiffness + laplace * self.damping + laplace**2 * weightless
+        law = self.damping_law.factor(laplace) if self.damping_law else 1.0
+        matrix = law * self.stiffness + laplace * self.damping + laplace**2 * weightless
         force = self.plate_force().astype(complex)
         return complex(factorise(matrix.astype(complex))(force)[PLATE])
 
@@ -133,6 +135,30 @@ def factorise(matrix: Any) -> Any:
     return splu(matrix.tocsc(), options={"SymmetricMode": True}, **ORDERING).solve
 
 
+def effective_modulus(ground: Ground, plate: Plate) -> float:
+    """Return the modulus of uniform ground on which the plate is as stiff at rest, Pa.
+
+    Poisson's ratio is that of the first layer. Both grounds are solved on one grid, whose end at
+    400 radii then hardly matters.
+    """
+    end = min(ground.bedrock_depth, 400 * plate.radius)
+
+    def size(distance: float) -> float:
+        return 1e-3 * plate.radius + 0.3 * distance
+
+    radii = graded_line(
+        [0.0, plate.radius, 400 * plate.radius], lambda r: size(abs(r - plate.radius))
+    )
+    depths = graded_line([0.0, *ground.interfaces, end], size)
+    grid = Grid(radii, depths, math.inf, 1.0)
+    modulus, poisson_ratio = ground.layers[0].modulus, ground.layers[0].poisson_ratio
+    uniform = Ground.uniform(modulus, 0.0, 2000.0, poisson_ratio, ground.bedrock_depth)
+    stiffness, reference = (
+        FiniteElementModel(soil, plate, grid).static_stiffness() for soil in (ground, uniform)
+    )
+    return modulus * stiffness / reference
+
+
 def _material(
     position: Any, ground: Ground, grid: Grid, absorption: float, viscous: bool
 ) -> dict[str, Array]:
@@ -149,6 +175,8 @@ def _material(
             np.maximum(x - grid.damping_start, 0) / grid.damping_width for x in (position[0], depth)
         ]
         modulus = value("viscosity") + modulus * absorption * (ramps[0] ** 2 + ramps[1] ** 2)
+    if ground.growth is not None:
+        modulus = modulus * ground.growth.factor(position[1])
     shear = modulus / (2 * (1 + poisson))
     return {
         "shear": shear,

@@ -12,12 +12,16 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+# Rates of the Maxwell elements of constant-Q soil, rad/s: beyond 1 Hz and 3 kHz.
+MAXWELL_RATES, N_MAXWELL = (0.2, 1e5), 10
 
 
 class SimulationError(Exception):
@@ -68,6 +72,90 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Growth:
+    r"""Modulus that grows with depth, :math:`E(z) = E_0 (1 + z/z_0)^n`, constant below a limit.
+
+    Linear growth (n = 1) is the soil of Gibson (1967), Geotechnique 17, 58-67. Viscosity grows
+    alike, so that the retardation time is the same at every depth.
+    """
+
+    depth: float
+    """z_0, m, > 0: for n = 1 the depth at which the modulus has doubled."""
+    exponent: float = 1.0
+    """n, -, > 0."""
+    limit: float = math.inf
+    """Depth below which the modulus is constant, m, > 0."""
+
+    def __post_init__(self) -> None:
+        require(0 < self.depth < math.inf, "growth depth", "m, > 0", self.depth)
+        require(0 < self.exponent < math.inf, "growth exponent", "> 0", self.exponent)
+        require(self.limit > 0, "growth limit", "m, > 0", self.limit)
+
+    def factor(self, depth: Array) -> Array:
+        """Return the modulus at each depth over that at the surface, same shape as `depth`."""
+        factor: Array = (1 + np.minimum(depth, self.limit) / self.depth) ** self.exponent
+        return factor
+
+
+@dataclass(frozen=True)
+class ConstantQ:
+    r"""Damping with the same loss per cycle at every frequency, and causal dispersion.
+
+    .. math:: G^*(s) = G_0 (s/\omega_0)^{2\gamma}, \qquad \gamma = \arctan(1/Q)/\pi
+
+    Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748, equations 7 and 13. The finite elements
+    step it through time as springs in parallel with Maxwell elements and one dashpot:
+
+    .. math:: s^\alpha = \frac{\sin \pi\alpha}{\pi} \int_0^\infty \frac{s\,
+        \omega^{\alpha-1}}{s + \omega} d\omega \approx c_0 + \sum_j \frac{c_j s}{s + \omega_j}
+        + c_\infty s, \qquad \alpha = 2\gamma
+
+    with one element per cell of a logarithmic grid of :math:`\omega`. All coefficients are
+    positive: the approximation is causal and passive. Between 1 Hz and 3 kHz it meets the power law
+    within 0.3 % for Q = 5, and the loss factor 1/Q within 2 %.
+    """
+
+    quality: float
+    """Q, -, > 0."""
+    reference: float
+    r""":math:`\omega_0`, rad/s, > 0: there :math:`|G^*|` is the stated modulus."""
+
+    def __post_init__(self) -> None:
+        require(0 < self.quality < math.inf, "quality", "> 0", self.quality)
+        require(0 < self.reference < math.inf, "reference", "rad/s, > 0", self.reference)
+
+    @property
+    def exponent(self) -> float:
+        r""":math:`\alpha = 2\gamma`, the slope of the modulus over frequency."""
+        return 2 * math.atan(1 / self.quality) / math.pi
+
+    def stiffening(self, angular_frequency: float) -> float:
+        """Return the absolute modulus at a frequency (rad/s) over that at the reference."""
+        return float((angular_frequency / self.reference) ** self.exponent)
+
+    @cached_property
+    def elements(self) -> tuple[float, Array, Array, float]:
+        """Spring c_0, rates (1/s) and shares c_j of the Maxwell elements, dashpot c_inf (s)."""
+        alpha = self.exponent
+        edges = np.geomspace(*MAXWELL_RATES, N_MAXWELL + 1)
+        scale = math.sin(math.pi * alpha) / math.pi / self.reference**alpha
+        rates = np.sqrt(edges[1:] * edges[:-1])
+        shares = scale * np.diff(edges**alpha) / alpha
+        spring = scale * edges[0] ** alpha / alpha
+        dashpot = scale * edges[-1] ** (alpha - 1) / (1 - alpha)
+        return float(spring), rates, shares, float(dashpot)
+
+    def factor(self, laplace: complex) -> complex:
+        """Return the modulus that is stepped through time over the reference one at `laplace`."""
+        spring, rates, shares, dashpot = self.elements
+        return complex(spring + np.sum(shares * laplace / (laplace + rates)) + dashpot * laplace)
+
+    def rescaled(self, time: float) -> ConstantQ:
+        """Return the same law with all times multiplied by `time`."""
+        return replace(self, reference=self.reference / time)
+
+
+@dataclass(frozen=True)
 class Ground:
     """Horizontal layers from the surface down, on a rigid base or without end."""
 
@@ -75,6 +163,10 @@ class Ground:
     """From the surface down."""
     base: Literal["rigid", "none"] = "rigid"
     """`rigid`: u = w = 0 below the last layer. `none`: the last layer goes on for ever."""
+    growth: Growth | None = None
+    """Multiplies the moduli and viscosities of the layers; none: they are constant in a layer."""
+    damping_law: ConstantQ | None = None
+    """Multiplies the elastic moduli of all layers; none: Kelvin-Voigt."""
 
     def __post_init__(self) -> None:
         require(len(self.layers) > 0, "layers", "at least one layer", self.layers)
@@ -87,6 +179,31 @@ class Ground:
             "finite on a rigid base, infinite without base",
             self.layers[-1].thickness,
         )
+        lowest = min(self.bedrock_depth, self.growth.limit) if self.growth else 0.0
+        require(math.isfinite(lowest), "growth limit", "finite without base", lowest)
+
+    @property
+    def soil(self) -> Literal["kelvin-voigt", "constant-q", "growth"]:
+        """Name of what makes the ground differ from a Kelvin-Voigt one of constant modulus."""
+        if self.damping_law is not None:
+            return "constant-q"
+        return "kelvin-voigt" if self.growth is None else "growth"
+
+    @property
+    def soil_parameters(self) -> dict[str, float | list[float]]:
+        """Parameters of growth and damping law with SI units in their names; none: empty."""
+        parameters: dict[str, float | list[float]] = {}
+        modulus = self.layers[0].modulus
+        if self.damping_law is not None:
+            parameters["quality"] = self.damping_law.quality
+            parameters["reference_hz"] = self.damping_law.reference / (2 * math.pi)
+            parameters["modulus_at_reference_pa"] = modulus
+        if self.growth is not None:
+            parameters["growth_depth_m"] = self.growth.depth
+            parameters["growth_exponent"] = self.growth.exponent
+            parameters["growth_limit_m"] = min(self.growth.limit, self.bedrock_depth)
+            parameters["surface_modulus_pa"] = modulus
+        return parameters
 
     @property
     def interfaces(self) -> Array:
@@ -224,7 +341,7 @@ def design_grid(
     for offset in offsets:
         require(0 <= offset < math.inf, "offset", "m, >= 0", offset)
     pulse = math.pi / pulse_duration
-    longest = max(layer.pressure_speed(pulse) for layer in ground.layers) * 2 * pulse_duration
+    longest = _fastest(ground, pulse) * 2 * pulse_duration
     shortest = min(layer.shear_speed(pulse) for layer in ground.layers) * 2 * pulse_duration
     start = max([plate.radius, *offsets]) + resolution.undamped_wavelengths * shortest
     width = resolution.damped_wavelengths * longest
@@ -282,8 +399,20 @@ def _wave_sizes(
 def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[float, float]:
     """Depths from which S waves (one way as P) and P waves can return within `duration`, m."""
     shear = max(layer.shear_speed(pulse) for layer in ground.layers)
-    pressure = max(layer.pressure_speed(pulse) for layer in ground.layers)
+    pressure = _fastest(ground, pulse)
     return duration * shear * pressure / (shear + pressure), duration * pressure / 2
+
+
+def _fastest(ground: Ground, pulse: float) -> float:
+    """Return the largest speed of pressure waves at the pulse's frequency, m/s.
+
+    Constant-Q soil is taken at its reference: it is stiffer at higher frequencies, whose waves are
+    then longer than the grid requires.
+    """
+    fastest = max(layer.pressure_speed(pulse) for layer in ground.layers)
+    if ground.growth is None:
+        return fastest
+    return fastest * math.sqrt(float(ground.growth.factor(np.array(ground.bedrock_depth))))
 
 
 def _halve(line: Array) -> Array:
