@@ -20,7 +20,7 @@ PARTS = {
     "firmware": "sizes of the instrument's core on a Cortex-M3",
     "archive": "an archive inverted anew, its cost and its safety (six minutes; --short)",
     "devices": "ten grounds under ten unlike devices (some minutes; --short)",
-    "loop": "the diagnosis on a blind campaign of drops with undeclared effects (half an hour)",
+    "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
     "closing": "all figures of docs/closing-the-loop.md (half an hour)",
     "measured": "the loop closed on measured drops in a FOLDER (some minutes)",
     "layers": "layered ground: accuracy and speed of the forward model (some minutes; --short)",

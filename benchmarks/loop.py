@@ -1,7 +1,10 @@
-"""A blind campaign: drops with undeclared effects, what the diagnosis says of them, and the truth.
+"""A blind campaign: diagnose drops with undeclared effects, then compare with the truth.
 
 The trace files come from `simulators.campaign`: finite elements and operators in time, nothing of
 the inversion.  They are diagnosed first, from their folder alone; only then is the truth read.
+A part of the grounds is no Kelvin-Voigt soil: constant-Q damping, or a modulus that grows with
+depth.  With --short every kind gets a few drops whose strengths are drawn from its range, which
+takes about ten minutes on two cores.
 """
 
 import argparse
@@ -20,8 +23,8 @@ from typing import Any
 import numpy as np
 from platformdirs import user_cache_path
 
-from benchmarks.output import Reporter
-from simulators.campaign import Case, make_campaign, read_truth
+from benchmarks.output import Proportion, Reporter
+from simulators.campaign import DRAWN, Case, make_campaign, read_truth
 from simulators.effects.catalogue import CLEAN, EFFECTS
 
 DiagnosisRecord = Mapping[str, Any]
@@ -30,13 +33,14 @@ DiagnosisRecord = Mapping[str, Any]
 MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
 # The pulse's shape is no effect on a fit to the measured load: such drops must pass as clean.
 HARMLESS = frozenset({CLEAN, "load_shape"})
+GROUPS = ("clean", "known", "unknown", "soil")
 NOISE_LEVELS = (5e-4, 2e-3, 5e-3)
 CURVE_POINTS = 6
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One point: the truth and what was said."""
+    """One point: the truth and its diagnosis."""
 
     case: Case
     record: DiagnosisRecord | None
@@ -44,7 +48,7 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """Of the diagnosis, or `refused`."""
+        """Verdict of the diagnosis, or `refused`."""
         return "refused" if self.record is None else str(self.record["verdict"])
 
     @property
@@ -58,26 +62,31 @@ class Judged:
     @property
     def named(self) -> set[str]:
         """Effects named, alternatives included."""
-        found: set[str] = set()
+        names: set[str] = set()
         for effect in self.record["effects"] if self.record else []:
-            found |= {effect["name"], *effect["alternatives"]}
+            names |= {effect["name"], *effect["alternatives"]}
         if self.record and self.record.get("rejected"):
-            found.add("false_trigger")
+            names.add("false_trigger")
         if self.record and any("clip" in str(text) for text in self.record["warnings"]):
-            found.add("saturation")
-        return found
+            names.add("saturation")
+        return names
 
-    def error(self, when: str) -> float | None:
+    def signed_error(self, when: str) -> float | None:
         """Relative error of the modulus `before` or `after`; none where there is no modulus."""
         state = self.record[when] if self.record else None
         modulus = state["modulus_pa"] if state else None
         if modulus is None or math.isnan(modulus) or self.case.modulus_pa is None:
             return None  # on a rig there is none
-        return abs(float(modulus) / self.case.modulus_pa - 1)
+        return float(modulus) / self.case.modulus_pa - 1
+
+    def error(self, when: str) -> float | None:
+        """Absolute value of `signed_error`."""
+        signed = self.signed_error(when)
+        return None if signed is None else abs(signed)
 
     @property
     def held(self) -> bool | None:
-        """Whether the interval after holds the truth; None where there is none of the two."""
+        """Whether the interval after holds the truth; none where either is missing."""
         interval = self._interval
         if interval is None or self.case.modulus_pa is None:
             return None
@@ -85,7 +94,7 @@ class Judged:
 
     @property
     def half_width(self) -> float | None:
-        """Of the interval after, over the modulus, or its middle where it leaves that open."""
+        """Half-width of the interval after over the modulus, or over its middle without one."""
         interval = self._interval
         if interval is None or self.record is None:
             return None
@@ -97,12 +106,17 @@ class Judged:
     def _interval(self) -> Sequence[float] | None:
         after = self.record["after"] if self.record else None
         interval = after.get("modulus_interval_pa") if after else None
-        told = interval is not None and all(e is not None and math.isfinite(e) for e in interval)
-        return interval if told else None
+        closed = interval is not None and all(e is not None and math.isfinite(e) for e in interval)
+        return interval if closed else None
+
+    @property
+    def unexplained_or_held(self) -> bool:
+        """Whether the diagnosis admits that it lacks the effect, or its interval allows for it."""
+        return self.verdict in ("unexplained", "refused") or bool(self.held)
 
     @property
     def visible(self) -> bool:
-        """Whether the base model leaves a residual worth the name."""
+        """Whether the base model leaves more than noise."""
         before = self.record["before"] if self.record else None
         if before is None:
             return True  # nothing could be fitted at all
@@ -122,17 +136,26 @@ class Judged:
 
     @property
     def alarmed(self) -> bool:
-        """Whether anything was found."""
+        """Whether the verdict is anything but clean."""
         return self.verdict != "clean"
 
 
 def run(arguments: list[str]) -> int:
-    """Build, diagnose, compare; 0, or 2 for wrong usage."""
+    """Build, diagnose and compare a campaign; return 0, or 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
-    parser.add_argument("--cases", type=int, help="drops per effect and strength (8)")
-    parser.add_argument("--short", action="store_true", help="two drops, strongest effects only")
+    parser.add_argument(
+        "--cases", type=int, help="drops per kind and strength (8), with --short per kind (2)"
+    )
+    parser.add_argument(
+        "--short", action="store_true", help="strengths drawn; with --strengths three of them"
+    )
     parser.add_argument("--strengths", action="store_true", help="from which strength on, by noise")
-    parser.add_argument("--only", help=f"effects by comma; of {', '.join(EFFECTS)}")
+    parser.add_argument(
+        "--kinds",
+        "--only",
+        metavar="KINDS",
+        help=f"by comma, groups {', '.join(GROUPS)}, or of {', '.join(EFFECTS)}",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the campaign (0)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--folder", type=Path, help="where the campaign stays (temporary)")
@@ -140,10 +163,12 @@ def run(arguments: list[str]) -> int:
     parser.add_argument("--cli", action="store_true", help="diagnose by the command line")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     options = parser.parse_args(arguments)
-    strange = set((options.only or CLEAN).split(",")) - set(EFFECTS)
-    if strange:
-        print(f"pfwd bench loop: no effect {', '.join(sorted(strange))}", file=sys.stderr)
+    words = set(options.kinds.split(",")) if options.kinds else set(GROUPS)
+    unknown = words - set(EFFECTS) - set(GROUPS)
+    if unknown:
+        print(f"pfwd bench loop: no kind {', '.join(sorted(unknown))}", file=sys.stderr)
         return 2
+    options.kinds = {key for key, effect in EFFECTS.items() if words & {key, effect.group}}
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         report = Reporter(arguments)
@@ -160,10 +185,11 @@ def _campaign(
     """One campaign, built and diagnosed."""
     begin = time.perf_counter()
     cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
-    only = options.only.split(",") if options.only else None
-    if options.short and "levels" not in choices:
-        choices["levels"] = (2,)
-    choices = {"per_case": options.cases or (2 if options.short else 8), "only": only} | choices
+    choices = {
+        "per_case": options.cases or (2 if options.short else 8),
+        "only": options.kinds,
+        "drawn": options.short,
+    } | choices
     cases = make_campaign(folder, seed=options.seed, cache=cache, **choices)
     built = time.perf_counter()
     files = sorted((folder / "traces").glob("*.csv"))
@@ -206,27 +232,24 @@ def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
-    """By effect, then the totals that count, then who was taken for whom."""
-    report.title("by effect and strength; errors of the modulus in %")
+    """Report by point (JSON only), kind, strength and group, then the totals and confusions."""
+    if report.as_json:
+        for point in judged:
+            report.record(**_point(point))
+    report.title("by kind: points, 95 % limits (Wilson); errors of the modulus in %")
     for key in sorted({point.case.key for point in judged}):
-        for level in sorted({point.case.level for point in judged if point.case.key == key}):
-            part = [point for point in judged if (point.case.key, point.case.level) == (key, level)]
-            report.record(effect=key, strength=part[0].case.strength, **_shares(part))
-    report.title("by effect, drops that matter")
-    for key in sorted({point.case.key for point in judged if point.matters}):
-        part = [point for point in judged if point.case.key == key and point.matters]
-        report.record(effect=key, **_shares(part))
-    report.title("totals (shares of drops)")
+        part = [point for point in judged if point.case.key == key]
+        report.record(kind=key, group=part[0].case.group, **_proportions(part))
+    report.title("by group, the same")
+    for name, part in grouped(judged).items():
+        report.record(group_of_points=name, **_proportions(part))
+    if any(point.case.level > DRAWN for point in judged):
+        _by_strength(report, judged)
+    report.title("totals on Kelvin-Voigt soil (shares of drops)")
     report.record(**totals(judged))
-    report.title("does the interval of the modulus after hold the truth (drops), by verdict")
+    report.title("does the interval of the modulus after hold the truth (points), by verdict")
     for name, part in covered(judged).items():
-        widths = [width for point in part if (width := point.half_width) is not None]
-        report.record(
-            verdict=name,
-            drops=_drops(part),
-            held=_share(part, lambda point: bool(point.held)),
-            half_width_median=100 * float(np.median(widths)) if widths else None,
-        )
+        report.record(verdict=name, held=_held(part), half_width_median=_half_width(part))
     report.title("true effect, and what was named first, where it matters or raised an alarm")
     for key in sorted({point.case.key for point in judged}):
         part = [
@@ -237,25 +260,107 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
             report.record(true=key, named=", ".join(f"{name} {count}" for name, count in counts))
 
 
+def _point(point: Judged) -> dict[str, Any]:
+    """Return the facts of one point, so that two versions can be compared point by point."""
+    return {
+        "point": point.case.file,
+        "true": point.case.key,
+        "group": point.case.group,
+        "soil": point.case.soil,
+        "strength": point.case.strength,
+        "drops": point.case.drops,
+        "sensors": point.case.sensors,
+        "true_modulus_pa": point.case.modulus_pa,
+        "verdict": point.verdict,
+        "named": ", ".join(sorted(point.named)),
+        "right": point.right,
+        "matters": point.matters,
+        "before_error": point.signed_error("before"),
+        "after_error": point.signed_error("after"),
+        "held": point.held,
+        "half_width": point.half_width,
+    }
+
+
+def grouped(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
+    """Return the points by group; those on other than Kelvin-Voigt soil in groups of their own."""
+    common = [point for point in judged if point.case.soil == "kelvin-voigt"]
+    other = [point for point in judged if point.case.soil != "kelvin-voigt"]
+    parts = {
+        "all": list(judged),
+        "clean": _of_group(common, "clean"),
+        "known effects": _of_group(common, "known"),
+        "unknown effects": _of_group(common, "unknown"),
+        "constant-Q soil alone": [p for p in _of_group(other, "soil") if p.case.soil != "growth"],
+        "growth with depth alone": [p for p in _of_group(other, "soil") if p.case.soil == "growth"],
+        "other soil, known effects": _of_group(other, "known"),
+        "other soil, unknown effects": _of_group(other, "unknown"),
+        "other soil, all": other,
+        "unknown effect or other soil": [*_of_group(common, "unknown"), *other],
+    }
+    return {name: part for name, part in parts.items() if part}
+
+
+def _of_group(judged: Sequence[Judged], group: str) -> list[Judged]:
+    return [point for point in judged if point.case.group == group]
+
+
+def _proportions(part: Sequence[Judged]) -> dict[str, Any]:
+    """Return what is reported of a kind or group; a point is one case, whatever its drops."""
+    return {
+        "points": len(part),
+        "drops": _drops(part),
+        "right": Proportion.among([p for p in part if p.matters], lambda point: point.right),
+        "unexplained": Proportion.among(part, lambda point: point.verdict == "unexplained"),
+        "unexplained_or_held": Proportion.among(part, lambda point: point.unexplained_or_held),
+        "alarmed": Proportion.among(part, lambda point: point.alarmed),
+        "held": _held(part),
+        "half_width_median": _half_width(part),
+        **_errors(part),
+    }
+
+
+def _held(part: Sequence[Judged]) -> Proportion:
+    return Proportion.among([p for p in part if p.held is not None], lambda point: bool(point.held))
+
+
+def _half_width(part: Sequence[Judged]) -> float | None:
+    """Return the median half-width of the intervals, % of the modulus; none without intervals."""
+    widths = [width for point in part if (width := point.half_width) is not None]
+    return 100 * float(np.median(widths)) if widths else None
+
+
+def _by_strength(report: Reporter, judged: Sequence[Judged]) -> None:
+    report.title("by effect and strength; errors of the modulus in %")
+    for key in sorted({point.case.key for point in judged}):
+        for level in sorted({point.case.level for point in judged if point.case.key == key}):
+            part = [point for point in judged if (point.case.key, point.case.level) == (key, level)]
+            report.record(effect=key, strength=part[0].case.strength, **_shares(part))
+    report.title("by effect, drops that matter")
+    for key in sorted({point.case.key for point in judged if point.matters}):
+        part = [point for point in judged if point.case.key == key and point.matters]
+        report.record(effect=key, **_shares(part))
+
+
 def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Points with an interval and a truth: all of them, and by verdict and kind."""
-    told = [point for point in judged if point.held is not None]
-    parts = {"all": told}
-    parts |= {v: [p for p in told if p.verdict == v] for v in ("clean", "explained", "unexplained")}
-    parts["known effects"] = [point for point in told if point.case.known]
-    parts["known effects, explained"] = [
-        point for point in told if point.case.known and point.verdict == "explained"
-    ]
-    parts["unknown effects"] = [point for point in told if not point.case.known]
+    """Return the points with an interval and a truth: all of them, by verdict and by group."""
+    closed = [point for point in judged if point.held is not None]
+    verdicts = ("clean", "explained", "unexplained")
+    parts = {"all": closed} | {v: [p for p in closed if p.verdict == v] for v in verdicts}
+    known = _of_group(closed, "known")
+    parts["known effects"] = known
+    parts["known effects, explained"] = [p for p in known if p.verdict == "explained"]
+    parts["unknown effects"] = _of_group(closed, "unknown")
+    parts["other soil"] = [point for point in closed if point.case.soil != "kelvin-voigt"]
     return {name: part for name, part in parts.items() if part}
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
-    """The figures by which the loop is judged."""
-    harmless = [point for point in judged if point.case.effect in HARMLESS]
-    real = [point for point in judged if point.case.effect not in HARMLESS and point.matters]
-    known = [point for point in real if point.case.known]
-    unknown = [point for point in real if not point.case.known]
+    """Return the figures by which the loop is judged, of points on Kelvin-Voigt soil."""
+    common = [point for point in judged if point.case.soil == "kelvin-voigt"]
+    harmless = [point for point in common if point.case.effect in HARMLESS]
+    real = [point for point in common if point.case.effect not in HARMLESS and point.matters]
+    known, unknown = _of_group(real, "known"), _of_group(real, "unknown")
     shown = [point for point in known if point.visible]
     visible = [point for point in unknown if point.visible]
     corrected = [point for point in known if point.verdict == "explained"]
@@ -327,7 +432,7 @@ def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> N
             folder / f"noise-{noise:g}",
             curve=points,
             noise=noise,
-            levels=None,
+            drawn=False,
         )
         report.title(f"found by strength, noise {100 * noise:g} % of the peak")
         for key in EFFECTS:

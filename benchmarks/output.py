@@ -1,8 +1,58 @@
 """Lines for people or for machines."""
 
 import json
-from collections.abc import Mapping
-from typing import Any
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Proportion:
+    r"""A share of independent cases with its 95 % limits.
+
+    .. math:: \frac{p + z^2/2n \pm z \sqrt{p (1 - p)/n + z^2/4n^2}}{1 + z^2/n}, \quad z = 1.96
+
+    Wilson (1927), J. Am. Stat. Assoc. 22, 209-212.
+    """
+
+    count: int
+    of: int
+
+    @classmethod
+    def among(cls, items: Sequence[Item], holds: Callable[[Item], bool]) -> "Proportion":
+        """Return the share of the items that fulfil a condition."""
+        return cls(sum(holds(item) for item in items), len(items))
+
+    @property
+    def share(self) -> float | None:
+        """Of 1; none of no cases."""
+        return self.count / self.of if self.of else None
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lower and upper limit, of 1."""
+        if not self.of:
+            return 0.0, 1.0
+        p, n, z = self.count / self.of, self.of, 1.96
+        middle = p + z**2 / (2 * n)
+        half = z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+        return max((middle - half) / (1 + z**2 / n), 0.0), min(
+            (middle + half) / (1 + z**2 / n), 1.0
+        )
+
+    def __str__(self) -> str:
+        if self.share is None:
+            return "-"
+        low, high = self.limits
+        return f"{self.count}/{self.of} = {self.share:.0%} ({low:.0%} to {high:.0%})"
+
+    def to_json(self) -> dict[str, float | None]:
+        """Return counts, share and limits."""
+        low, high = self.limits
+        return {"count": self.count, "of": self.of, "share": self.share, "low": low, "high": high}
 
 
 class Reporter:
@@ -29,4 +79,10 @@ def _short(value: Any) -> str:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value.item() if hasattr(value, "item") else value for key, value in values.items()}
+    return {key: _as_json(value) for key, value in values.items()}
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, Proportion):
+        return value.to_json()
+    return value.item() if hasattr(value, "item") else value

@@ -18,7 +18,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +26,13 @@ import numpy as np
 from simulators.effects.catalogue import CLEAN, EFFECTS, SimulatedEffect
 from simulators.effects.recording import Converter, write_signals
 from simulators.effects.scene import Laboratory, Scene, SimulatedPoint
-from simulators.mesh import Ground, require
+from simulators.mesh import ConstantQ, Ground, Growth, require
 
 CLEAN_SHARE = 0.2
+DRAWN = -1  # level of a strength that was drawn
+_LEVELS = 10_000  # more than there are, so that drawn strengths have streams of their own
+REFERENCE = 2 * math.pi * 30.0  # rad/s, of constant-Q soil: about the pulses' frequency
+GROWTH_LIMIT = 5.0  # m, below which the modulus grows no further
 SURVEY_POINTS = 5
 
 
@@ -42,11 +46,25 @@ class Site:
     viscosity: float
     poisson_ratio: float = 0.35
     offsets: tuple[float, ...] = (0.0, 2.0, 4.0)
+    quality: float = math.inf
+    """Q of constant-Q soil, whose modulus is that at `REFERENCE`; infinite: Kelvin-Voigt."""
+    growth: float = 0.0
+    """Plate radius over z0 of `Growth`; 0: none, otherwise the modulus is that of the surface."""
+    exponent: float = 1.0
+    """n of `Growth`."""
 
     @property
     def ground(self) -> Ground:
         """Before scaling; density 1900 kg/m3."""
-        return Ground.uniform(self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth)
+        uniform = Ground.uniform(
+            self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth
+        )
+        if self.growth > 0:
+            growth = Growth(self.radius / self.growth, self.exponent, GROWTH_LIMIT)
+            return replace(uniform, growth=growth)
+        if self.quality < math.inf:
+            return replace(uniform, damping_law=ConstantQ(self.quality, REFERENCE))
+        return uniform
 
 
 _WIDE = (0.0, 3.0, 6.0)
@@ -67,7 +85,21 @@ SITES = (
     Site(0.30, 0.8, 55e6, 80e3),
     Site(0.30, 1.5, 80e6, 120e3),
     Site(0.30, math.inf, 40e6, 100e3),
+    Site(0.15, math.inf, 50e6, 0.0, quality=20.0),
+    Site(0.10, 1.2, 35e6, 0.0, quality=20.0),
+    Site(0.15, math.inf, 30e6, 0.0, 0.4, quality=10.0),
+    Site(0.30, math.inf, 60e6, 0.0, quality=10.0),
+    Site(0.15, 1.0, 45e6, 0.0, quality=5.0),
+    Site(0.15, math.inf, 70e6, 0.0, quality=5.0),
+    Site(0.15, math.inf, 40e6, 50e3, growth=0.1),
+    Site(0.30, math.inf, 45e6, 80e3, growth=0.1, exponent=0.5),
+    Site(0.15, math.inf, 25e6, 25e3, growth=0.4),
+    Site(0.10, math.inf, 30e6, 25e3, 0.4, growth=0.4, exponent=0.5),
+    Site(0.15, math.inf, 15e6, 15e3, growth=1.0, exponent=0.5),
+    Site(0.10, math.inf, 12e6, 10e3, growth=1.0),
 )
+# Which soil a point of the campaign has; clean points are Kelvin-Voigt soil.
+SOIL_SHARES = {"kelvin-voigt": 0.7, "constant-q": 0.15, "growth": 0.15}
 # Where each strength needs finite elements of its own.
 LAYER_SITES = (SITES[9], SITES[12])
 HEIGHT_SITES, HEIGHTS = (SITES[3],), (0.6, 0.8)
@@ -92,14 +124,15 @@ class Case:
     """Whether the vocabulary has it."""
     scope: str
     level: int
-    """Strength: 0 the weakest; -1 for clean."""
+    """Strength: 0 the weakest; -1 for clean and for strengths that were drawn."""
     strength: float
     parameters: dict[str, float | list[float]]
     """True values, SI units in the names."""
     misread: str
     """What a naive reader would make of it."""
     modulus_pa: float | None
-    """What a perfect reader reports."""
+    """What a perfect reader reports. Where the modulus grows with depth: of the uniform ground that
+    is as stiff at rest. Constant-Q soil: the absolute modulus at 1/(2 T0) of the load."""
     viscosity_pa_s: float
     density_kg_m3: float
     bedrock_depth_m: float | None
@@ -116,6 +149,12 @@ class Case:
     """Correlation between successive samples."""
     device: str | None
     """Key shared by the files of a survey."""
+    group: str = "known"
+    """Of `SimulatedEffect`."""
+    soil: str = "kelvin-voigt"
+    """Of `Ground`."""
+    soil_parameters: dict[str, float | list[float]] = field(default_factory=dict)
+    """Of growth and damping law, SI units in the names."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +179,7 @@ def make_campaign(
     levels: Sequence[int] | None = None,
     noise: float | None = None,
     curve: int | None = None,
+    drawn: bool = False,
 ) -> list[Case]:
     """Write the trace files and, apart from them, the truth.
 
@@ -154,6 +194,7 @@ def make_campaign(
     noise : root mean square over peak, fixed instead of drawn
     curve : that many strengths between the weakest and the strongest instead of three, and no
         surveys, where the effect allows it; see `SimulatedEffect.curve`
+    drawn : draw the strength of every point instead of going through three, and make no surveys
 
     Raises
     ------
@@ -171,7 +212,7 @@ def make_campaign(
     strange = sorted(path.name for path in traces.iterdir())
     require(not strange, "folder", "no traces but those of a former campaign", strange[:3])
     truth.mkdir(parents=True, exist_ok=True)
-    plans = list(_plans(seed, wanted, per_case, levels, curve))
+    plans = list(_plans(seed, wanted, per_case, levels, curve, drawn))
     order = np.random.default_rng([seed, 1]).permutation(len(plans))
     cases = [
         _make(plans[index], traces / f"{number:04d}.csv", laboratory, noise)
@@ -194,17 +235,23 @@ def _plans(
     per_case: int,
     levels: Sequence[int] | None,
     curve: int | None,
+    drawn: bool,
 ) -> Iterable[_Plan]:
     files = 0
     for key in sorted(wanted - {CLEAN}):
         effect, code = EFFECTS[key], _number(key)
         strengths = effect.strengths if curve is None else effect.curve(curve)
+        if drawn:
+            levels = (DRAWN,)
         for level in range(len(strengths)) if levels is None else levels:
-            drops, count, strength = 0, 0, strengths[level]
+            drops, count = 0, 0
             while drops < per_case:
-                stream = (seed, code, level, count)
+                stream = (seed, code, level % _LEVELS, count)
                 drops += _drop_count(effect, np.random.default_rng([*stream, 7]))
                 count += 1
+                strength = strengths[level]
+                if drawn:
+                    strength = effect.drawn(np.random.default_rng([*stream, 11]))
                 yield _Plan(effect, level, strength, stream)
             surveyed = effect.scope == "device" and effect.known and curve is None
             if surveyed and level > 0 and per_case >= 4:
@@ -218,7 +265,7 @@ def _plans(
     if CLEAN in wanted:
         clean = max(math.ceil(files * CLEAN_SHARE / (1 - CLEAN_SHARE)), math.ceil(per_case / 2))
         for count in range(clean):
-            yield _Plan(EFFECTS[CLEAN], -1, 0.0, (seed, _number(CLEAN), 0, count))
+            yield _Plan(EFFECTS[CLEAN], DRAWN, 0.0, (seed, _number(CLEAN), 0, count))
 
 
 def _number(key: str) -> int:
@@ -238,7 +285,20 @@ def _site(plan: _Plan, generator: np.random.Generator) -> Site:
         choice = list(CONTACT_SITES)
     if effect.sites == "shallow":  # the strength is the depth over the radius, roughly
         choice = [s for s in SITES if 0.6 < s.depth / s.radius / plan.strength <= 1.7]
-    return choice[int(generator.integers(len(choice)))]
+    if effect.sites == "constant-q":
+        choice = [s for s in SITES if s.quality == plan.strength]
+    if effect.sites == "growth":
+        choice = [s for s in SITES if s.growth == plan.strength]
+    if effect.sites == "kelvin-voigt":
+        choice = [s for s in SITES if s.ground.soil == "kelvin-voigt"]
+    return _draw_site(choice, generator)
+
+
+def _draw_site(sites: Sequence[Site], generator: np.random.Generator) -> Site:
+    """Draw the soil by `SOIL_SHARES`, of those that there are, then one of its sites."""
+    soils = [site.ground.soil for site in sites]
+    chances = np.array([SOIL_SHARES[soil] / soils.count(soil) for soil in soils])
+    return sites[int(generator.choice(len(sites), p=chances / np.sum(chances)))]
 
 
 def _scene(plan: _Plan, laboratory: Laboratory) -> tuple[Scene, Site]:
@@ -251,7 +311,7 @@ def _scene(plan: _Plan, laboratory: Laboratory) -> tuple[Scene, Site]:
         alike = [s for s in SITES if s.offsets != _WIDE]  # one device, one layout
         radius = float(device.choice(sorted({s.radius for s in alike})))
         fitting = [s for s in alike if s.radius == radius]
-        site = fitting[int(generator.integers(len(fitting)))]
+        site = _draw_site(fitting, generator)
     sensors = int(device.choice([1, 1, 2, 3]))
     size = site.radius / 0.15
     plate_mass, hammer_mass = device.uniform([9.0, 7.0], [18.0, 14.0]) * size
@@ -313,6 +373,9 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
         noise=converter.noise,
         noise_colour=converter.colour,
         device=plan.device,
+        group=effect.group,
+        soil=scene.ground.soil,
+        soil_parameters=scene.ground.soil_parameters,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from simulators.effects import channels, mechanics, unmodelled
+from simulators.effects import channels, faults, mechanics, unmodelled
 from simulators.effects.scene import Scene, SimulatedPoint, undisturbed
 
 Build = Callable[[Scene, float], SimulatedPoint]
@@ -25,15 +25,23 @@ class SimulatedEffect:
     build: Build
     misread: str
     """What a naive reader would make of it."""
-    known: bool = True
-    """Whether the vocabulary of effects has it."""
-    sites: Literal["any", "few", "shallow", "contact"] = "any"
+    group: Literal["clean", "known", "unknown", "soil"] = "known"
+    """`known`: in the vocabulary of effects, `unknown`: not in it, `soil`: the ground is no
+    Kelvin-Voigt soil, and nothing else happened."""
+    sites: Literal["any", "few", "shallow", "contact", "kelvin-voigt", "constant-q", "growth"] = (
+        "any"
+    )
     """Which grounds: any; few (each strength needs finite elements of its own); with bedrock;
-    with a low or the usual Poisson's ratio, where slip under the plate shows."""
+    with a low or the usual Poisson's ratio, where slip under the plate shows; of one soil."""
     least_drops: int = 1
     least_sensors: int = 1
     variant: str = ""
     """Tells apart the ways to make one effect."""
+
+    @property
+    def known(self) -> bool:
+        """Whether a diagnosis is expected to name it."""
+        return self.group in ("clean", "known")
 
     @property
     def key(self) -> str:
@@ -45,6 +53,13 @@ class SimulatedEffect:
         if self.sites != "any":
             return self.strengths
         return tuple(float(x) for x in np.geomspace(self.strengths[0], self.strengths[-1], count))
+
+    def drawn(self, generator: np.random.Generator) -> float:
+        """Draw a strength: logarithmically even from weakest to strongest where any is allowed."""
+        if self.sites != "any" or self.strengths[0] == 0:
+            return float(generator.choice(self.strengths))
+        weakest, strongest = self.strengths[0], self.strengths[-1]
+        return float(weakest * (strongest / weakest) ** generator.random())
 
 
 def _lag(scene: Scene, delay: float) -> SimulatedPoint:
@@ -146,10 +161,11 @@ def _glitch(scene: Scene, share: float) -> SimulatedPoint:
 def _traffic(scene: Scene, share: float) -> SimulatedPoint:
     clean = undisturbed(scene)
     amplitude = share * clean.signals[0].peak_velocity
-    frequency = float(scene.generator.uniform(10.0, 20.0))
+    frequency = float(scene.generator.uniform(8.0, 20.0))
     shaken = []
     for signals in clean.signals:
-        centre, width = scene.generator.uniform([0.0, 0.02], [0.05, 0.05])
+        # a lorry passes for seconds, a gust of it for one period: before, in and after the pulse
+        centre, width = scene.generator.uniform([-0.02, 0.02], [0.06, 0.2])
         shaken.append(unmodelled.passing_traffic(signals, amplitude, frequency, centre, width))
     return SimulatedPoint(shaken, clean.modulus, {"share": share, "frequency_hz": frequency})
 
@@ -188,16 +204,24 @@ def _lost(scene: Scene, share: float) -> SimulatedPoint:
 
 
 CLEAN = "clean"
-_m = mechanics
+_m, _f = mechanics, faults
 EFFECTS: dict[str, SimulatedEffect] = {
     effect.key: effect
     for effect in (
-        SimulatedEffect(CLEAN, "drop", (0.0,), lambda scene, _: undisturbed(scene), "nothing"),
         SimulatedEffect(
-            "bedrock", "point", (12.0, 6.0, 3.0), _m.bedrock, "stiffer ground", True, "shallow"
+            CLEAN,
+            "drop",
+            (0.0,),
+            lambda scene, _: undisturbed(scene),
+            "nothing",
+            "clean",
+            "kelvin-voigt",
         ),
         SimulatedEffect(
-            "layer", "point", (1.15, 0.6, 2.5), _m.layer, "one modulus", True, "few", 1, 2
+            "bedrock", "point", (12.0, 6.0, 3.0), _m.bedrock, "stiffer ground", "known", "shallow"
+        ),
+        SimulatedEffect(
+            "layer", "point", (1.15, 0.6, 2.5), _m.layer, "one modulus", "known", "few", 1, 2
         ),
         SimulatedEffect(
             "layer",
@@ -205,7 +229,7 @@ EFFECTS: dict[str, SimulatedEffect] = {
             (0.7, 1.4, 1.8),
             _m.two_layers,
             "one modulus",
-            True,
+            "known",
             "few",
             1,
             3,
@@ -220,7 +244,7 @@ EFFECTS: dict[str, SimulatedEffect] = {
             (0.05, 0.2, 0.4),
             _m.stress_between,
             "scatter",
-            True,
+            "known",
             "few",
             2,
             1,
@@ -241,7 +265,7 @@ EFFECTS: dict[str, SimulatedEffect] = {
             (1.0, 0.97, 0.9),
             _m.rough_contact,
             "softer ground",
-            True,
+            "known",
             "contact",
             1,
             2,
@@ -261,20 +285,80 @@ EFFECTS: dict[str, SimulatedEffect] = {
             "saturation", "drop", (0.98, 0.85, 0.6), _saturation, "stiffer or softer ground"
         ),
         SimulatedEffect("false_trigger", "drop", (0.03, 0.1, 0.3), _m.false_trigger, "a drop"),
-        SimulatedEffect("plate_flexure", "device", (0.002, 0.02, 0.1), _flexure, "softer", False),
-        SimulatedEffect("plate_rocking", "point", (0.005, 0.03, 0.15), _rocking, "softer", False),
         SimulatedEffect(
-            "cable_crosstalk", "device", (0.002, 0.02, 0.1), _crosstalk, "viscosity", False
+            "plate_flexure", "device", (0.002, 0.02, 0.1), _flexure, "softer", "unknown"
         ),
         SimulatedEffect(
-            "time_base_error", "device", (0.002, 0.02, 0.06), _clock, "another depth", False
+            "plate_rocking", "point", (0.005, 0.03, 0.15), _rocking, "softer", "unknown"
         ),
-        SimulatedEffect("gain_glitch", "drop", (0.005, 0.03, 0.15), _glitch, "a set", False),
-        SimulatedEffect("passing_traffic", "drop", (0.002, 0.02, 0.1), _traffic, "a set", False),
         SimulatedEffect(
-            "load_cell_curvature", "device", (0.01, 0.04, 0.12), _curvature, "stress", False
+            "cable_crosstalk", "device", (0.002, 0.02, 0.1), _crosstalk, "viscosity", "unknown"
         ),
-        SimulatedEffect("loose_sensor", "drop", (400.0, 150.0, 60.0), _loose, "a lag", False),
-        SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "a lead", False),
+        SimulatedEffect(
+            "time_base_error", "device", (0.002, 0.02, 0.06), _clock, "another depth", "unknown"
+        ),
+        SimulatedEffect("gain_glitch", "drop", (0.005, 0.03, 0.15), _glitch, "a set", "unknown"),
+        SimulatedEffect(
+            "passing_traffic", "drop", (0.002, 0.02, 0.1), _traffic, "a set", "unknown"
+        ),
+        SimulatedEffect(
+            "load_cell_curvature", "device", (0.01, 0.04, 0.12), _curvature, "stress", "unknown"
+        ),
+        SimulatedEffect("loose_sensor", "drop", (400.0, 150.0, 60.0), _loose, "a lag", "unknown"),
+        SimulatedEffect(
+            "tilted_plate", "point", (0.003, 0.02, 0.1), _f.tilted_plate, "softer", "unknown"
+        ),
+        SimulatedEffect(
+            "sensor_creep",
+            "device",
+            (0.03, 0.15, 0.5),
+            _f.sensor_creep,
+            "a set",
+            "unknown",
+            least_sensors=2,
+        ),
+        SimulatedEffect(
+            "ringing_load_cell",
+            "device",
+            (1200.0, 600.0, 250.0),
+            _f.ringing_load_cell,
+            "a lead",
+            "unknown",
+        ),
+        SimulatedEffect(
+            "ringing_guide_rod",
+            "device",
+            (0.005, 0.02, 0.1),
+            _f.ringing_guide_rod,
+            "bedrock",
+            "unknown",
+        ),
+        SimulatedEffect(
+            "coil_at_stop", "drop", (0.98, 0.85, 0.6), _f.coil_at_stop, "a set", "unknown"
+        ),
+        SimulatedEffect(
+            "missing_codes", "device", (0.003, 0.01, 0.05), _f.missing_codes, "noise", "unknown"
+        ),
+        SimulatedEffect(
+            "channel_crosstalk",
+            "device",
+            (0.002, 0.02, 0.1),
+            _f.channel_crosstalk,
+            "viscosity",
+            "unknown",
+        ),
+        SimulatedEffect(
+            "damping_law",
+            "point",
+            (20.0, 10.0, 5.0),
+            _m.other_soil,
+            "viscosity, a lag",
+            "soil",
+            "constant-q",
+        ),
+        SimulatedEffect(
+            "modulus_gradient", "point", (0.1, 0.4, 1.0), _m.other_soil, "bedrock", "soil", "growth"
+        ),
+        SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "a lead", "unknown"),
     )
 }

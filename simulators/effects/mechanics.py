@@ -23,6 +23,13 @@ def bedrock(scene: Scene, strength: float) -> SimulatedPoint:
     return SimulatedPoint(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
 
 
+def other_soil(scene: Scene, strength: float) -> SimulatedPoint:
+    """Constant-Q soil or growth with depth; the strength, Q or a/z0, only names the site."""
+    return SimulatedPoint(
+        scene.signals(scene.strike_all()), scene.modulus, scene.ground.soil_parameters
+    )
+
+
 def layer(scene: Scene, ratio: float) -> SimulatedPoint:
     """A top of `ratio` times the modulus below, one plate radius thick."""
     below = scene.site.layers[-1]

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from simulators.drop import DropSimulator, PrescribedLoad
+from simulators.finite_elements import effective_modulus
 from simulators.mesh import Array, Ground, Layer, Plate, Resolution, require
 
 TIME_STEP = 5e-5  # s; 160 samples in the shortest pulse
@@ -33,7 +34,7 @@ SHORTEST_PULSE = 0.008  # s
 # The grid follows the shortest pulse, its outer part the longest: with an absorbing zone for 8 ms
 # alone the far sensors of a half-space are 2 to 5 % off, with twice of everything 0.1 to 0.3 %.
 RESOLUTION = Resolution(undamped_wavelengths=1.5, damped_wavelengths=3.0, absorption=4.0)
-_CACHE_VERSION = 2
+_CACHE_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,10 @@ class GroundResponse:
     velocity: Array
     """(n_offsets, n) m/(s N)."""
     static_stiffness: float
-    """Force over displacement of the plate at rest, N/m."""
+    """Force over displacement of the plate at rest, N/m; of constant-Q soil at its reference."""
+    modulus: float
+    """Of the lowest layer, Pa; of constant-Q soil at its reference; where the modulus grows with
+    depth that of the uniform ground that is as stiff at rest."""
 
     @cached_property
     def reversed_centre(self) -> Array:
@@ -86,7 +90,7 @@ class GroundResponse:
         becomes :math:`E \, density / time^2` and the viscosity
         :math:`\eta \, density / time`; the time step is multiplied by `time`.
         """
-        modulus = density / time**2
+        modulus, law = density / time**2, self.ground.damping_law
         layers = tuple(
             replace(
                 layer,
@@ -98,11 +102,12 @@ class GroundResponse:
         )
         return replace(
             self,
-            ground=replace(self.ground, layers=layers),
+            ground=replace(self.ground, layers=layers, damping_law=law and law.rescaled(time)),
             time_step=self.time_step * time,
             displacement=self.displacement / modulus,
             velocity=self.velocity / (modulus * time),
             static_stiffness=self.static_stiffness * modulus,
+            modulus=self.modulus * modulus,
         )
 
 
@@ -131,15 +136,19 @@ def ground_response(
     path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.npz" if cache else None
     if path is not None and path.is_file():
         with np.load(path) as kept:
-            moved, speed, stiffness = kept["moved"], kept["speed"], float(kept["stiffness"])
+            moved, speed = kept["moved"], kept["speed"]
+            stiffness, modulus = float(kept["stiffness"]), float(kept["modulus"])
     else:
         moved, speed, stiffness = _run(ground, plate, offsets, duration)
+        modulus = ground.layers[-1].modulus
+        if ground.growth is not None:
+            modulus = effective_modulus(ground, plate)
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             part = path.with_suffix(".part.npz")
-            np.savez(part, moved=moved, speed=speed, stiffness=stiffness)
+            np.savez(part, moved=moved, speed=speed, stiffness=stiffness, modulus=modulus)
             part.replace(path)
-    return GroundResponse(ground, plate, TIME_STEP, offsets, moved, speed, stiffness)
+    return GroundResponse(ground, plate, TIME_STEP, offsets, moved, speed, stiffness, modulus)
 
 
 def _run(

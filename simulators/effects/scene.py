@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulators.drop import Hammer, SimulatedDrop
+from simulators.drop import Hammer, PrescribedLoad, SimulatedDrop
 from simulators.effects.march import Indentation, Pull, SoilLaw, strike
 from simulators.effects.response import DURATION, GroundResponse, ground_response
 from simulators.effects.signals import Signals, signals_of
@@ -90,8 +90,17 @@ class Scene:
 
     @property
     def modulus(self) -> float:
-        """Of the lowest layer, Pa."""
-        return self.ground.layers[-1].modulus
+        """See `GroundResponse.modulus`; of constant-Q soil |E*| at the pulse's frequency, Pa.
+
+        That frequency is 1/(2 T0), with T0 of the half-sine of equal peak and impulse.
+        """
+        response = self.response()
+        law = response.ground.damping_law
+        if law is None:
+            return response.modulus
+        drop = strike(response, self.plate_mass, self.hammer(1.0), self.samples)
+        pulse = PrescribedLoad(drop.time, drop.load).pulse_duration
+        return response.modulus * law.stiffening(math.pi / pulse)
 
     @property
     def peak_force(self) -> float:

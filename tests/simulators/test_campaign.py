@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pfwd_survey.files.traces import read_traces
-from simulators.campaign import SITES, Case, make_campaign, read_truth
+from simulators.campaign import (
+    DRAWN,
+    SITES,
+    SOIL_SHARES,
+    Case,
+    _draw_site,
+    make_campaign,
+    read_truth,
+)
 from simulators.effects.catalogue import CLEAN, EFFECTS
 from simulators.effects.mechanics import two_layers
 from simulators.effects.recording import Converter
@@ -148,6 +157,7 @@ def test_every_effect_can_be_made_and_keeps_its_drops_finite(
     tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     costly = {"layer", "layer:two", "stress_dependence:between_drops", "rough_contact"}
+    costly |= {"damping_law", "modulus_gradient"}
     only = sorted(set(EFFECTS) - costly)
     cases = make_campaign(tmp_path, seed=9, per_case=1, cache=cache, only=only, levels=(2,))
     assert {case.key for case in cases} == set(only)
@@ -221,6 +231,83 @@ def test_noise_has_the_size_and_colour_it_states() -> None:
 
 
 def test_unmodelled_effects_are_not_in_the_vocabulary() -> None:
-    unknown = {effect.name for effect in EFFECTS.values() if not effect.known}
-    assert len(unknown) >= 4
-    assert len({effect.name for effect in EFFECTS.values()} - unknown - {CLEAN}) == 18
+    groups = {
+        group: {effect.name for effect in EFFECTS.values() if effect.group == group}
+        for group in ("clean", "known", "unknown", "soil")
+    }
+    assert groups["clean"] == {CLEAN}
+    assert groups["soil"] == {"damping_law", "modulus_gradient"}
+    assert len(groups["known"]) == 18
+    assert len(groups["unknown"]) == 16
+    assert not groups["known"] & groups["unknown"]
+    assert {effect.name for effect in EFFECTS.values() if effect.known} == groups["known"] | {CLEAN}
+
+
+def test_soils_of_the_campaign_have_the_stated_shares() -> None:
+    generator = np.random.default_rng(1)
+    drawn = [_draw_site(SITES, generator).ground.soil for _ in range(2000)]
+    for soil, share in SOIL_SHARES.items():
+        assert drawn.count(soil) / 2000 == pytest.approx(share, abs=0.03)
+    assert sum(SOIL_SHARES.values()) == pytest.approx(1)
+    rigid = [site for site in SITES if math.isfinite(site.depth)]
+    assert "growth" not in {_draw_site(rigid, generator).ground.soil for _ in range(50)}
+
+
+def test_each_strength_of_another_soil_has_its_sites() -> None:
+    for name, attribute in (("damping_law", "quality"), ("modulus_gradient", "growth")):
+        for strength in EFFECTS[name].strengths:
+            assert sum(getattr(site, attribute) == strength for site in SITES) == 2
+
+
+@pytest.fixture
+def other_soils(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shallow sites, which are quick to compute."""
+    quick = replace(SITES[3], modulus=30e6, viscosity=0.0)
+    sites = (replace(quick, quality=10.0), replace(quick, growth=0.4), SITES[3])
+    monkeypatch.setattr("simulators.campaign.SITES", sites)
+
+
+def test_the_truth_names_the_soil_and_the_modulus_that_stands_for_it(
+    tmp_path: Path, cache: Path, other_soils: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EFFECTS, "damping_law", replace(EFFECTS["damping_law"], strengths=(10.0,)))
+    monkeypatch.setitem(
+        EFFECTS, "modulus_gradient", replace(EFFECTS["modulus_gradient"], strengths=(0.4,))
+    )
+    only = ("clean", "damping_law", "modulus_gradient")
+    cases = make_campaign(tmp_path, seed=3, per_case=1, cache=cache, only=only)
+    assert read_truth(tmp_path) == cases
+    (damped,), (grown,) = by_effect(cases, "damping_law"), by_effect(cases, "modulus_gradient")
+    assert {case.soil for case in by_effect(cases, CLEAN)} == {"kelvin-voigt"}
+    assert (damped.group, damped.soil, damped.known) == ("soil", "constant-q", False)
+    assert (grown.group, grown.soil) == ("soil", "growth")
+    law = damped.soil_parameters
+    assert law["quality"] == 10.0
+    _, _, table = read(tmp_path / "traces" / damped.file)
+    load = table[table[:, 0] == damped.drops, 2]
+    time = table[table[:, 0] == damped.drops, 1]
+    pulse = math.pi * np.trapezoid(np.maximum(load, 0), time) / (2 * np.max(load))
+    ratio = 1 / (2 * pulse) / float(str(law["reference_hz"]))
+    expected = float(str(law["modulus_at_reference_pa"])) * ratio ** (2 * math.atan(0.1) / math.pi)
+    assert damped.modulus_pa == pytest.approx(expected, rel=2e-3)
+    growth = grown.soil_parameters
+    assert growth["growth_depth_m"] == pytest.approx(0.15 / 0.4)
+    surface = float(str(growth["surface_modulus_pa"]))
+    assert grown.modulus_pa is not None
+    assert 1.1 * surface < grown.modulus_pa < 1.6 * surface
+
+
+def test_drawn_strengths_lie_in_the_range_and_repeat(tmp_path: Path, cache: Path) -> None:
+    only = ("sensor_lag", "gain_glitch")
+    campaigns = [
+        make_campaign(tmp_path / name, seed=3, per_case=4, cache=cache, only=only, drawn=True)
+        for name in ("first", "again")
+    ]
+    assert campaigns[0] == campaigns[1]
+    for key in only:
+        points = by_effect(campaigns[0], key)
+        low, _, high = EFFECTS[key].strengths
+        assert all(low <= case.strength <= high for case in points)
+        assert len({case.strength for case in points}) == len(points) > 1
+        assert {case.level for case in points} == {DRAWN}
+        assert {case.device for case in points} == {None}

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.loop import Judged, covered, run, summarise, totals
-from benchmarks.output import Reporter
+from benchmarks.loop import Judged, covered, grouped, run, summarise, totals
+from benchmarks.output import Proportion, Reporter
 from simulators.campaign import Case
 
 CASE = Case(
@@ -35,8 +35,8 @@ CASE = Case(
     noise_colour=0.0,
     device=None,
 )
-CLEAN = replace(CASE, effect="clean", key="clean", level=-1, parameters={})
-UNKNOWN = replace(CASE, effect="gain_glitch", key="gain_glitch", known=False)
+CLEAN = replace(CASE, effect="clean", key="clean", level=-1, parameters={}, group="clean")
+UNKNOWN = replace(CASE, effect="gain_glitch", key="gain_glitch", known=False, group="unknown")
 
 
 def said(
@@ -131,6 +131,47 @@ def test_what_is_named_of_what_is_visible_is_told_by_itself() -> None:
     assert found["visible_right_named"] == pytest.approx(2 / 3)
 
 
+OTHER = replace(UNKNOWN, effect="damping_law", key="damping_law", group="soil", soil="constant-q")
+
+
+def test_other_soil_is_a_group_of_its_own() -> None:
+    lag = replace(CASE, soil="growth")
+    judged = [
+        Judged(CASE, said("explained", 44, 40, "sensor_lag")),
+        Judged(lag, said("explained", 44, 60, "bedrock")),
+        Judged(UNKNOWN, said("unexplained", 44, 44)),
+        Judged(OTHER, with_interval("explained", 50, 60)),
+        Judged(CLEAN, said("clean", 40, 40)),
+    ]
+    groups = grouped(judged)
+    assert groups["known effects"] == judged[:1]
+    assert groups["other soil, known effects"] == judged[1:2]
+    assert groups["constant-Q soil alone"] == [judged[3]]
+    assert groups["unknown effect or other soil"] == [judged[2], judged[1], judged[3]]
+    assert "growth with depth alone" not in groups
+    found = totals(judged)
+    assert (found["right_named"], found["known"], found["unknown"]) == (1.0, 2, 2)
+
+
+def test_an_unknown_effect_is_admitted_by_verdict_or_interval() -> None:
+    assert Judged(UNKNOWN, with_interval("unexplained", 50, 60)).unexplained_or_held
+    assert Judged(UNKNOWN, with_interval("explained", 35, 45)).unexplained_or_held
+    assert not Judged(UNKNOWN, with_interval("explained", 50, 60)).unexplained_or_held
+    assert not Judged(UNKNOWN, said("clean", 44, 44)).unexplained_or_held
+
+
+def test_wilson_limits_are_those_of_the_tables() -> None:
+    """Newcombe (1998), Stat. Med. 17, 857-872, table I, method 3."""
+    low, high = Proportion(81, 263).limits
+    assert (round(low, 4), round(high, 4)) == (0.2553, 0.3662)
+    low, high = Proportion(15, 148).limits
+    assert (round(low, 4), round(high, 4)) == (0.0624, 0.1605)
+    low, high = Proportion(0, 20).limits
+    assert (round(low, 4), round(high, 4)) == (0.0, 0.1611)
+    assert str(Proportion(0, 0)) == "-"
+    assert Proportion.among([1, 2, 3], lambda item: item > 1) == Proportion(2, 3)
+
+
 def test_rejected_drops_and_clipped_samples_count_as_named() -> None:
     record = said("clean", 40, 40) | {"rejected": ["drop 2: false trigger"]}
     assert "false_trigger" in Judged(CASE, record).named
@@ -149,11 +190,17 @@ def test_the_summary_is_one_object_a_line(capsys: pytest.CaptureFixture[str]) ->
     summarise(Reporter(["--json"]), judged)
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert any(record.get("right_named") == 0.5 for record in records)
+    kinds = {record["kind"]: record for record in records if "kind" in record}
+    assert kinds["sensor_lag"]["right"]["count"] == kinds["sensor_lag"]["right"]["of"] == 1
+    assert kinds["clean"]["group"] == "clean"
+    points = [record for record in records if "point" in record]
+    assert [point["true"] for point in points] == ["sensor_lag", "spring_rig", "clean"]
+    assert points[0]["before_error"] == pytest.approx(0.1)
     assert {"true": "sensor_lag", "named": "sensor_lag 1"} in records
 
 
 def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["--only", "bedrok"]) == 2
+    assert run(["--kinds", "soil,bedrok"]) == 2
     assert "bedrok" in capsys.readouterr().err
     assert main(["loop", "--cases", "many"]) == 2
     assert "--cases" in capsys.readouterr().err
