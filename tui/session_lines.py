@@ -183,7 +183,7 @@ class SessionLines:
         self._identical[handed.point, handed.number] = event.identical
         where = "" if handed.spare is None else f" in the spare folder {handed.spare}"
         log.info("drop %s/%s saved as %s%s", handed.point, handed.number, handed.record, where)
-        for mark in event.marks:
+        for mark in handed.view.marks:
             self._say(f"drop {handed.point}/{handed.number}: {mark}", logging.WARNING)
         if self._bell:
             print("\a", end="", file=sys.stderr, flush=True)

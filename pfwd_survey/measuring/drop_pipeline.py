@@ -212,11 +212,10 @@ class DropPipeline:
             received=coming.received,
         )
         self.acknowledged += 1
-        marks = tuple(map(str, record.metadata.get("marks", ())))
         identical = None
         if coming.source is not None:
             identical = record.drop.has_samples_of(coming.source.record.drop)
-        self._tell(DropSaved(handed, marks, identical))
+        self._tell(DropSaved(handed, identical))
         if self.analyses is not None:
             self.analyses.ask(handed)
         if self.diagnoses is not None:
@@ -235,7 +234,8 @@ class DropPipeline:
             text = f"drop {record.point}/{drop.number} {fault}: {err}"
             self._tell(Notice(text, serious=True, details=traceback.format_exc()))
             facts = PointDrop(drop.number, Kind.REJECTED, reason=fault)
-            return DropView(facts, 0.0, setup, screening=Screening("rejected", fault)), None
+            screening = Screening("rejected", fault)
+            return DropView(facts, 0.0, setup, screening=screening, metadata=record.metadata), None
 
     def _compare(self, drop: DropView, point: str) -> Screening:
         """Compare a drop with those of its point before it."""

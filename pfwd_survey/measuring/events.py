@@ -144,8 +144,6 @@ class DropSaved:
     """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
 
     handed: SavedDrop
-    marks: tuple[str, ...]
-    """What is odd about the record: cut off, saturated, triggered by the operator."""
     identical: bool | None = None
     """In a replay: whether the traces are the recorded ones, bit for bit."""
 

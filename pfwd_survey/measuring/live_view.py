@@ -66,12 +66,22 @@ def with_stored(
     def merged(stored: PointView) -> PointView:
         known = view.points.get(stored.name)
         newer = () if known is None else known.drops
+        drops = {drop.number: drop for drop in stored.drops}
         if comes_again:
-            return replace(stored, drops=newer, replayed=stored.drops)
-        drops = {drop.number: drop for drop in (*stored.drops, *newer)}
+            again = tuple(drops.get(drop.number, drop) for drop in newer)
+            return replace(stored, drops=again, replayed=stored.drops)
+        for drop in newer:
+            drops[drop.number] = _with_edits(drop, drops.get(drop.number))
         return replace(stored, drops=_sorted(drops))
 
     return view.with_points(map(merged, points))
+
+
+def _with_edits(drop: DropView, stored: DropView | None) -> DropView:
+    """Return a drop of the session as persons have edited it in the survey."""
+    if stored is None or drop.discarded is not None:
+        return drop
+    return replace(drop, discarded=stored.discarded, moved_to=stored.moved_to)
 
 
 def _point_of(view: SurveyView, name: str) -> PointView:

@@ -3,11 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from pfwd_device.drop import Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, read_survey
 from pfwd_device.recording.survey_content import read_result
@@ -16,11 +12,6 @@ from pfwd_survey.files.folders import refuse_no_survey
 from pfwd_survey.files.spare import open_for_edits
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import compare, screen
-from pfwd_survey.inverting.screening.signals import (
-    channels_outward,
-    displacement_of,
-    remove_offset,
-)
 from pfwd_survey.judging import Job, point_view
 from pfwd_survey.judging.view import NO_SETUP
 from pfwd_survey.measuring.events import SavedDrop
@@ -82,20 +73,3 @@ def _find(survey: Survey, record: int) -> SurveyDrop:
         if drop.number == record:
             return drop
     raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")
-
-
-def peaks_of(drop: Drop) -> tuple[float, float]:
-    """Peak load, N, and peak displacement of the centre sensor, m; NaN where there is none."""
-    if drop.only_peaks is not None:
-        centre = drop.only_peaks.centre
-        return drop.only_peaks.load, float("nan") if centre is None else centre
-    load = remove_offset(drop.time, drop.load)
-    peak_load = _largest(load)
-    if not drop.channels:
-        return peak_load, float("nan")
-    return peak_load, _largest(displacement_of(channels_outward(drop)[0], drop.time))
-
-
-def _largest(values: Any) -> float:
-    found = values[np.isfinite(values)]
-    return float(found.max()) if len(found) else float("nan")

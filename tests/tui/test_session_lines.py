@@ -69,10 +69,13 @@ def analysed(one: SavedDrop, modulus: float | None, *, full: bool, **more: Any) 
 
 
 def test_two_lines_a_drop_for_machines_and_nothing_else(
-    one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
+    one: Callable[..., SavedDrop],
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True, bell=True)
-    lines.tell(DropSaved(one(), ("cut off",)))
+    cut_off = replace(one().view, metadata={"marks": ["cut off"]})
+    lines.tell(DropSaved(replace(one(), view=cut_off)))
     assert capsys.readouterr().out == ""  # its first modulus is awaited
     lines.tell(analysed(one(), 40e6, full=False))
     lines.tell(analysed(one(), 40.1e6, full=True))
@@ -87,6 +90,7 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
     assert (first["method"], second["method"]) == ("least-squares", "mpga")
     assert first["modulus_sd_pa"] is None
     assert "identical" not in first
+    assert "drop A/1: cut off" in caplog.text
     assert "drop A/2 is NOT SAFE yet" in output.err
     assert output.err.count("a table") == 1
 
@@ -97,7 +101,7 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
     for as_json in (True, False):
         lines = SessionLines(as_json=as_json, analysed=True)
         lines.tell(JobKnown(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
-        lines.tell(DropSaved(one(), ()))
+        lines.tell(DropSaved(one()))
         lines.tell(analysed(one(), 40e6, full=True))
         lines.tell(Edited("discard", None, None, 5))
         text = capsys.readouterr().out.splitlines()[-2:]
@@ -115,7 +119,7 @@ def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
     one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True)
-    lines.tell(DropSaved(one(status="rejected"), ()))
+    lines.tell(DropSaved(one(status="rejected")))
     (line,) = map(json.loads, capsys.readouterr().out.splitlines())
     assert (line["status"], line["reason"]) == ("rejected", "no pulse")
     assert line["modulus_pa"] is None
@@ -134,7 +138,7 @@ def test_saved_is_said_of_what_is_safe(
     saved: bool,
 ) -> None:
     lines = SessionLines(as_json=True, analysed=False)
-    lines.tell(DropSaved(one(record=record), (), identical))
+    lines.tell(DropSaved(one(record=record), identical))
     (line,) = map(json.loads, capsys.readouterr().out.splitlines())
     assert line["saved"] is saved
     assert line.get("identical") is identical
@@ -149,7 +153,7 @@ def test_people_read_a_second_line_only_if_it_says_something_else(
     count: int,
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
-    lines.tell(DropSaved(one(), ()))
+    lines.tell(DropSaved(one()))
     lines.tell(analysed(one(), 40e6, full=False))
     lines.tell(analysed(one(), second, full=True))
     assert len(capsys.readouterr().out.splitlines()) == count
@@ -167,10 +171,10 @@ def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
 def test_a_long_day_takes_no_memory(one: Callable[..., SavedDrop]) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     for number in range(1, 200):
-        lines.tell(DropSaved(one(number), (), True))
+        lines.tell(DropSaved(one(number), True))
         lines.tell(analysed(one(number), 40e6, full=False))
         lines.tell(analysed(one(number), 40e6, full=True))
-        lines.tell(DropSaved(one(number, status="rejected"), ()))
+        lines.tell(DropSaved(one(number, status="rejected")))
     assert not lines._quick
     assert not lines._identical
 

@@ -11,10 +11,9 @@ from pfwd_survey.exporting.export import export_survey
 from pfwd_survey.files.importing import import_files
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
-from pfwd_survey.inverting.drop_facts import point_drop
+from pfwd_survey.inverting.drop_facts import point_drop, unbroken_peaks
 from pfwd_survey.inverting.screening.drops import screen
 from pfwd_survey.inverting.screening.signals import channels_outward
-from pfwd_survey.measuring.stored_drops import peaks_of
 from tests.pfwd_survey.files.trace_lines import HEADER
 
 HEAVYDYN = [-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1]
@@ -81,8 +80,9 @@ def test_what_is_of_the_centre_is_not_of_the_other_side(trace_file: Path) -> Non
     (drop,) = point.drops
     screening = screen(drop, point.setup)
     assert screening.status == "measured"
-    _, moved = peaks_of(drop)
-    assert moved == pytest.approx(5e-4, rel=0.01)
+    peaks = unbroken_peaks(drop)
+    assert peaks is not None
+    assert peaks.centre == pytest.approx(5e-4, rel=0.01)
     facts = point_drop(drop, point.setup, screening)
     assert facts.peak_deflection == pytest.approx(5e-4, rel=0.01)
     without = Drop(1, drop.time, drop.load, drop.channels[:2])

@@ -180,7 +180,7 @@ class Told:
         largest = self._largest[point] = max(view.own_pulse_peak, self._largest[point])
         screening = compare(view.screening, view.own_pulse_peak, largest)
         handed = SavedDrop(point, replace(view, screening=screening), drop)
-        self.tell(DropSaved(handed, ()))
+        self.tell(DropSaved(handed))
         if screening.status == "rejected":
             return None
         if modulus is None:

@@ -23,7 +23,6 @@ from pfwd_survey.measuring.session import Session
 from pfwd_survey.measuring.stored_drops import (
     RecordingError,
     add_result,
-    peaks_of,
     recorded_drop,
     stored_results,
 )
@@ -190,9 +189,8 @@ def test_a_recorded_drop_comes_with_its_setup_and_its_judgement(tmp_path: Path) 
     assert (one.point, one.number, one.record) == ("1", 2, 2)
     assert one.setup.poisson_ratio == 0.4
     assert one.screening.status == "measured"
-    load, moved = peaks_of(one.drop)
-    assert load == pytest.approx(7000, rel=0.01)
-    assert moved > 0
+    assert one.view.own.peak_load == pytest.approx(7000, rel=0.01)
+    assert one.view.own.peak_deflection is not None
     with pytest.raises(SurveyError, match="expected drop 9"):
         recorded_drop(folder, 9)
 

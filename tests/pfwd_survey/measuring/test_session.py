@@ -64,7 +64,7 @@ def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> Non
     (told,) = log.of(DropSaved)
     assert log.index(("saved", "1", 1)) < log.index(told)  # type: ignore[arg-type]
     assert (told.handed.point, told.handed.number, told.handed.record) == ("1", 1, 1)
-    assert told.marks == ()
+    assert told.handed.view.marks == ()
     (record,) = recorded(writer)
     # 8000 sin(pi k / 150) first exceeds 400 N for k = 3; the noise of 3 N may move that by one.
     trigger = record.metadata["detection"]["first_sample"] + 200
@@ -139,8 +139,9 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     )
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     session[0].run()
-    assert [told.marks for told in log.of(DropSaved)] == [("triggered by the operator",)] * 2
-    assert [told.handed.screening.status for told in log.of(DropSaved)] == ["rejected"] * 2
+    views = [told.handed.view for told in log.of(DropSaved)]
+    assert [view.marks for view in views] == [("triggered by the operator",)] * 2
+    assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
     assert "no samples come that could be recorded" in log.texts
 
 
@@ -196,7 +197,7 @@ def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     assert session[0].run() is Ending.DONE
     (told,) = log.of(DropSaved)
-    assert told.marks == ()
+    assert told.handed.view.marks == ()
     assert feed.closed
 
 
@@ -204,7 +205,7 @@ def test_the_end_of_the_instrument_is_the_end_of_the_session(log: Log, writer: A
     end = Event(EventKind.END, 0)
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), end, forever=True)
     assert run(feed, log, writer) is Ending.DONE
-    assert log.of(DropSaved)[0].marks[0] == "cut off: the instrument has nothing more"
+    assert log.of(DropSaved)[0].handed.view.marks[0] == "cut off: the instrument has nothing more"
 
 
 def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -> None:
@@ -219,7 +220,7 @@ def test_saturated_samples_are_marked(log: Log, writer: Any) -> None:
     counts[10_060:10_070, 1] = 2**23 - 1
     run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
     mark = "saturated: 10 samples of g0 at the end of the converter's range"
-    assert log.of(DropSaved)[0].marks == (mark,)
+    assert log.of(DropSaved)[0].handed.view.marks == (mark,)
 
 
 def test_ready_comes_after_the_check_of_the_sensors(log: Log, writer: Any) -> None:

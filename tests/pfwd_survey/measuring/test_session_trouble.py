@@ -155,8 +155,8 @@ def test_a_drop_cut_off_by_a_lost_link_is_saved_and_marked(log: Log, writer: Any
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), lost(), forever=False)
     run(feed, log, writer)
     (told,) = log.of(DropSaved)
-    assert told.marks[0] == "cut off: the link was lost"
-    assert "samples missing, the first at 49." in told.marks[1]
+    assert told.handed.view.marks[0] == "cut off: the link was lost"
+    assert "samples missing, the first at 49." in told.handed.view.marks[1]
     assert log.index(told) < log.index(log.of(InstrumentLost)[0])
     (record,) = recorded(writer)
     assert np.isnan(record.drop.load[-400:]).all()
@@ -205,8 +205,8 @@ def test_another_stream_begins_anew_without_being_announced(log: Log, writer: An
     feed = ScriptedFeed(connected(), pieces(ONE_DROP[:10_500]), pieces(ONE_DROP, 99, 5_000_000))
     run(feed, log, writer)
     first, second = log.of(DropSaved)
-    assert first.marks[0] == "cut off: the instrument began to sample anew"
-    assert second.marks == ()
+    assert first.handed.view.marks[0] == "cut off: the instrument began to sample anew"
+    assert second.handed.view.marks == ()
 
 
 def test_the_drop_in_hand_keeps_its_calibration_when_another_instrument_comes(
@@ -328,7 +328,7 @@ def test_missing_samples_are_marked_and_judged(
     (told,) = log.of(DropSaved)
     assert told.handed.screening.status == status
     assert text in " ".join([told.handed.screening.reason or "", *told.handed.screening.warnings])
-    assert f"{gap[1]} of 1200 samples missing" in told.marks[0]
+    assert f"{gap[1]} of 1200 samples missing" in told.handed.view.marks[0]
     (record,) = recorded(writer)
     missing = np.isnan(record.drop.load)
     assert missing.sum() == gap[1]

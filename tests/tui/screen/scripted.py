@@ -17,6 +17,7 @@ from pfwd_device.drop import Channel, Drop
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.wire.messages import Status
 from pfwd_survey.files.header import PointSetup
+from pfwd_survey.inverting.drop_facts import unbroken_peaks
 from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.judging import DropView, drop_from_traces
@@ -89,18 +90,24 @@ def handed_on(
     status: str = "measured",
     reason: str | None = None,
     record: int | None = None,
+    marks: tuple[str, ...] = (),
 ) -> SavedDrop:
     # Drops are judged by their own records.
     traces = drop(number, 1100.0 if status == "rejected" else 9900.0)
-    view = drop_from_traces(traces, SETUP, record=number if record is None else record)
+    view = drop_from_traces(
+        traces,
+        SETUP,
+        record=number if record is None else record,
+        peaks=unbroken_peaks(traces),
+        metadata={"marks": list(marks)},
+    )
     screening = Screening(status, reason)  # type: ignore[arg-type]
     file = f"survey/drops/drop-{number:06d}.h5"
     return SavedDrop(point, dataclasses.replace(view, screening=screening), traces, file)
 
 
 def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:
-    marks = more.pop("marks", ())
-    return DropSaved(handed_on(number, point, **more), marks)
+    return DropSaved(handed_on(number, point, **more))
 
 
 def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView:

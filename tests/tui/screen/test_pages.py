@@ -773,7 +773,7 @@ def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
         handed, place = handed_on(7), {"latitude": 48.1374, "longitude": 11.5755}
         view = dataclasses.replace(handed.view, metadata={"position": place})
         here = dataclasses.replace(handed, view=view)
-        await told(app, pilot, *whole_point(), DropSaved(here, ()))
+        await told(app, pilot, *whole_point(), DropSaved(here))
         await pilot.press("2")
         await pilot.pause()
         assert "48.137400, 11.575500" in app.text

@@ -1,37 +1,25 @@
 """Changes of a drop on the screen by an event."""
 
-import math
-
 from pfwd_survey.inverting.sensor_fits import sensor_fits
 from pfwd_survey.judging import DropView
-from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited, SavedDrop
-from pfwd_survey.measuring.stored_drops import peaks_of
+from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import DropRead, Refitted
 
 
-def saved_drop(event: DropSaved, known: DropState, came: float) -> DropState:
-    """A drop that is safe now; what the operator said of it before stays."""
+def saved_drop(event: DropSaved, came: float) -> DropState:
+    """Return a drop that is safe now."""
     handed = event.handed
-    fresh = DropState(
+    return DropState(
         handed.point,
         handed.number,
-        record=handed.record if handed.record is not None else known.record,
+        handed.view,
         status=handed.screening.status,
         reason=handed.screening.reason or "",
-        discarded=known.discarded,
-        notes=known.notes,
-        marks=event.marks,
         handed=handed,
         identical=event.identical,
         came=came,
     )
-    _look_at(fresh, handed)
-    return fresh
-
-
-def _look_at(drop: DropState, handed: SavedDrop) -> None:
-    drop.peak_load, drop.peak_deflection = peaks_of(handed.drop)
 
 
 def add_answer(drop: DropState, event: DropAnalysed) -> None:
@@ -54,11 +42,7 @@ def add_answer(drop: DropState, event: DropAnalysed) -> None:
 def add_read(drop: DropState, event: DropRead) -> None:
     """Its traces and all its results were read from the survey."""
     handed = event.handed
-    drop.handed, drop.record = (
-        handed,
-        handed.record if handed.record is not None else drop.record,
-    )
-    _look_at(drop, handed)
+    drop.handed, drop.view = handed, drop.view or handed.view
     main = [result for result in event.results if not result.is_trial]
     if not drop.results:
         drop.status, drop.reason = handed.screening.status, handed.screening.reason or ""
@@ -82,16 +66,12 @@ def add_refit(drop: DropState, event: Refitted) -> None:
 
 
 def add_stored(drop: DropState, stored: DropView) -> None:
-    """Take over a drop of the survey."""
-    drop.record, drop.notes = stored.record, stored.notes
-    drop.discarded = stored.discarded is not None
+    """Take over the stored result of a drop."""
     result = stored.sound_result
     if result is not None and not drop.results:
         drop.results = [result]
         drop.status = result.status or "measured"
         drop.reason = result.reason or ""
-        load = result.known_peak_load_n
-        drop.peak_load = math.nan if load is None else load
     elif result is None and drop.handed is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
 
@@ -111,13 +91,9 @@ def sensors_left_out(drop: DropState) -> tuple[int, ...]:
 
 
 def edit_drop(drop: DropState, event: Edited) -> None:
-    """Something was said of it."""
-    if event.what in ("discard", "restore"):
-        drop.discarded = event.what == "discard"
-        if not drop.discarded:  # it may have had the reason that it was moved
-            drop.reason = "" if drop.handed is None else drop.handed.screening.reason or ""
-    elif event.what == "note":
-        drop.notes = (*drop.notes, str(event.value))
+    """Take back the reason of a restored drop, which may be that it was moved."""
+    if event.what == "restore":
+        drop.reason = "" if drop.handed is None else drop.handed.screening.reason or ""
 
 
 def sensor_residuals(drop: DropState) -> dict[int, float]:

@@ -1,9 +1,10 @@
-"""Drops as the screen shows them."""
+"""What the screen knows of a drop beside its view."""
 
 import math
 from dataclasses import dataclass, field
 
 from pfwd_survey.inverting.results import DropResult, TimeHistories
+from pfwd_survey.judging import DropView
 from pfwd_survey.measuring.drop_metadata import SATURATED
 from pfwd_survey.measuring.events import SavedDrop
 from tui.screen.session.screen_events import Refitted
@@ -11,18 +12,15 @@ from tui.screen.session.screen_events import Refitted
 
 @dataclass(slots=True)
 class DropState:
-    """A drop."""
+    """A drop on the screen."""
 
     point: str
     number: int
-    record: int | None = None
-    """Within the survey."""
+    view: DropView | None = None
+    """The drop as all readers have it; None: it is not safe yet."""
     status: str = "measured"
     reason: str = ""
     safe: bool = True
-    discarded: bool = False
-    notes: tuple[str, ...] = ()
-    marks: tuple[str, ...] = ()
     handed: SavedDrop | None = None
     """With its traces; None: they are read when it is opened."""
     curves: TimeHistories | None = None
@@ -33,10 +31,6 @@ class DropState:
     """With other settings; the point's mean knows nothing of them."""
     final: bool = False
     """Whether the answer that was waited for is there."""
-    peak_load: float = math.nan
-    peak_deflection: float = math.nan
-    """Of the centre, the declared response of the geophone taken out, m; of a rejected drop as
-    recorded."""
     rebounds: list[float] = field(default_factory=list)
     """Peak loads of the bounces, N."""
     fault: str = ""
@@ -46,6 +40,50 @@ class DropState:
     """Monotonic clock when it was safe, s."""
     delay: float | None = None
     """s from its last sample to the first modulus."""
+
+    @property
+    def record(self) -> int | None:
+        """Number within the survey; None: it is not saved."""
+        return None if self.view is None else self.view.record
+
+    @property
+    def discarded(self) -> bool:
+        """Whether a person discarded or moved it."""
+        return self.view is not None and self.view.discarded is not None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes of persons."""
+        return () if self.view is None else self.view.notes
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """Irregularities of the record."""
+        return () if self.view is None else self.view.marks
+
+    @property
+    def peak_load(self) -> float:
+        """Peak load, N; of a rejected drop as recorded; NaN: unknown."""
+        peaks = None if self.view is None else self.view.peaks
+        known = (
+            None if self.view is None else self.view.own.peak_load,
+            None if peaks is None else peaks.load,
+            None if self.result is None else self.result.known_peak_load_n,
+        )
+        return next((peak for peak in known if peak is not None), math.nan)
+
+    @property
+    def peak_deflection(self) -> float:
+        """Peak deflection of the centre, m; NaN: unknown.
+
+        The declared response of the geophone is taken out, except of a rejected drop.
+        """
+        peaks = None if self.view is None else self.view.peaks
+        known = (
+            None if self.view is None else self.view.own.peak_deflection,
+            None if peaks is None else peaks.centre,
+        )
+        return next((peak for peak in known if peak is not None), math.nan)
 
     @property
     def result(self) -> DropResult | None:

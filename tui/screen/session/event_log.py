@@ -42,9 +42,9 @@ def log_event(event: ScreenEvent) -> None:
             log.info("load cell: zero %s N, span %s", details["zero_n"], details["span_ratio"])
             for fault in faults:
                 log.warning("%s", fault)
-        case DropSaved(one, marks):
+        case DropSaved(one):
             log.info("drop %s/%s saved as %s", one.point, one.number, one.record)
-            for mark in marks:
+            for mark in one.view.marks:
                 log.warning("drop %s/%s: %s", one.point, one.number, mark)
             if one.screening.status == "rejected":
                 log.info("drop %s/%s rejected: %s", one.point, one.number, one.screening.reason)

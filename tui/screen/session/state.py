@@ -251,17 +251,17 @@ class SessionState:
             self._classify_drops(self.points[changed])
 
     def _classify_drops(self, point: PointView) -> None:
-        """Set the kinds of the drops of a point, which depend on each other."""
+        """Set the views of the drops of a point, and their kinds, which depend on each other."""
         progress = point.progress
         drops = self.drops_of(point)
+        for view in point.drops:
+            if view.number in drops:
+                drops[view.number].view = view
         reasons = {drop.number: drop.reason for drop in progress.excluded}
         for number, kind in progress.kinds:
             drop = drops.get(number)
             if drop is None:
                 continue
-            measured = point.drop(number)
-            if measured is not None and measured.facts.peak_deflection is not None:
-                drop.peak_deflection = measured.facts.peak_deflection
             if kind is Kind.DISCARDED:
                 continue
             drop.status = kind.value
@@ -384,7 +384,8 @@ class SessionState:
 
     def _on_saved(self, event: DropSaved) -> None:
         handed = event.handed
-        fresh = saved_drop(event, self._drop(handed.point, handed.number), self._clock())
+        self._drop(handed.point, handed.number)
+        fresh = saved_drop(event, self._clock())
         fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
         self.drops[handed.point][handed.number] = fresh
         self.point, self.last = handed.point, fresh
@@ -439,7 +440,7 @@ class SessionState:
             if event.drops:
                 drops = self.drops_of(stored)
                 self.drops[stored.name] = {number: drops[number] for number in sorted(drops)}
-                self._classify_drops(self.points[stored.name])
+            self._classify_drops(self.points[stored.name])
         if event.drops:
             stored_first = {point.name: self.points[point.name] for point in event.points}
             self.view = replace(self.view, points=stored_first | {**self.points})
