@@ -157,7 +157,7 @@ class Misfit:
             away, rises = self.space.from_priors(points)
             residuals.append(self._prior_scale * away)
             of_priors: FloatArray = np.zeros((points.shape[0], free.size, away.shape[1]))
-            of_priors[:, np.arange(free.size), free] = self._prior_scale * rises[free]
+            of_priors[:, np.arange(free.size), free] = self._prior_scale * rises[:, free]
             slopes.append(of_priors)
         return np.concatenate(residuals, axis=1), np.swapaxes(np.concatenate(slopes, axis=2), 1, 2)
 

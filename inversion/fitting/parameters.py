@@ -201,13 +201,13 @@ class ParameterSpace:
         )
 
     def from_priors(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (m, d) of points from what nature gives, in deviations, and slopes (d,)."""
+        """Return distances (m, d) of points from their priors, in deviations, and slopes (m, d)."""
         pairs = [
             [p.from_prior(float(unit_value)) for unit_value in column]
             for p, column in zip(self.fitted, points.T, strict=True)
         ]
         found = np.array(pairs, dtype=np.float64).reshape(len(self.fitted), points.shape[0], 2)
-        return found[:, :, 0].T, found[:, 0, 1]
+        return found[:, :, 0].T, found[:, :, 1].T
 
     def ground_slopes(
         self, points: FloatArray, columns: NDArray[np.intp]

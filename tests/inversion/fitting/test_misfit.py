@@ -42,16 +42,17 @@ def drops(library: SurrogateLibrary) -> tuple[WeightedDrop, ...]:
     ("density", "depth", "elastic"),
     [(None, None, False), (None, 0.8, False), (1900.0, math.inf, False), (None, None, True)],
 )
-@pytest.mark.parametrize("band", [640.0, 1600.0])
+@pytest.mark.parametrize(("band", "prior_weight"), [(640.0, 0.0), (1600.0, 0.0), (640.0, 2.0)])
 def test_derivatives_are_differences(
     drops: tuple[WeightedDrop, ...],
     density: float | None,
     depth: float | None,
     elastic: bool,
     band: float,
+    prior_weight: float,
 ) -> None:
     space = parameter_space(40e6, 0.15, density, depth, elastic)
-    misfit = Misfit(drops, space, band, 64)
+    misfit = Misfit(drops, space, band, 64, prior_weight=prior_weight)
     points = POINTS[:, : len(space.fitted)]
     for free in (np.arange(points.shape[1]), np.array([points.shape[1] - 1])):
         values, slopes = misfit.linearise(points, free)
@@ -60,6 +61,25 @@ def test_derivatives_are_differences(
         for column in range(free.size):
             size = np.abs(right[..., column]).max()
             assert np.max(np.abs(slopes[..., column] - right[..., column])) < 1e-5 * size
+
+
+@pytest.mark.parametrize("prior_weight", [0.0, 2.0])
+def test_priors_have_a_covariance_of_their_own(
+    drops: tuple[WeightedDrop, ...], prior_weight: float
+) -> None:
+    space = parameter_space(40e6, 0.15, None, 0.8, False)
+    misfit = Misfit(drops, space, 640.0, 64, prior_weight=prior_weight)
+    point = POINTS[:1, : len(space.fitted)]
+    values, slopes = misfit.linearise(point, np.arange(point.shape[1]))
+    pseudo = np.linalg.pinv(slopes[0])
+    n_data = Misfit(drops, space, 640.0, 64).residual(point).shape[1]
+    away = space.from_priors(point)[0][0]
+    of_priors = values[0, n_data:]
+    assert of_priors.size == (away.size if prior_weight else 0)
+    # A prior is one error of unit size; its residual is that error times a scale.
+    scale = np.linalg.norm(of_priors) / np.linalg.norm(away) if prior_weight else 0.0
+    part = pseudo[:, n_data:] * scale
+    assert misfit.prior_covariance(pseudo) == pytest.approx(part @ part.T, rel=1e-9, abs=1e-300)
 
 
 def test_residuals_are_predicted_less_observed_over_their_error(library: SurrogateLibrary) -> None:

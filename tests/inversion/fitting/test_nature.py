@@ -16,8 +16,6 @@ from inversion.fitting.parameters import (
     DEPTH,
     MODULUS,
     VISCOSITY,
-    Parameter,
-    depth_parameter,
     parameter_space,
 )
 from inversion.forward.model import Instrument
@@ -152,15 +150,6 @@ def test_what_nature_gives() -> None:
     assert away(VISCOSITY, 50e6 * 2.5e-3) == pytest.approx(1.0)
     assert away(DEPTH, 0.8) == pytest.approx(1.0)
     assert away(DEPTH, 0.4) == pytest.approx(2.0)
-
-
-def test_the_depth_weighs_by_its_inverse() -> None:
-    parameter = depth_parameter(0.15)
-    here = parameter.unit_value(0.6)
-    away, slope = parameter.from_prior(here)
-    later = parameter.from_prior(here + 1e-6)[0]
-    assert slope == pytest.approx((later - away) / 1e-6, rel=1e-4)
-    assert Parameter("x", "-", 0.0, 1.0).from_prior(0.5) == (0.0, 0.0)
 
 
 def test_grounds_fit_alike_up_to_six_of_chi_square(library: SurrogateLibrary) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -52,6 +52,33 @@ def test_slope_is_the_derivative(parameter: Parameter, unit: float) -> None:
     assert parameter.slopes(np.array([unit, unit]))[1] == pytest.approx(
         (high - low) / 2e-6, rel=1e-8
     )
+
+
+@pytest.mark.parametrize(
+    "parameter",
+    [
+        replace(PLAIN, prior=(1e5, 5e4)),
+        replace(LOGARITHMIC, prior=(math.log(4e7), 0.5)),
+        replace(PLAIN, lower=0.2, upper=9.0, inverse_prior=1.25),
+        PLAIN,
+    ],
+    ids=["linear", "logarithmic", "inverse", "none"],
+)
+def test_a_prior_is_a_distance_in_its_standard_deviations(parameter: Parameter) -> None:
+    def expected(unit: float) -> float:
+        value = float(parameter.value(unit))
+        if parameter.inverse_prior is not None:
+            return 1.0 / value / parameter.inverse_prior
+        if parameter.prior is None:
+            return 0.0
+        centre, deviation = parameter.prior
+        return ((math.log(value) if parameter.logarithmic else value) - centre) / deviation
+
+    for unit in (0.2, 0.7):
+        away, slope = parameter.from_prior(unit)
+        assert away == pytest.approx(expected(unit), rel=1e-12)
+        difference = (expected(unit + 1e-6) - expected(unit - 1e-6)) / 2e-6
+        assert slope == pytest.approx(difference, rel=1e-6)
 
 
 def test_middle_of_the_box() -> None:
