@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from inversion import Instrument, Record, Sensor
 from inversion.fitting.layered.misfit import LayeredDrop
-from inversion.fitting.misfit import model_floor
 from inversion.measured.record import Quantity, prepare
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
@@ -83,9 +82,7 @@ def recorded(
 def prepared(record: Record) -> LayeredDrop:
     """The drop as the inversion hands it to a layered fit."""
     drop = prepare(record)
-    floor = model_floor(drop, record.model_floor)
-    scale = np.sqrt(drop.noise**2 + drop.quantisation**2 + floor**2)
-    return LayeredDrop(drop, record.instrument, drop.load, scale, floor)
+    return LayeredDrop.of(drop, record.instrument, drop.load, record.model_floor)
 
 
 def changed(record: Record, sensor: int, factor: float) -> Record:

@@ -12,6 +12,7 @@ import pytest
 from inversion import Instrument
 from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
 from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.misfit import model_floor
 from inversion.forward.layered import CONVERGED
 from tests.inversion.differences import by_differences
 from tests.inversion.layered_drops import (
@@ -31,6 +32,20 @@ BAND = 800.0
 @pytest.fixture(scope="module")
 def drop() -> LayeredDrop:
     return prepared(recorded())
+
+
+@pytest.mark.parametrize("granted", [None, 3e-6])
+def test_errors_of_noise_steps_and_model_add_as_squares(
+    drop: LayeredDrop, granted: float | None
+) -> None:
+    measured = replace(
+        drop.drop,
+        noise=np.full_like(drop.scale, 3e-6),
+        quantisation=np.full_like(drop.scale, 4e-6),
+    )
+    made = LayeredDrop.of(measured, drop.instrument, drop.model_load, granted)
+    assert made.model_floor == pytest.approx(model_floor(measured, granted))
+    assert made.scale == pytest.approx(np.hypot(5e-6, made.model_floor), rel=1e-12)
 
 
 def space(**options: Any) -> LayeredSpace:
