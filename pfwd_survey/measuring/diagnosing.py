@@ -1,15 +1,14 @@
-"""Has the points of a session diagnosed while they are measured, beside the moduli of the drops.
+"""Diagnoses of the points of a session while they are measured, beside the moduli of the drops.
 
-A process of its own: the first modulus of the next drop must not wait for it.  What the points so
-far show of the device is used for the next one.
+They have a process of their own: the first modulus of the next drop must not wait for it. Effects
+of the device that the points so far show are used for the next one.
 """
 
 import queue
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from pfwd_device import Drop
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
@@ -17,41 +16,55 @@ from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.worker.tasks import Building
 from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
 from pfwd_survey.measuring.events import Notice, PointDiagnosed, SavedDrop
+from pfwd_survey.procedures import Kind
 
 FEWEST_POINTS = 2
 """With an effect of the device, from which on the next point is taken to have it."""
 
 DeviceEffects = dict[str, dict[str, float]]
 KeepDiagnosis = Callable[[int, DiagnosisResult], object]
-EarlierDrops = Callable[[str, int], list[tuple[int, Drop]]]
-"""Of a point, before a drop: drops of former sessions with their numbers in the survey."""
+EarlierDrops = Callable[[str, int], list[SavedDrop]]
+"""Returns the drops of a point before a number, read from the survey."""
+
+MAX_POINTS = 20
+"""Points whose traces stay in memory, some 10 MB. A discard at an earlier point requests no new
+diagnosis; when a drop falls there again, the traces of the others are read from the survey."""
 
 
 @dataclass(slots=True)
 class _Point:
-    """The drops of a point that are safe, with their numbers within the survey."""
+    """A point with the traces of its drops."""
 
     setup: PointSetup
-    drops: dict[int, Drop] = field(default_factory=dict)
-    records: dict[int, int | None] = field(default_factory=dict)
-    measured: set[int] = field(default_factory=set)
-    """Those that neither seat the plate nor are rejected: without one there is nothing to ask."""
-    asked: int | None = None
+    drops: dict[int, SavedDrop]
+    """Drops that are safe, by their number within the point."""
+    task: int | None = None
     """Number of the task that waits or is under way."""
+
+    @property
+    def has_measured_drop(self) -> bool:
+        """Whether one drop neither seats the plate nor is rejected; else there is no residual."""
+        return any(_is_measured(drop, self.setup) for drop in self.drops.values())
+
+
+def _is_measured(drop: SavedDrop, setup: PointSetup) -> bool:
+    if drop.view.screening is not None:
+        return drop.view.screening.status == "measured"
+    return drop.view.own.kind is not Kind.REJECTED and drop.number > setup.seating_drops
 
 
 class PointDiagnoses:
-    """The diagnoses of one session; the last drops of a point count, older questions are dropped.
+    """Diagnoses of one session; a new drop of a point replaces the request that still waits.
 
     Parameters
     ----------
     options : AnalysisOptions
     tell : callable
-        Told what comes of it, in the thread that calls the methods.
+        Receives diagnoses and notices, in the thread that calls the methods.
     keep : callable
-        Given the number within the survey of the last measured drop, and a diagnosis to be saved.
+        Stores a diagnosis; receives the number within the survey of the point's last drop, too.
     earlier : callable
-        Drops of the point from former sessions.
+        Reads the drops of a point that are not in memory.
     """
 
     def __init__(
@@ -75,38 +88,35 @@ class PointDiagnoses:
         return len(self._asked)
 
     def ask(self, handed: SavedDrop) -> None:
-        """A drop is safe: have its point diagnosed with it, unless it seats or was rejected."""
-        point = self._points.get(handed.point)
-        if point is None or point.setup != handed.setup:
-            point = self._points[handed.point] = _Point(handed.setup)
-            for record, drop in self._earlier(handed.point, handed.number):
-                point.drops[drop.number], point.records[drop.number] = drop, record
-                if drop.number > handed.setup.seating_drops:
-                    point.measured.add(drop.number)
-        point.drops[handed.number], point.records[handed.number] = handed.drop, handed.record
+        """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
+        point = self._points.pop(handed.point, None)
+        if point is None:
+            earlier = self._earlier(handed.point, handed.number)
+            point = _Point(handed.setup, {drop.number: drop for drop in earlier})
+        self._points[handed.point] = point  # the last one
+        while len(self._points) > MAX_POINTS:
+            del self._points[next(iter(self._points))]
+        point.setup = handed.setup
+        point.drops[handed.number] = handed
         if handed.screening.status == "measured":
-            point.measured.add(handed.number)
             self._ask(handed.point, point)
 
     def discard(self, record: int) -> None:
-        """A drop counts no more."""
+        """Diagnose the point of a drop without it."""
         for name, point in self._points.items():
-            gone = [number for number, known in point.records.items() if known == record]
+            gone = [number for number, drop in point.drops.items() if drop.record == record]
             for number in gone:
-                del point.drops[number], point.records[number]
-                point.measured.discard(number)
-            if gone and point.measured:
+                del point.drops[number]
+            if gone and point.has_measured_drop:
                 self._ask(name, point)
 
     def _ask(self, name: str, point: _Point) -> None:
-        if point.asked is not None and self._worker.forget(point.asked):
-            self._asked.pop(point.asked, None)
-        drops = tuple(point.drops[number] for number in sorted(point.drops))
-        last = point.records[max(point.drops)]
-        point.asked = self._worker.diagnose(
-            TracePoint(name, point.setup, drops), self._options, self._device(name)
-        )
-        self._asked[point.asked] = name, last
+        if point.task is not None and self._worker.forget(point.task):
+            self._asked.pop(point.task, None)
+        drops = [point.drops[number] for number in sorted(point.drops)]
+        traces = TracePoint(name, point.setup, tuple(drop.drop for drop in drops))
+        point.task = self._worker.diagnose(traces, self._options, self._device(name))
+        self._asked[point.task] = name, drops[-1].record
 
     def _device(self, name: str) -> DeviceEffects:
         """What most of the other points show of the device, in the middle."""
@@ -136,9 +146,9 @@ class PointDiagnoses:
         name, record = self._asked.pop(answer.task.number, (None, None))
         if name is None:
             return
-        point = self._points[name]
-        if point.asked == answer.task.number:
-            point.asked = None
+        point = self._points.get(name)
+        if point is not None and point.task == answer.task.number:
+            point.task = None
         if answer.fault is not None:
             self._tell(Notice(f"point {name}: {answer.fault}", details=answer.details))
         for diagnosis in answer.diagnoses:

@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pfwd_device.drop import Drop
 from pfwd_device.recording.drop_payload import facts_of
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.record import DropRecord, Rebound
-from pfwd_device.recording.survey_reader import read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_to_store
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.results import DropResult, MeasuredFacts
 from pfwd_survey.inverting.screening.drops import Screening, compare, counted
-from pfwd_survey.judging import DropView, PointView, drop_from_traces
+from pfwd_survey.judging import DropView, PointView, SurveyView, drop_from_traces
 from pfwd_survey.judging.view import NO_SETUP, recorded_fields
 from pfwd_survey.measuring.analyses import Analyses
 from pfwd_survey.measuring.diagnosing import PointDiagnoses
@@ -53,6 +51,8 @@ class DropPipeline:
         None: no drop is inverted.
     writer : SurveyWriter, optional
         None: nothing is saved.
+    view : callable
+        Returns the survey as the events so far have made it.
     live : bool
         Whether bounces may still come by themselves after the last drop.
     """
@@ -62,10 +62,12 @@ class DropPipeline:
         listener: Callable[[SessionEvent], None],
         options: AnalysisOptions | None,
         writer: SurveyWriter | None,
+        view: Callable[[], SurveyView],
         *,
         live: bool,
     ) -> None:
         self._tell = listener
+        self._view = view
         self._live = live
         self.recorder = SurveyRecorder(writer, self._on_saved, listener) if writer else None
         self.analyses = Analyses(options, listener, self._keep_result) if options else None
@@ -247,15 +249,20 @@ class DropPipeline:
         self._rejected[point] = before + (screening.status == "rejected")
         return counted(screening, drop.number, before, drop.setup)
 
-    def _earlier_drops(self, point: str, number: int) -> list[tuple[int, Drop]]:
-        """Drops of a point from former sessions, with their numbers within the survey."""
-        if self.recorder is None or number == 1:
+    def _earlier_drops(self, point: str, number: int) -> list[SavedDrop]:
+        """Return the drops of a point before a number that count, as they are known now.
+
+        Their traces are read from the survey: those of all its drops would fill the memory.
+        """
+        known = self._view().points.get(point)
+        if self.recorder is None or known is None:
             return []
-        survey = read_survey(self.recorder.writer.folder)
+        read = self.recorder.writer.contents().read_drop
         return [
-            (drop.number, drop.read_traces().drop)
-            for drop in survey.drops
-            if drop.point == point and drop.drop < number and not drop.discarded
+            SavedDrop(point, drop, read(drop.record).drop)
+            for drop in known.drops
+            if drop.number < number and drop.discarded is None
+            if drop.record is not None and drop.setup is not NO_SETUP
         ]
 
     def _keep_diagnosis(self, record: int, found: DiagnosisResult) -> None:

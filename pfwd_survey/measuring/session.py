@@ -45,7 +45,7 @@ from pfwd_survey.errors import OptionError
 from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.moving import MOVED_TO, move_with, point_called, restore_with
 from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, JobRequest, point_views
+from pfwd_survey.judging import Job, JobRequest, SurveyView, point_views
 from pfwd_survey.judging.earlier_rules import changed_verdicts
 from pfwd_survey.judging.stations import similar_name
 from pfwd_survey.measuring.calibration_change import (
@@ -71,6 +71,7 @@ from pfwd_survey.measuring.events import (
 )
 from pfwd_survey.measuring.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
 from pfwd_survey.measuring.kept_drops import marks_of_kept, raw_drop_of, settings_of
+from pfwd_survey.measuring.live_view import apply_event
 from pfwd_survey.measuring.plan import Ending, SessionPlan
 from pfwd_survey.measuring.repeats import Repeats
 from pfwd_survey.measuring.sensor_check import SensorChecker
@@ -154,7 +155,10 @@ class Session:
         stations = self.job.stations
         first = stations[0].name if stations else FIRST_POINT
         self._point = self._plan.named_point or (known[-1] if known else first)
-        self._pipeline = DropPipeline(self._tell, self._plan.options, writer, live=feed.live)
+        self._view = SurveyView(self.job)
+        self._pipeline = DropPipeline(
+            self._tell, self._plan.options, writer, lambda: self._view, live=feed.live
+        )
         self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
         self._stop = False
         self._stop_by = math.inf
@@ -278,7 +282,10 @@ class Session:
         self._tell(Edited("restore", None, None, number))
 
     def _tell_anew(self, writer: SurveyWriter, name: str) -> None:
-        """Report what the survey holds of a point that has got a drop from another one."""
+        """Report a point that has got a drop from another one.
+
+        The moved drop is a new record of the survey, and its view is made of that record.
+        """
         known = known_point(writer, name)
         if known is not None:
             self._known_points.add(name)
@@ -634,6 +641,7 @@ class Session:
                 return
             if untold:
                 event = replace(event, text=f"{event.text} ({untold} more of these meanwhile)")
+        self._view, _ = apply_event(self._view, event)
         self._listener(event)
 
     def _tell_rest(self) -> None:

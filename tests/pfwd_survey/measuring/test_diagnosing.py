@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from pfwd_device import Drop
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.diagnosis.result import (
     DiagnosisResult,
@@ -20,7 +19,7 @@ from pfwd_survey.inverting.worker.tasks import DiagnosisTask
 from pfwd_survey.inverting.worker.worker import Answer
 from pfwd_survey.judging import drop_from_traces
 from pfwd_survey.measuring import diagnosing
-from pfwd_survey.measuring.diagnosing import PointDiagnoses
+from pfwd_survey.measuring.diagnosing import MAX_POINTS, PointDiagnoses
 from pfwd_survey.measuring.events import Notice, PointDiagnosed, SavedDrop
 from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop
 
@@ -60,7 +59,7 @@ class Session:
         monkeypatch.setattr(diagnosing, "InversionWorker", Worker)
         self.told: list[PointDiagnosed | Notice] = []
         self.kept: list[tuple[int, DiagnosisResult]] = []
-        self.before: dict[str, list[tuple[int, Drop]]] = {}
+        self.before: dict[str, list[SavedDrop]] = {}
         self.diagnoses = PointDiagnoses(
             AnalysisOptions(diagnose=True),
             self.told.append,
@@ -148,9 +147,21 @@ def test_a_discarded_drop_counts_no_more(session: Session) -> None:
 
 
 def test_drops_of_a_former_session_count(session: Session) -> None:
-    session.before["A"] = [(3, half_sine_drop(1, 8000.0)), (4, half_sine_drop(2, 8000.0))]
+    former = [half_sine_drop(number, 8000.0) for number in (1, 2)]
+    session.before["A"] = [
+        SavedDrop("A", drop_from_traces(drop, SETUP, record=drop.number), drop) for drop in former
+    ]
     session.drop("A", 3, 21)
     assert session.drops_of(1) == [1, 2, 3]
+
+
+def test_traces_of_early_points_leave_memory(session: Session) -> None:
+    for number in range(MAX_POINTS + 1):
+        session.drop(str(number), 1, number + 1)
+    session.drop("1", 2, 100)
+    assert session.drops_of(session.worker.count) == [1, 2]
+    session.drop("0", 2, 101)
+    assert session.drops_of(session.worker.count) == [2], "the survey is asked for the others"
 
 
 def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -> None:

@@ -11,6 +11,7 @@ import pytest
 from pfwd_device.identity import ChannelIdentity, Role
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.wire.messages import Event, EventKind
+from pfwd_survey.files.editing import Edit
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.drop_facts import FACTS_KEY, facts_to_store, stored_facts
 from pfwd_survey.inverting.screening.drops import screen
@@ -272,3 +273,18 @@ def test_the_display_is_told_what_load_starts_a_drop(log: Log, writer: Any) -> N
     setup = parse_setup("[detection]\nthreshold_n = 2000", "s.toml")
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, setup=setup)
     assert {told.drop_load for told in log.of(LiveSamples)} == {2000.0}
+
+
+def test_earlier_drops_that_count_are_read_from_the_survey(log: Log, writer: Any) -> None:
+    two = stream(6.0, [(1.0, 8000.0), (4.0, 7900.0)])
+    run(ScriptedFeed(connected(), began(7), pieces(two, 7)), log, writer)
+    feed = ScriptedFeed(connected(), began(8), pieces(two, 8))
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    session.run()
+    session.edit(Edit("discard", "wet"), number=1)
+    earlier = session._pipeline._earlier_drops("1", 4)
+    assert [(drop.number, drop.record) for drop in earlier] == [(2, 2), (3, 3)]
+    stored = recorded(writer)
+    for drop in earlier:
+        np.testing.assert_array_equal(drop.drop.load, stored[drop.number - 1].drop.load)
+    assert session._pipeline._earlier_drops("2", 4) == []
