@@ -9,7 +9,7 @@ import numpy as np
 from pfwd_survey.errors import OptionError, refusal
 from pfwd_survey.exporting.maps import without_position
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.point_rows import POINT_COLUMNS, point_rows
+from pfwd_survey.exporting.point_rows import POINT_COLUMNS, place_of_row, point_rows
 from pfwd_survey.exporting.rows import Order
 from pfwd_survey.judging.places import Place
 
@@ -42,13 +42,14 @@ def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
         expected = "the package pyogrio"
         raise OptionError(refusal("--format gpkg", expected, "none", hint)) from err
     rows = point_rows(order)
-    heights = all(row.place is None or row.place.altitude is not None for row in rows)
+    places = [place_of_row(row) for row in rows]
+    heights = all(place is None or place.altitude is not None for place in places)
     geometry = np.array(
-        [None if row.place is None else _binary(row.place, heights=heights) for row in rows], object
+        [None if place is None else _binary(place, heights=heights) for place in places], object
     )
     data, masks = [], []
     for column in POINT_COLUMNS:
-        values = [row.values[column.name] for row in rows]
+        values = [row[column.name] for row in rows]
         filled, missing = _field(values, column.kind)
         data.append(filled)
         masks.append(missing)

@@ -15,7 +15,7 @@ from pfwd_device.recording.drop_file import software_version
 from pfwd_device.text import clean
 from pfwd_survey.exporting.json_text import json_text
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.point_rows import PointRow, point_rows
+from pfwd_survey.exporting.point_rows import PointValues, place_of_row, point_rows
 from pfwd_survey.exporting.rows import Order, Row
 from pfwd_survey.judging.job import target_text
 from pfwd_survey.judging.places import Place
@@ -54,26 +54,25 @@ def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str
         How many have no position: their geometry is null.
     """
     rows = point_rows(order)
-    features = [
-        {
-            "type": "Feature",
-            "id": row.point.name,
-            "geometry": row.place and _geometry(row.place),
-            "properties": {
-                name: value
-                for name, value in row.values.items()
-                if name not in ("latitude", "longitude")
-            },
-        }
-        for row in rows
-    ]
+    features = []
+    for (point, _), row in zip(order.points, rows, strict=True):
+        place = place_of_row(row)
+        values = {k: v for k, v in row.items() if k not in ("latitude", "longitude")}
+        features.append(
+            {
+                "type": "Feature",
+                "id": point.name,
+                "geometry": place and _geometry(place),
+                "properties": values,
+            }
+        )
     _write_collection(features, order, path)
     return without_position(rows)
 
 
-def without_position(rows: Sequence[PointRow]) -> list[str]:
+def without_position(rows: Sequence[PointValues]) -> list[str]:
     """How many points have no position, as a note; nothing where all have one."""
-    nowhere = sum(row.place is None for row in rows)
+    nowhere = sum(place_of_row(row) is None for row in rows)
     if not nowhere:
         return []
     return [f"{nowhere} of {len(rows)} points have no position: their geometry is null"]

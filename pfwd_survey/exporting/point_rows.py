@@ -1,7 +1,6 @@
 """One row per point: where, when, what it is judged by, its value and its verdict."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pfwd_device.text import clean
@@ -49,33 +48,29 @@ POINT_COLUMNS = (
 _NOTHING: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PointRow:
-    """A point, ready for an export."""
-
-    point: PointView
-    place: Place | None
-    values: Mapping[str, Any]
-    """By the names of ``POINT_COLUMNS``; None: not known. Times are texts, ISO 8601."""
-
-    @property
-    def cells(self) -> list[Any]:
-        """The values in the order of the columns."""
-        return [self.values[column.name] for column in POINT_COLUMNS]
+PointValues = Mapping[str, Any]
+"""Values of a point by the names of ``POINT_COLUMNS``, in their order; None: not known. Times are
+texts, ISO 8601."""
 
 
-def point_rows(order: Order) -> list[PointRow]:
-    """Return the rows of all points of a survey, in their order."""
+def point_rows(order: Order) -> list[PointValues]:
+    """Return the values of all points of a survey, in their order."""
     return [_row(point, rows) for point, rows in order.points]
 
 
-def _row(point: PointView, drops: Sequence[Row]) -> PointRow:
+def place_of_row(row: PointValues) -> Place | None:
+    """Return the position of a point; None: unknown."""
+    latitude, longitude = row["latitude"], row["longitude"]
+    return None if latitude is None else Place(latitude, longitude, row["altitude_m"])
+
+
+def _row(point: PointView, drops: Sequence[Row]) -> PointValues:
     used = set(point.progress.used)
     counted = [row for row in drops if row.drop.number in used] or list(drops)
     station = point.job.station(point.shown_name)
     declarations = (drop.declared or {} for drop in point.drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
-    values = dict(_NOTHING) | {
+    return dict(_NOTHING) | {
         "point": point.title,
         "chainage_m": chainage_of_point(point.title, station, declarations),
         "latitude": place and place.latitude,
@@ -87,7 +82,6 @@ def _row(point: PointView, drops: Sequence[Row]) -> PointRow:
         "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
         **_judged(point),
     }
-    return PointRow(point, place, values)
 
 
 def _judged(point: PointView) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
         writer = csv.writer(stream, delimiter=order.delimiter)
         writer.writerow([column.name for column in POINT_COLUMNS])
         for row in point_rows(order):
-            writer.writerow([cell(value, order.decimal) for value in row.cells])
+            writer.writerow([cell(value, order.decimal) for value in row.values()])
     return []
 
 

@@ -18,7 +18,7 @@ from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import clean
 from pfwd_survey.exporting.columns import COLUMNS
 from pfwd_survey.exporting.output import new_file
-from pfwd_survey.exporting.point_rows import POINT_COLUMNS, PointRow, point_rows
+from pfwd_survey.exporting.point_rows import POINT_COLUMNS, PointValues, point_rows
 from pfwd_survey.exporting.rows import LONGEST_CELL, Order, Row
 from pfwd_survey.exporting.tables import FORMULA
 from pfwd_survey.inverting.result_columns import ResultColumn
@@ -44,7 +44,7 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     points = point_rows(order)
     book = Workbook(write_only=True)  # a survey of many drops would fill the memory
     _add(book, "job", ("key", "value", "time_utc"), _job(order.content, order.rows, points))
-    _add_rows(book, "points", POINT_COLUMNS, (row.cells for row in points))
+    _add_rows(book, "points", POINT_COLUMNS, (list(row.values()) for row in points))
     cells = ([row.values[column.name] for column in COLUMNS] for row in order.rows)
     _add_rows(book, "drops", COLUMNS, cells)
     _add(book, "notes", ("point", "drop", "what", "text", "time_utc"), _notes(order.content))
@@ -154,7 +154,7 @@ def _format(column: ResultColumn) -> str | None:
 
 
 def _job(
-    content: SurveyContent, drops: Sequence[Row], points: Sequence[PointRow]
+    content: SurveyContent, drops: Sequence[Row], points: Sequence[PointValues]
 ) -> Iterator[tuple[Any, Any, Any]]:
     """What the survey is, how its points stand, and every change of its job with its date."""
 
@@ -162,8 +162,8 @@ def _job(
         return ", ".join(dict.fromkeys(str(v) for r in drops if (v := r.values[key]) is not None))
 
     moments = sorted(str(v) for row in drops if (v := row.values["time_utc"]) is not None)
-    verdicts = Counter(str(row.values["verdict"]) for row in points)
-    procedures = dict.fromkeys(str(v) for r in points if (v := r.values["procedure"]) is not None)
+    verdicts = Counter(str(row["verdict"]) for row in points)
+    procedures = dict.fromkeys(str(v) for r in points if (v := r["procedure"]) is not None)
     yield "survey", content.path, None
     yield "survey_id", content.survey_id, None
     yield "made_by", f"pfwd {software_version()}", None

@@ -5,7 +5,7 @@ Screen and headless log apply the same events. A survey that goes on reports its
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from pfwd_survey.files.moving import moved_to
@@ -22,7 +22,7 @@ from pfwd_survey.measuring.events import (
     SavedDrop,
     SessionEvent,
 )
-from pfwd_survey.procedures import PointValue
+from pfwd_survey.procedures import PointProgress
 
 
 def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str | None]:
@@ -184,7 +184,7 @@ class CompletePoints:
         self._report = report
         self._analysed = analysed
         self._view = SurveyView()
-        self._reported: dict[str, _Reported] = {}
+        self._reported: dict[str, PointProgress] = {}
         self._waiting: dict[str, set[int]] = {}
 
     def take(self, event: SessionEvent) -> None:
@@ -213,17 +213,11 @@ class CompletePoints:
         progress, before = point.progress, self._reported.get(name)
         if self._waiting.get(name) or not (progress.complete or before):
             return
-        verdict = progress.complete, progress.verdict, progress.target
-        now = _Reported(verdict, progress.value)
-        changed = before is None or before.verdict != now.verdict
-        if changed or (last and before is not None and before.value != now.value):
-            self._reported[name] = now
+        changed = before is None or _verdict(before) != _verdict(progress)
+        if changed or (last and before is not None and before.value != progress.value):
+            self._reported[name] = progress
             self._report(point)
 
 
-@dataclass(frozen=True, slots=True)
-class _Reported:
-    """The last report of a point."""
-
-    verdict: tuple[object, ...]
-    value: PointValue | None
+def _verdict(progress: PointProgress) -> tuple[object, ...]:
+    return progress.complete, progress.verdict, progress.target
