@@ -9,7 +9,7 @@ from pfwd_survey.inverting.result_columns import ResultColumn
 from pfwd_survey.judging import PointView
 from pfwd_survey.judging.places import Place, number
 from pfwd_survey.judging.stations import chainage_of_point
-from pfwd_survey.procedures import Quantity
+from pfwd_survey.procedures import PointModulus, unit_of
 
 POINT_COLUMNS = (
     ResultColumn("point", "text", "test point, as it was named last"),
@@ -80,21 +80,22 @@ def _row(point: PointView, drops: Sequence[Row]) -> PointValues:
         "time_local": _first(row.time_local for row in counted),
         "discarded": point.discarded,
         "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
-        **_judged(point),
+        **judged_values(point),
     }
 
 
-def _judged(point: PointView) -> dict[str, Any]:
+def judged_values(point: PointView) -> dict[str, Any]:
+    """Return value, target, verdict and moduli of a point under the names of exports."""
     job, progress, diagnosis = point.job, point.progress, point.diagnosis_in_force
-    quantity, value = job.quantity, progress.value
+    value, fitted, in_force = progress.value, progress.fitted_modulus, progress.modulus_in_force
     low, high = (None, None) if value is None or value.interval is None else value.interval
-    found: dict[str, Any] = {
+    return {
         "procedure": None if job.procedure is None else job.procedure.name,
-        "quantity": str(quantity),
+        "quantity": str(job.quantity),
         "value": None if value is None else number(value.value),
         "interval_low": number(low),
         "interval_high": number(high),
-        "unit": unit_of(quantity),
+        "unit": unit_of(job.quantity),
         "target": number(progress.target),
         "verdict": "none" if point.discarded else str(progress.verdict),
         "verdict_reason": progress.verdict_reason,
@@ -102,26 +103,20 @@ def _judged(point: PointView) -> dict[str, Any]:
         "value_not_supported": None if value is None else value.not_supported,
         "drops_measured": len(progress.used),
         "diagnosis": None if diagnosis is None else diagnosis.verdict,
+        **_modulus_values("modulus", fitted),
+        **_modulus_values("modulus_in_force", in_force),
+        "modulus_source": None if in_force is None else in_force.source,
+        "modulus_not_supported": None if fitted is None else fitted.not_supported,
     }
-    columns = (
-        ("modulus", progress.fitted_modulus),
-        ("modulus_in_force", progress.modulus_in_force),
-    )
-    for name, modulus in columns:
-        if modulus is not None:
-            ends = modulus.interval or (None, None)
-            found[f"{name}_pa"] = number(modulus.value)
-            found[f"{name}_interval_low_pa"] = number(ends[0])
-            found[f"{name}_interval_high_pa"] = number(ends[1])
-    in_force, fitted = progress.modulus_in_force, progress.fitted_modulus
-    found["modulus_source"] = None if in_force is None else in_force.source
-    found["modulus_not_supported"] = None if fitted is None else fitted.not_supported
-    return found
 
 
-def unit_of(quantity: Quantity) -> str:
-    """SI unit of what a procedure judges."""
-    return "m" if quantity is Quantity.DEFLECTION else "Pa"
+def _modulus_values(name: str, modulus: PointModulus | None) -> dict[str, float | None]:
+    low, high = (None, None) if modulus is None else modulus.interval or (None, None)
+    return {
+        f"{name}_pa": None if modulus is None else number(modulus.value),
+        f"{name}_interval_low_pa": number(low),
+        f"{name}_interval_high_pa": number(high),
+    }
 
 
 def _first(values: Iterable[Any]) -> Any:

@@ -19,10 +19,11 @@ from zipfile import BadZipFile, ZipFile
 
 from pfwd_device.text import harmless
 from pfwd_survey.errors import OptionError, quote, refusal
-from pfwd_survey.exporting.point_rows import unit_of
+from pfwd_survey.exporting.point_rows import judged_values
 from pfwd_survey.exporting.tables import FORMULA
 from pfwd_survey.exporting.workbook import as_date
 from pfwd_survey.judging import DropView, PointView
+from pfwd_survey.procedures import unit_of
 from pfwd_survey.reporting.content import Report
 from pfwd_survey.reporting.point_facts import (
     diagnosis_of,
@@ -130,11 +131,11 @@ class _Filler:
         self._where = f"--template {template}"
         self.survey = {**survey_values(report), "company": company}
         self._rows = {
-            "points": [point_values(point, report) for point in report.points],
+            "points": [point_values(point) for point in report.points],
             "drops": [drop_values(p, drop) for p in report.points for drop in p.drops],
         }
         self._keys = {
-            "points": list(point_values(report.points[0], report)),
+            "points": list(point_values(report.points[0])),
             "drops": list(drop_values(report.points[0], report.points[0].drops[0])),
         }
         self.filled: list[str] = []
@@ -284,16 +285,13 @@ def survey_values(report: Report) -> Values:
     }
 
 
-def point_values(point: PointView, report: Report) -> Values:
-    """What there is of a point: the names of the exports, and its settlements."""
-    progress, value, place = point.progress, point.progress.value, point.place or {}
-    used = used_drops(point)
-    diagnosis = diagnosis_of(point)
-    mean, in_force = progress.fitted_modulus, progress.modulus_in_force
-    ends = (None, None) if value is None or value.interval is None else value.interval
-    modulus_ends = (None, None) if mean is None or mean.interval is None else mean.interval
-    no_ends = (None, None)
-    in_force_ends = no_ends if in_force is None else in_force.interval or no_ends
+def point_values(point: PointView) -> Values:
+    """Return the values of a point: those of the exports, and its settlements."""
+    progress, place = point.progress, point.place or {}
+    used, diagnosis = used_drops(point), diagnosis_of(point)
+    values = judged_values(point)
+    if progress.value is None:
+        values |= {"quantity": None, "unit": None}
     depths = [drop.facts.peak_deflection for drop in used]
     known = [depth for depth in depths if depth is not None]
     speeds = [v for drop in used if (v := drop.facts.peak_velocity) is not None]
@@ -306,26 +304,7 @@ def point_values(point: PointView, report: Report) -> Values:
         "longitude": place.get("longitude"),
         "altitude_m": place.get("altitude_m"),
         "time_local": as_date(time_of(point)),
-        "procedure": report.procedure.name if report.chosen else None,
-        "quantity": None if value is None else str(value.quantity),
-        "value": None if value is None else value.value,
-        "interval_low": ends[0],
-        "interval_high": ends[1],
-        "unit": None if value is None else unit_of(value.quantity),
-        "target": progress.target,
-        "verdict": verdict_of(point),
-        "verdict_reason": progress.verdict_reason,
-        "verdict_reason_code": progress.verdict_reason_code and str(progress.verdict_reason_code),
-        "value_not_supported": None if value is None else value.not_supported,
-        "modulus_in_force_pa": None if in_force is None else in_force.value,
-        "modulus_in_force_interval_low_pa": in_force_ends[0],
-        "modulus_in_force_interval_high_pa": in_force_ends[1],
-        "modulus_source": None if in_force is None else in_force.source,
-        "modulus_not_supported": None if mean is None else mean.not_supported,
-        "drops_measured": len(progress.used),
-        "modulus_pa": None if mean is None else mean.value,
-        "modulus_interval_low_pa": modulus_ends[0],
-        "modulus_interval_high_pa": modulus_ends[1],
+        **values,
         "diagnosis": None if diagnosis is None else diagnosis.verdict,
         "discarded": point.discarded,
         "note": "; ".join(point.notes) or None,
