@@ -308,7 +308,9 @@ def bit_errors(count: int, rng: np.random.Generator, folder: Path) -> Tally:
         if gone.any() != bool(other.metadata["marks"]):
             tally.missed += 1
             tally.notes.append(f"drop at {_trigger(one)}: damaged {gone.any()}, marks differ")
-        if _trigger(one) == _trigger(other) and not _equal(one.counts, other.counts, gone):
+        if _trigger(one) == _trigger(other) and not np.array_equal(
+            one.counts[~gone], other.counts[~gone]
+        ):
             tally.missed += 1
             tally.notes.append(f"drop at {_trigger(one)}: wrong samples")
     return tally
@@ -319,10 +321,6 @@ NEAR = 300  # samples: a trigger that was lost is found within the pulse, 30 ms
 
 def _trigger(record: Any) -> int:
     return int(record.metadata["key"].rsplit("/", 1)[1])
-
-
-def _equal(one: Any, other: Any, gone: Any) -> bool:
-    return bool(np.array_equal(one[~gone], other[~gone]))
 
 
 def run(arguments: list[str]) -> int:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -69,17 +69,13 @@ class Reporter:
     def record(self, **values: Any) -> None:
         """One record; floats get four significant digits for people."""
         if self.as_json:
-            print(json.dumps(_plain(values)), flush=True)
+            print(json.dumps({key: _as_json(value) for key, value in values.items()}), flush=True)
         else:
             print("  ".join(f"{key} {_short(value)}" for key, value in values.items()), flush=True)
 
 
 def _short(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _as_json(value) for key, value in values.items()}
 
 
 def _as_json(value: Any) -> Any:

@@ -55,7 +55,7 @@ def invert(
     header: Header = None,
     **options: Any,
 ) -> Result | Results:
-    """The modulus of the ground under drops, with all that belongs to it.
+    """Return the modulus of the ground under drops, with its uncertainty and conditions.
 
     ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` give one `Result`;
     a path, a survey, points, a point or several drops give `Results`, one a drop.
@@ -100,23 +100,24 @@ def invert(
     >>> pfwd.invert(pfwd.example("half-space"))
     Results(1 drop, 1 measured; E 60... MPa, 95 % 59... to 60... MPa; half-space, ...; no warnings)
     """
-    asked = analysis_options(INVERT_OPTIONS, options)
+    settings = analysis_options(INVERT_OPTIONS, options)
     if arrays or is_array(data):
-        data = drop_of_arrays(data, arrays, quantity, offsets, asked, header)
+        data = drop_of_arrays(data, arrays, quantity, offsets, settings, header)
     elif offsets is not None or quantity != "displacement":
-        said = "offsets" if offsets is not None else "quantity"
-        raise OptionError(refusal(said, "none unless arrays are given", "one"))
+        name = "offsets" if offsets is not None else "quantity"
+        raise OptionError(refusal(name, "none unless arrays are given", "one"))
     if isinstance(data, Drop):
-        return _invert_drop(data, asked, header)
-    if asked.joint or not _holds_drops(data):
-        return Results(
-            [
-                result
-                for point in points_of(data, header, asked.overrides())
-                for result in _invert_point(point, asked)
-            ]
-        )
-    return Results([one for item in data for one in _invert_item(item, asked, header)])
+        return _invert_drop(data, settings, header)
+    if settings.joint or not isinstance(data, list | tuple) or not data:
+        points = points_of(data, header, settings.overrides())
+        return Results([result for point in points for result in _invert_point(point, settings)])
+    results: list[Result] = []
+    for item in data:
+        if isinstance(item, list | tuple | int | float):
+            raise OptionError(refusal("data", EXPECTED, quote(item)))
+        of_item = invert(item, header=header, **options)
+        results += [of_item] if isinstance(of_item, Result) else of_item
+    return Results(results)
 
 
 def drop_of_arrays(
@@ -127,15 +128,15 @@ def drop_of_arrays(
     options: AnalysisOptions,
     header: Header,
 ) -> Drop:
-    """The drop of ``time, load, values`` with what the options declare.
+    """Return the drop of ``time, load, values`` with what the options declare.
 
     Raises
     ------
     SurveyError
     """
     if len(arrays) != 2:
-        came = f"{1 + len(arrays)} of them"
-        raise OptionError(refusal("arrays", "three: time, load, values", came))
+        count = f"{1 + len(arrays)} of them"
+        raise OptionError(refusal("arrays", "three: time, load, values", count))
     if header is not None:
         raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
     if options.plate_radius is None:
@@ -153,26 +154,10 @@ def drop_of_arrays(
 
 
 def is_array(data: object) -> bool:
-    """Whether it is the first of the arrays ``time, load, values``."""
+    """Return whether this is the first of the arrays ``time, load, values``."""
     if hasattr(data, "__array__"):
         return True
     return isinstance(data, list | tuple) and bool(data) and isinstance(data[0], int | float)
-
-
-def _holds_drops(data: object) -> bool:
-    """Whether it is a plain sequence whose items are inverted one by one."""
-    return isinstance(data, list | tuple) and len(data) > 0
-
-
-def _invert_item(item: object, options: AnalysisOptions, header: Header) -> list[Result]:
-    if isinstance(item, list | tuple | int | float):
-        raise OptionError(refusal("data", EXPECTED, quote(item)))
-    found = invert(item, header=header, **_said(options))  # type: ignore[call-overload]
-    return [found] if isinstance(found, Result) else list(found)
-
-
-def _said(options: AnalysisOptions) -> dict[str, Any]:
-    return {name: getattr(options, name) for name in INVERT_OPTIONS}
 
 
 def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Result:
@@ -183,30 +168,29 @@ def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Resu
     if options.joint:
         hint = "give the point, or leave joint out"
         raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
-    # Seen among the drops of its point: a rebound is told by the largest of them.
-    whole = chosen._point
-    screening = leave_out_bad_sensors(whole, screen_point(whole))[chosen._index]
+    # Screened among the drops of its point: a rebound is known by the largest of them.
+    all_drops = chosen._point
+    screening = leave_out_bad_sensors(all_drops, screen_point(all_drops))[chosen._index]
     (point,) = points_of(chosen, header, options.overrides())
-    found = analyse_drop(point.drops[0], point.setup, screening, options, library())
-    return _result(point, found)
+    analysis = analyse_drop(point.drops[0], point.setup, screening, options, library())
+    return _result(point, analysis)
 
 
 def _invert_point(point: TracePoint, options: AnalysisOptions) -> list[Result]:
     from pfwd_survey.inverting.analysis import analyse_point
 
-    return [_result(point, found) for found in analyse_point(point, options, library())]
+    return [_result(point, analysis) for analysis in analyse_point(point, options, library())]
 
 
-def _result(point: TracePoint, found: DropAnalysis) -> Result:
+def _result(point: TracePoint, analysis: DropAnalysis) -> Result:
     from pfwd_survey.inverting.drop_result import drop_result
 
-    record = drop_result(point.file, found, point.warnings, point.setup.point)
-    return Result.of(record)
+    return Result.of(drop_result(point.file, analysis, point.warnings, point.setup.point))
 
 
 @functools.cache
 def library() -> SurrogateLibrary:
-    """The response tables, which many calls share."""
+    """Return the response tables, which many calls share."""
     from inversion import SurrogateLibrary
 
     return SurrogateLibrary()

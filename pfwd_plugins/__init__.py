@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
-    from importlib.metadata import Distribution, EntryPoint
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 
@@ -162,17 +162,13 @@ def _offers(group: str) -> dict[str, _Offer]:
         entries = [entry for entry in package.entry_points if entry.group == group]
         if not entries:
             continue
-        title = _title(package)
+        title = f"{package.name} {package.version}"
         if title in seen:
             continue  # the same twice on the path: the first counts, as for its modules
         seen.add(title)
         for entry in entries:
             found.setdefault(entry.name, _Offer(entry, title))
     return found
-
-
-def _title(package: Distribution) -> str:
-    return f"{package.name} {package.version}"
 
 
 def _trusted_path() -> list[str]:
