@@ -179,18 +179,18 @@ class SessionLines:
             self._say(fault, logging.WARNING)
 
     def _saved(self, event: DropSaved) -> None:
-        handed = event.handed
-        self._identical[handed.point, handed.number] = event.identical
-        where = "" if handed.spare is None else f" in the spare folder {handed.spare}"
-        log.info("drop %s/%s saved as %s%s", handed.point, handed.number, handed.record, where)
-        for mark in handed.view.marks:
-            self._say(f"drop {handed.point}/{handed.number}: {mark}", logging.WARNING)
+        saved = event.saved
+        self._identical[saved.point, saved.number] = event.identical
+        where = "" if saved.spare is None else f" in the spare folder {saved.spare}"
+        log.info("drop %s/%s saved as %s%s", saved.point, saved.number, saved.record, where)
+        for mark in saved.view.marks:
+            self._say(f"drop {saved.point}/{saved.number}: {mark}", logging.WARNING)
         if self._bell:
             print("\a", end="", file=sys.stderr, flush=True)
-        if not self._analysed or handed.screening.status == "rejected":
-            analysis = DropAnalysis(handed.drop, handed.screening, None, setup=handed.setup)
-            self._line(handed, drop_result(handed.file, analysis))
-            self._forget(handed)
+        if not self._analysed or saved.screening.status == "rejected":
+            analysis = DropAnalysis(saved.drop, saved.screening, None, setup=saved.setup)
+            self._line(saved, drop_result(saved.file, analysis))
+            self._forget(saved)
 
     def _not_published(self, event: DropNotPublished) -> None:
         self._say(event.text, logging.WARNING)
@@ -205,17 +205,17 @@ class SessionLines:
             print(json_text(line), flush=True)
 
     def _analysis(self, event: DropAnalysed) -> None:
-        handed, result = event.handed, event.result
+        saved, result = event.saved, event.result
         modulus = result.modulus_pa or math.nan
-        self.moduli[handed.number] = modulus
-        before = self._quick.get((handed.point, handed.number))
+        self.moduli[saved.number] = modulus
+        before = self._quick.get((saved.point, saved.number))
         if not event.final:
-            self._quick[handed.point, handed.number] = modulus
+            self._quick[saved.point, saved.number] = modulus
         changed = before is None or not abs(modulus - before) <= CHANGED * before
         if self._as_json or changed:
-            self._line(handed, result, event.delay)
+            self._line(saved, result, event.delay)
         if event.final:
-            self._forget(handed)
+            self._forget(saved)
 
     def _diagnosed(self, event: PointDiagnosed) -> None:
         result = event.result
@@ -236,32 +236,32 @@ class SessionLines:
             return
         print(diagnosis_line(event.point, result), flush=True)
 
-    def _forget(self, handed: SavedDrop) -> None:
+    def _forget(self, saved: SavedDrop) -> None:
         """Nothing more comes of a drop: a day has thousands."""
-        self._quick.pop((handed.point, handed.number), None)
-        self._identical.pop((handed.point, handed.number), None)
+        self._quick.pop((saved.point, saved.number), None)
+        self._identical.pop((saved.point, saved.number), None)
 
-    def _line(self, handed: SavedDrop, result: DropResult, delay: float | None = None) -> None:
-        identical = self._identical.get((handed.point, handed.number))
+    def _line(self, saved: SavedDrop, result: DropResult, delay: float | None = None) -> None:
+        identical = self._identical.get((saved.point, saved.number))
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
-        log.info("%s%s", drop_line(handed.point, handed.number, result), after)
+        log.info("%s%s", drop_line(saved.point, saved.number, result), after)
         if self._as_json:
             found = result.to_json()
             line = {
-                "point": handed.point,
-                "drop": handed.number,
-                "saved": handed.record is not None or identical is not None,
-                **({} if handed.record is None else {"record": handed.record}),
-                **({} if handed.spare is None else {"spare": handed.spare}),
+                "point": saved.point,
+                "drop": saved.number,
+                "saved": saved.record is not None or identical is not None,
+                **({} if saved.record is None else {"record": saved.record}),
+                **({} if saved.spare is None else {"spare": saved.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
                 **{key: value for key, value in found.items() if key not in ("point", "drop")},
             }
             print(json_text(line), flush=True)
             return
-        line_text = drop_line(handed.point, handed.number, result)
+        line_text = drop_line(saved.point, saved.number, result)
         if identical is False:
             line_text += "  NOT the recorded traces"
-        if handed.spare is not None:
+        if saved.spare is not None:
             line_text += "  IN THE SPARE FOLDER"
         print(line_text, flush=True)

@@ -23,7 +23,7 @@ from pfwd_survey.measuring.events import DropAnalysed, Notice, SavedDrop, TableB
 class _Asked:
     """An analysis under way."""
 
-    handed: SavedDrop
+    saved: SavedDrop
     urgency: Urgency
     final: bool
     """Whether no other answer follows."""
@@ -73,31 +73,31 @@ class Analyses:
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
-    def ask(self, handed: SavedDrop) -> None:
+    def ask(self, saved: SavedDrop) -> None:
         """Have a drop inverted."""
-        if handed.screening.status == "rejected":
+        if saved.screening.status == "rejected":
             return
         if self._one_answer:
-            self._ask(handed, Urgency.QUICK, self._options)
+            self._ask(saved, Urgency.QUICK, self._options)
             return
         quick = replace(self._options, method="least-squares")
         if len(self._asked) < MOST_WAITING:
             self._behind = False
-            self._ask(handed, Urgency.QUICK, quick, final=False)
-            self._ask(handed, Urgency.FULL, self._options)
+            self._ask(saved, Urgency.QUICK, quick, final=False)
+            self._ask(saved, Urgency.FULL, self._options)
             return
-        self._ask(handed, Urgency.QUICK, quick)
+        self._ask(saved, Urgency.QUICK, quick)
         if not self._behind:
             self._behind = True
             self._tell(Notice("the full searches do not keep up; drops are left without them"))
 
     def _ask(
-        self, handed: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
+        self, saved: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
     ) -> None:
         number = self._worker.analyse(
-            urgency, handed.drop, handed.setup, handed.screening, options, handed.file
+            urgency, saved.drop, saved.setup, saved.screening, options, saved.file
         )
-        self._asked[number] = _Asked(handed, urgency, final)
+        self._asked[number] = _Asked(saved, urgency, final)
 
     def take_answers(self) -> None:
         """Tell what has been answered."""
@@ -117,8 +117,8 @@ class Analyses:
         left_over, self._asked = list(self._asked.values()), {}
         for asked in left_over:
             if asked.urgency is Urgency.QUICK:  # a drop without any answer
-                result = _failed(asked.handed, fault)
-                self._tell(DropAnalysed(asked.handed, None, result, None, False, True))
+                result = _failed(asked.saved, fault)
+                self._tell(DropAnalysed(asked.saved, None, result, None, False, True))
 
     def close(self) -> None:
         """End the worker; what is not answered stays so."""
@@ -133,17 +133,17 @@ class Analyses:
         asked = self._asked.pop(answer.task.number, None)
         if asked is None:
             return
-        handed, full = asked.handed, asked.urgency is Urgency.FULL
+        saved, full = asked.saved, asked.urgency is Urgency.FULL
         result = answer.result
         if result is None:
-            result = _failed(handed, str(answer.fault))
-        elif handed.record is not None:
-            self._keep_result(handed.record, result)
-        delay = None if handed.received is None else time.monotonic() - handed.received
-        self._tell(DropAnalysed(handed, delay, result, answer.curves, full, asked.final))
+            result = _failed(saved, str(answer.fault))
+        elif saved.record is not None:
+            self._keep_result(saved.record, result)
+        delay = None if saved.received is None else time.monotonic() - saved.received
+        self._tell(DropAnalysed(saved, delay, result, answer.curves, full, asked.final))
 
 
-def _failed(handed: SavedDrop, fault: str) -> DropResult:
+def _failed(saved: SavedDrop, fault: str) -> DropResult:
     """The result of a drop that could not be inverted, with all its keys."""
-    failed = DropAnalysis(handed.drop, handed.screening, None, fault, handed.setup)
-    return drop_result(handed.file, failed)
+    failed = DropAnalysis(saved.drop, saved.screening, None, fault, saved.setup)
+    return drop_result(saved.file, failed)

@@ -87,19 +87,19 @@ class PointDiagnoses:
         """How many are under way."""
         return len(self._asked)
 
-    def ask(self, handed: SavedDrop) -> None:
+    def ask(self, saved: SavedDrop) -> None:
         """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
-        point = self._points.pop(handed.point, None)
+        point = self._points.pop(saved.point, None)
         if point is None:
-            earlier = self._earlier(handed.point, handed.number)
-            point = _Point(handed.setup, {drop.number: drop for drop in earlier})
-        self._points[handed.point] = point  # the last one
+            earlier = self._earlier(saved.point, saved.number)
+            point = _Point(saved.setup, {drop.number: drop for drop in earlier})
+        self._points[saved.point] = point  # the last one
         while len(self._points) > MAX_POINTS:
             del self._points[next(iter(self._points))]
-        point.setup = handed.setup
-        point.drops[handed.number] = handed
-        if handed.screening.status == "measured":
-            self._ask(handed.point, point)
+        point.setup = saved.setup
+        point.drops[saved.number] = saved
+        if saved.screening.status == "measured":
+            self._ask(saved.point, point)
 
     def discard(self, record: int) -> None:
         """Diagnose the point of a drop without it."""

@@ -205,7 +205,7 @@ class DropPipeline:
             else:  # its rebounds are over, and were held with it
                 self.recorder.publish(number)
         view = replace(coming.view, record=number, screening=self._compare(coming.view, key[0]))
-        handed = SavedDrop(
+        saved = SavedDrop(
             record.point,
             view,
             record.drop,
@@ -217,11 +217,11 @@ class DropPipeline:
         identical = None
         if coming.source is not None:
             identical = record.drop.has_samples_of(coming.source.record.drop)
-        self._tell(DropSaved(handed, identical))
+        self._tell(DropSaved(saved, identical))
         if self.analyses is not None:
-            self.analyses.ask(handed)
+            self.analyses.ask(saved)
         if self.diagnoses is not None:
-            self.diagnoses.ask(handed)
+            self.diagnoses.ask(saved)
 
     def _screen(self, record: DropRecord) -> tuple[DropView, MeasuredFacts | None]:
         """Screen a drop by its own record; return it, and the facts to be stored with it."""

@@ -143,7 +143,7 @@ class SavedDrop:
 class DropSaved:
     """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
 
-    handed: SavedDrop
+    saved: SavedDrop
     identical: bool | None = None
     """In a replay: whether the traces are the recorded ones, bit for bit."""
 
@@ -188,7 +188,7 @@ class DropNotPublished:
 class DropAnalysed:
     """A modulus, or why there is none."""
 
-    handed: SavedDrop
+    saved: SavedDrop
     delay: float | None
     """From the last sample of the drop to now, s; None: in a replay."""
     result: DropResult

@@ -32,10 +32,10 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
             return view.with_job(job), None
         case PointKnown(stored):
             return with_stored(view, [stored], comes_again=event.comes_again), stored.name
-        case DropSaved(handed):
-            point = _with_drop(_point_of(view, handed.point), handed)
+        case DropSaved(saved):
+            point = _with_drop(_point_of(view, saved.point), saved)
         case DropAnalysed():
-            point = _with_analysis(_point_of(view, event.handed.point), event)
+            point = _with_analysis(_point_of(view, event.saved.point), event)
         case PointDiagnosed(name, diagnosis):
             point = replace(_point_of(view, name), diagnosis=diagnosis)
         case Edited(point=str(name)):
@@ -92,10 +92,10 @@ def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:
     return tuple(drops[number] for number in sorted(drops))
 
 
-def _with_drop(point: PointView, handed: SavedDrop) -> PointView:
-    drop = _stored_drop(point, handed.number) or handed.view
-    drops = {drop.number: drop for drop in point.drops} | {handed.number: drop}
-    received = handed.view.metadata.get("position")
+def _with_drop(point: PointView, saved: SavedDrop) -> PointView:
+    drop = _stored_drop(point, saved.number) or saved.view
+    drops = {drop.number: drop for drop in point.drops} | {saved.number: drop}
+    received = saved.view.metadata.get("position")
     place = received if point.place is None and place_in(received) is not None else point.place
     return replace(point, drops=_sorted(drops), place=place)
 
@@ -105,7 +105,7 @@ def _stored_drop(point: PointView, number: int) -> DropView | None:
 
 
 def _with_analysis(point: PointView, event: DropAnalysed) -> PointView:
-    number, result = event.handed.number, event.result
+    number, result = event.saved.number, event.result
     stored, drop = _stored_drop(point, number), point.drop(number)
     if drop is None or (stored is not None and stored.facts.modulus is not None):
         return point  # of a replayed drop the result of the survey counts
@@ -191,11 +191,11 @@ class CompletePoints:
         """Apply an event."""
         self._view, name = apply_event(self._view, event)
         if isinstance(event, DropAnalysed) and event.final:
-            self._waiting.get(event.handed.point, set()).discard(event.handed.number)
+            self._waiting.get(event.saved.point, set()).discard(event.saved.number)
         if isinstance(event, DropSaved) and self._analysed:
-            waiting = self._waiting.setdefault(event.handed.point, set())
-            if event.handed.screening.status != "rejected":
-                waiting.add(event.handed.number)
+            waiting = self._waiting.setdefault(event.saved.point, set())
+            if event.saved.screening.status != "rejected":
+                waiting.add(event.saved.number)
         if isinstance(event, JobKnown):
             for reported in self._reported:
                 self._report_if_changed(reported)

@@ -213,7 +213,7 @@ def _with_known_points(survey: Survey, listener: Listener) -> Listener:
 
     def told(event: SessionEvent) -> None:
         if isinstance(event, DropSaved):
-            point = waiting.pop(event.handed.point, None)
+            point = waiting.pop(event.saved.point, None)
             if point is not None:
                 listener(point_known(point, comes_again=True))
         listener(event)

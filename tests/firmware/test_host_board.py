@@ -130,7 +130,7 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
         events = measured(board, tmp_path / "survey")
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
     saved = [event for event in events if isinstance(event, DropSaved)]
-    assert [event.handed.view.marks for event in saved] == [
+    assert [event.saved.view.marks for event in saved] == [
         ("kept by the instrument over a reset: its time is that of its arrival",)
     ] * 2
     with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:

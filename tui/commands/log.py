@@ -25,7 +25,7 @@ def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listene
     def told(event: SessionEvent) -> None:
         tell(event)
         if isinstance(event, DropSaved) and (warning := receiver.warning()) is not None:
-            say(f"drop {event.handed.point}/{event.handed.number}: {warning}")
+            say(f"drop {event.saved.point}/{event.saved.number}: {warning}")
 
     return told
 

@@ -179,15 +179,15 @@ class Told:
         assert view.screening is not None
         largest = self._largest[point] = max(view.own_pulse_peak, self._largest[point])
         screening = compare(view.screening, view.own_pulse_peak, largest)
-        handed = SavedDrop(point, replace(view, screening=screening), drop)
-        self.tell(DropSaved(handed))
+        stored = SavedDrop(point, replace(view, screening=screening), drop)
+        self.tell(DropSaved(stored))
         if screening.status == "rejected":
             return None
         if modulus is None:
-            return self.tell(DropAnalysed(handed, None, DropResult(), None, True, True))
+            return self.tell(DropAnalysed(stored, None, DropResult(), None, True, True))
         result = DropResult.from_json(result_of(number, modulus))
         writer.save_result(record, result.to_json())
-        return self.tell(DropAnalysed(handed, None, result, None, True, True))
+        return self.tell(DropAnalysed(stored, None, result, None, True, True))
 
     def _edit(self, writer: SurveyWriter, what: str, where: int | str, value: Any) -> None:
         if isinstance(where, int):

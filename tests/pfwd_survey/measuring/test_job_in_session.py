@@ -47,7 +47,7 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
     folder, full = tmp_path / "s", (8000.0,) * 3
     session(folder, full, 1, setup=MNDOT, job=JobRequest(target=6e-4))
     log = session(folder, full, 2)
-    statuses = [event.handed.screening.status for event in log.of(DropSaved)]
+    statuses = [event.saved.screening.status for event in log.of(DropSaved)]
     assert statuses == ["measured"] * 3, "three seated the plate before"
     (point,) = point_views(read_survey(folder))
     assert point.progress.verdict == "pass"
@@ -59,9 +59,9 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
 def test_a_list_of_stations_begins_with_its_first(tmp_path: Path) -> None:
     asked = JobRequest(stations=(Station("12+300", 12_300.0), Station("12+320", 12_320.0)))
     log = session(tmp_path / "s", (8000.0,), job=asked)
-    assert log.of(DropSaved)[0].handed.point == "12+300"
+    assert log.of(DropSaved)[0].saved.point == "12+300"
     log = session(tmp_path / "s", (8000.0,), 2, point="12+320")
-    assert log.of(DropSaved)[0].handed.point == "12+320", "what is named counts"
+    assert log.of(DropSaved)[0].saved.point == "12+320", "what is named counts"
 
 
 def test_another_procedure_is_said_and_dated(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def measured(tmp_path: Path, setup: MeasuringSetup, **plan: Any) -> tuple[Path, 
     with SurveyWriter.open(folder, publish=False) as writer:
         feed = ScriptedFeed(connected(), began(), pieces(COUNTS))
         Session(feed, log, SessionPlan(setup=setup, options=None, **plan), writer).run()
-    return folder, [event.handed.screening.status for event in log.of(DropSaved)]
+    return folder, [event.saved.screening.status for event in log.of(DropSaved)]
 
 
 def test_a_rejected_drop_does_not_count_as_seating(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_point_that_is_continued_counts_on(tmp_path: Path) -> None:
         with SurveyWriter.open(folder, publish=False) as writer:
             feed = ScriptedFeed(connected(), began(run), pieces(counts, run))
             Session(feed, log, SessionPlan(setup=setup, options=None), writer).run()
-        kinds += [event.handed.screening.status for event in log.of(DropSaved)]
+        kinds += [event.saved.screening.status for event in log.of(DropSaved)]
     assert kinds == ["seating", "rejected", "seating", "seating", "measured", "measured"]
 
 

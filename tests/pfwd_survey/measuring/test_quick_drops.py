@@ -32,8 +32,8 @@ def test_of_thirty_drops_every_one_and_a_half_seconds_all_are_recorded(
         plan = SessionPlan(options=None)
         assert measure(instrument.url, tmp_path / "s", events.append, plan) is Ending.DONE
     saved = [event for event in events if isinstance(event, DropSaved)]
-    assert [event.handed.number for event in saved] == list(range(1, 31))
-    assert {event.handed.screening.status for event in saved} <= {"measured", "seating"}
+    assert [event.saved.number for event in saved] == list(range(1, 31))
+    assert {event.saved.screening.status for event in saved} <= {"measured", "seating"}
     assert any(isinstance(event, Rebounded) for event in events) is (bounces != [0, 0])
     assert len(read_survey(tmp_path / "s").drops) == 30
     assert [event for event in events if isinstance(event, Notice) and event.kind == "pulses"] == []

@@ -85,11 +85,11 @@ def test_every_drop_is_found_again_bit_for_bit(recording: Path) -> None:
     log = Log()
     assert replay(recording, log) is Ending.DONE
     told = log.of(DropSaved)
-    assert [(one.handed.point, one.handed.number) for one in told] == [
+    assert [(one.saved.point, one.saved.number) for one in told] == [
         (record.point, record.drop.number) for record in kept
     ]
     assert [one.identical for one in told] == [True] * len(kept)
-    marks = [list(one.handed.view.marks) for one in told]
+    marks = [list(one.saved.view.marks) for one in told]
     assert marks == [record.metadata["marks"] for record in kept]
     assert log.texts == ""
 
@@ -123,7 +123,7 @@ def test_numbers_that_are_taken_are_not_waited_for(recording: Path, tmp_path: Pa
         run(ScriptedFeed(connected(), began(99), pieces(counts, 99)), Log(), writer)
     log = Log()
     assert replay(recording, log, output=tmp_path / "other", drops=2) is Ending.DONE
-    assert [(one.handed.point, one.handed.number) for one in log.of(DropSaved)] == [
+    assert [(one.saved.point, one.saved.number) for one in log.of(DropSaved)] == [
         ("1", 2),
         ("1", 3),
     ]
@@ -143,7 +143,7 @@ def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
         told = log.of(DropAnalysed)
         assert [one.final for one in told].count(True) == 2
         assert all(one.delay is None for one in told)
-        found = sorted(told, key=lambda one: (one.handed.number, one.full))
+        found = sorted(told, key=lambda one: (one.saved.number, one.full))
         return [{**one.result.to_json(), "elapsed_s": None} for one in found]
 
     first = results()
@@ -162,7 +162,7 @@ def test_imported_drops_are_handed_on_as_they_are(
     list(import_files([str(tmp_path / "t.csv")], tmp_path / "survey"))
     log = Log()
     replay(tmp_path / "survey", log, output=tmp_path / "copy")
-    assert [one.handed.number for one in log.of(DropSaved)] == [1, 2]
+    assert [one.saved.number for one in log.of(DropSaved)] == [1, 2]
     assert [one.identical for one in log.of(DropSaved)] == [True, True]
     assert traces(tmp_path / "copy")[1].drop.load.tobytes() == make_drop().load.tobytes()
 

@@ -224,7 +224,7 @@ def test_a_point_is_where_the_receiver_was_unless_somebody_said_otherwise(tmp_pa
     with SurveyWriter.open(folder, publish=False) as writer:
         feed = ScriptedFeed(connected(), began(7), TWO_DROPS[0], began(8), TWO_DROPS[1])
         Session(feed, log, SessionPlan(options=None, position=Receiver()), writer).run()
-    recorded = [event.handed.view.metadata["position"] for event in log.of(DropSaved)]
+    recorded = [event.saved.view.metadata["position"] for event in log.of(DropSaved)]
     assert list(map(place_in, recorded)) == [None, (48.2, 11.6)]
     view = SurveyView()
     for event in log.of(DropSaved):

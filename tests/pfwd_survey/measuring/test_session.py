@@ -64,8 +64,8 @@ def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> Non
     assert run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer) is Ending.DONE
     (told,) = log.of(DropSaved)
     assert log.index(("saved", "1", 1)) < log.index(told)  # type: ignore[arg-type]
-    assert (told.handed.point, told.handed.number, told.handed.record) == ("1", 1, 1)
-    assert told.handed.view.marks == ()
+    assert (told.saved.point, told.saved.number, told.saved.record) == ("1", 1, 1)
+    assert told.saved.view.marks == ()
     (record,) = recorded(writer)
     # 8000 sin(pi k / 150) first exceeds 400 N for k = 3; the noise of 3 N may move that by one.
     trigger = record.metadata["detection"]["first_sample"] + 200
@@ -95,7 +95,7 @@ def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     assert session[0].run() is Ending.DONE
     assert writer.saved == [("1", 1), ("1", 2), ("km 2", 1), ("1", 3)]
-    assert [told.handed.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
+    assert [told.saved.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
     assert writer.points == ("1", "km 2")
 
 
@@ -140,7 +140,7 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     )
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     session[0].run()
-    views = [told.handed.view for told in log.of(DropSaved)]
+    views = [told.saved.view for told in log.of(DropSaved)]
     assert [view.marks for view in views] == [("triggered by the operator",)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
     assert "no samples come that could be recorded" in log.texts
@@ -170,7 +170,7 @@ def test_a_drop_is_screened_once_and_its_facts_are_stored(
     (saved,) = log.of(DropSaved)
     (point,) = point_views(read_survey(writer.folder))
     (stored,) = point.drops
-    live = saved.handed.view
+    live = saved.saved.view
     assert screened == [1]
     assert (stored.own, stored.own_pulse_peak) == (live.own, live.own_pulse_peak)
     assert (stored.own.kind is Kind.REJECTED) == (counts is not ONE_DROP)
@@ -198,7 +198,7 @@ def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:
     session.append(Session(feed, log, SessionPlan(options=None), writer))
     assert session[0].run() is Ending.DONE
     (told,) = log.of(DropSaved)
-    assert told.handed.view.marks == ()
+    assert told.saved.view.marks == ()
     assert feed.closed
 
 
@@ -206,7 +206,7 @@ def test_the_end_of_the_instrument_is_the_end_of_the_session(log: Log, writer: A
     end = Event(EventKind.END, 0)
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), end, forever=True)
     assert run(feed, log, writer) is Ending.DONE
-    assert log.of(DropSaved)[0].handed.view.marks[0] == "cut off: the instrument has nothing more"
+    assert log.of(DropSaved)[0].saved.view.marks[0] == "cut off: the instrument has nothing more"
 
 
 def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -> None:
@@ -221,7 +221,7 @@ def test_saturated_samples_are_marked(log: Log, writer: Any) -> None:
     counts[10_060:10_070, 1] = 2**23 - 1
     run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
     mark = "saturated: 10 samples of g0 at the end of the converter's range"
-    assert log.of(DropSaved)[0].handed.view.marks == (mark,)
+    assert log.of(DropSaved)[0].saved.view.marks == (mark,)
 
 
 def test_ready_comes_after_the_check_of_the_sensors(log: Log, writer: Any) -> None:

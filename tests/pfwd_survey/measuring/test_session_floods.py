@@ -137,7 +137,7 @@ def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(log: Log, writ
     assert session[0].run() is Ending.DONE
     assert STOPPED_DROP <= time.monotonic() - begun < STOPPED_DROP + 2
     (told,) = log.of(DropSaved)
-    assert "cut off: the session was ended" in told.handed.view.marks
+    assert "cut off: the session was ended" in told.saved.view.marks
 
 
 def test_a_flood_of_connections_does_not_fill_the_survey(log: Log, writer: Any) -> None:

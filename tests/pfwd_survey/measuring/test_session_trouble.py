@@ -76,7 +76,7 @@ def test_what_the_disk_does_not_take_is_kept_and_saved_later_in_order(
     assert run(feed, log, writer) is Ending.DONE
     # Each is told once, though it was tried hundreds of times.
     assert [told.number for told in log.of(DropNotSaved)] == [1, 2, 3]
-    assert [told.handed.number for told in log.of(DropSaved)] == [1, 2, 3]
+    assert [told.saved.number for told in log.of(DropSaved)] == [1, 2, 3]
     assert [one.drop.number for one in recorded(writer)] == [1, 2, 3]
     # The bounce came while the drop was not safe.
     assert [len(one.rebounds) for one in recorded(writer)] == [1, 0, 0]
@@ -155,8 +155,8 @@ def test_a_drop_cut_off_by_a_lost_link_is_saved_and_marked(log: Log, writer: Any
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), lost(), forever=False)
     run(feed, log, writer)
     (told,) = log.of(DropSaved)
-    assert told.handed.view.marks[0] == "cut off: the link was lost"
-    assert "samples missing, the first at 49." in told.handed.view.marks[1]
+    assert told.saved.view.marks[0] == "cut off: the link was lost"
+    assert "samples missing, the first at 49." in told.saved.view.marks[1]
     assert log.index(told) < log.index(log.of(InstrumentLost)[0])
     (record,) = recorded(writer)
     assert np.isnan(record.drop.load[-400:]).all()
@@ -198,15 +198,15 @@ def test_the_same_samples_are_not_held_twice_either(log: Log, writer: Any) -> No
     writer.failures = 2
     again = [connected(again=True), began(), *pieces(ONE_DROP)]
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP), lost(), again), log, writer)
-    assert [told.handed.number for told in log.of(DropSaved)] == [1]
+    assert [told.saved.number for told in log.of(DropSaved)] == [1]
 
 
 def test_another_stream_begins_anew_without_being_announced(log: Log, writer: Any) -> None:
     feed = ScriptedFeed(connected(), pieces(ONE_DROP[:10_500]), pieces(ONE_DROP, 99, 5_000_000))
     run(feed, log, writer)
     first, second = log.of(DropSaved)
-    assert first.handed.view.marks[0] == "cut off: the instrument began to sample anew"
-    assert second.handed.view.marks == ()
+    assert first.saved.view.marks[0] == "cut off: the instrument began to sample anew"
+    assert second.saved.view.marks == ()
 
 
 def test_the_drop_in_hand_keeps_its_calibration_when_another_instrument_comes(
@@ -298,7 +298,7 @@ def test_a_drop_that_cannot_be_judged_is_safe_all_the_same(
     monkeypatch.setattr("pfwd_survey.measuring.drop_pipeline.drop_from_traces", fail)
     run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer)
     assert writer.saved == [("1", 1)]
-    assert log.of(DropSaved)[0].handed.screening.status == "rejected"
+    assert log.of(DropSaved)[0].saved.screening.status == "rejected"
     assert "could not be judged: IndexError: planted" in log.texts
 
 
@@ -326,9 +326,9 @@ def test_missing_samples_are_marked_and_judged(
 ) -> None:
     run(ScriptedFeed(connected(), began(), with_gaps(pieces(ONE_DROP), [gap])), log, writer)
     (told,) = log.of(DropSaved)
-    assert told.handed.screening.status == status
-    assert text in " ".join([told.handed.screening.reason or "", *told.handed.screening.warnings])
-    assert f"{gap[1]} of 1200 samples missing" in told.handed.view.marks[0]
+    assert told.saved.screening.status == status
+    assert text in " ".join([told.saved.screening.reason or "", *told.saved.screening.warnings])
+    assert f"{gap[1]} of 1200 samples missing" in told.saved.view.marks[0]
     (record,) = recorded(writer)
     missing = np.isnan(record.drop.load)
     assert missing.sum() == gap[1]

@@ -83,7 +83,7 @@ def drop(number: int, peak: float = 9900.0) -> Drop:
     return Drop(number, time, peak * pulse, (Channel(0.0, "displacement", 6.4e-4 * pulse),))
 
 
-def handed_on(
+def saved_drop(
     number: int = 1,
     point: str = "7",
     *,
@@ -107,7 +107,7 @@ def handed_on(
 
 
 def saved(number: int = 1, point: str = "7", **more: Any) -> DropSaved:
-    return DropSaved(handed_on(number, point, **more))
+    return DropSaved(saved_drop(number, point, **more))
 
 
 def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView:
@@ -182,7 +182,7 @@ def analysed(
     kind: str = "measured",
     **more: Any,
 ) -> DropAnalysed:
-    one = handed_on(number, point, record=record, status=kind)
+    one = saved_drop(number, point, record=record, status=kind)
     found = result(**more)
     drawn = curves() if found.modulus_pa is not None else None
     return DropAnalysed(one, 0.2, found, drawn, full, full)

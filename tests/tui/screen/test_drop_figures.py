@@ -8,7 +8,7 @@ import pytest
 
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
-from tests.tui.screen.scripted import curves, handed_on, result
+from tests.tui.screen.scripted import curves, result, saved_drop
 from tui.screen.drawing.drop_figures import drop_figures
 from tui.screen.session.drop_state import DropState
 from tui.screen.units import SI
@@ -22,19 +22,19 @@ def test_a_sensor_stays_when_the_fit_comes(
     make_drop: Callable[..., Drop], sensor: int, title: str
 ) -> None:
     """From the plate outward, with its side, whatever the order of the file."""
-    handed = replace(handed_on(), drop=make_drop(offsets=(-0.3, 0.6, 0.0, 0.3)))
-    raw = drop_figures(DropState("7", 1, handed=handed), SI, sensor=sensor)
+    stored = replace(saved_drop(), drop=make_drop(offsets=(-0.3, 0.6, 0.0, 0.3)))
+    raw = drop_figures(DropState("7", 1, saved=stored), SI, sensor=sensor)
     assert raw[1].title == title
     one = curves()
     rows = np.repeat(one.observed, 4, axis=0)
     of_all = replace(one, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
     fitted = drop_figures(
-        DropState("7", 1, handed=handed, curves=of_all, results=[result()]), SI, sensor=sensor
+        DropState("7", 1, saved=stored, curves=of_all, results=[result()]), SI, sensor=sensor
     )
     assert fitted[1].title == title
 
 
 def test_a_drop_of_peaks_has_no_trace_to_draw() -> None:
     only = Drop.of_peaks(1, Peaks(50e3, ((0.0, 5e-4), (0.3, 2e-4))))
-    handed = replace(handed_on(), drop=only)
-    assert drop_figures(DropState("7", 1, handed=handed), SI) == []
+    stored = replace(saved_drop(), drop=only)
+    assert drop_figures(DropState("7", 1, saved=stored), SI) == []

@@ -17,10 +17,10 @@ from tests.tui.screen.scripted import (
     Session,
     analysed,
     curves,
-    handed_on,
     ready,
     result,
     saved,
+    saved_drop,
 )
 from tests.tui.screen.test_measure_view import text, view
 from tui.screen.drawing.drop_figures import bowl_figure
@@ -68,7 +68,7 @@ def rows(found: DropResult, width: int = 60, units: Any = SI) -> list[str]:
 
 def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -> DropState:
     """A drop whose curves are half off at all sensors but the centre."""
-    handed = replace(handed_on(), drop=make_drop(offsets=OFFSETS))
+    stored = replace(saved_drop(), drop=make_drop(offsets=OFFSETS))
     one = curves()
     observed = np.array([one.observed[0] / (1 + 5 * abs(place)) for place in places])
     factor = np.array([1.0 if place == 0 else 1.5 for place in places])[:, None]
@@ -79,7 +79,7 @@ def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -
         offsets=np.array(places),
         peaks=observed.max(axis=1),
     )
-    return DropState("7", 1, handed=handed, curves=drawn, results=[found])
+    return DropState("7", 1, saved=stored, curves=drawn, results=[found])
 
 
 def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
@@ -147,7 +147,7 @@ class Asking(Refits):
         super().__init__(lambda _: None)
         self.options: list[AnalysisOptions] = []
 
-    def ask(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
+    def ask(self, stored: SavedDrop, options: AnalysisOptions, label: str) -> None:
         self.options.append(options)
 
 
@@ -158,11 +158,11 @@ def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..
     nothing: Any = SimpleNamespace(put=lambda _: None)
     fits = DropFits(source, nothing, nothing, nothing, nothing)
     fits._refits = asking
-    fits.fetch(DropState("7", 1, handed=handed_on(), results=[result(**LAYERS)]))
+    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result(**LAYERS)]))
     given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
     known = result(**LAYERS | {"layers": [given, BELOW]})
-    fits.fetch(DropState("7", 1, handed=handed_on(), results=[known]))
-    fits.fetch(DropState("7", 1, handed=handed_on(), results=[result()]))
+    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[known]))
+    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result()]))
     quick = AnalysisOptions(seed=4, method="least-squares")
     assert asking.options == [
         replace(quick, layers=2),
@@ -198,7 +198,7 @@ def test_the_bowl_has_a_dash_a_sensor_and_a_line(make_drop: Callable[..., Drop])
         factor = 1.0 if place == 0 else 1.5
         assert modelled.values[at] == pytest.approx(factor * peak, rel=1e-2)
     assert np.isnan(measured.values[int(np.argmin(np.abs(measured.time - 150.0)))])
-    single = DropState("7", 1, handed=handed_on(), curves=curves(), results=[result()])
+    single = DropState("7", 1, saved=saved_drop(), curves=curves(), results=[result()])
     assert bowl_figure(single, SI) is None
 
 

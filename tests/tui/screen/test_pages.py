@@ -25,11 +25,11 @@ from tests.tui.screen.scripted import (
     QuietSource,
     analysed,
     curves,
-    handed_on,
     play,
     ready,
     result,
     saved,
+    saved_drop,
     status,
     stored_drop,
     told,
@@ -770,9 +770,9 @@ def test_what_is_said_is_whole_on_every_page(size: tuple[int, int]) -> None:
 
 def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
     async def script(app: App, pilot: Any) -> None:
-        handed, place = handed_on(7), {"latitude": 48.1374, "longitude": 11.5755}
-        view = dataclasses.replace(handed.view, metadata={"position": place})
-        here = dataclasses.replace(handed, view=view)
+        stored, place = saved_drop(7), {"latitude": 48.1374, "longitude": 11.5755}
+        view = dataclasses.replace(stored.view, metadata={"position": place})
+        here = dataclasses.replace(stored, view=view)
         await told(app, pilot, *whole_point(), DropSaved(here))
         await pilot.press("2")
         await pilot.pause()

@@ -172,7 +172,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     state = state_after(saved(2), ContentsRead((contents,), drops=True))
     drops = state.drops["7"]
     assert drops[1].modulus == 30e6
-    assert drops[2].handed is not None
+    assert drops[2].saved is not None
     assert drops[2].discarded
     assert state.progress.target == 45e6
 
@@ -190,10 +190,10 @@ def test_old_traces_leave_memory_but_no_drop_does() -> None:
         state.take(analysed(number))
     drops = state.drops["7"]
     assert len(drops) == 59
-    assert drops[1].handed is None
+    assert drops[1].saved is None
     assert drops[1].curves is None
     assert drops[1].modulus is not None
-    assert drops[59].handed is not None
+    assert drops[59].saved is not None
 
 
 def test_every_state_has_its_word() -> None:

@@ -9,7 +9,7 @@ import pytest
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.worker.tasks import DiagnosisTask, TaskOutcome
-from tests.tui.screen.scripted import handed_on
+from tests.tui.screen.scripted import saved_drop
 from tui.screen.session.diagnosis import Diagnoser
 from tui.screen.session.drop_fits import Refits
 from tui.screen.session.screen_events import DiagnosisDone, Refitted
@@ -39,7 +39,7 @@ def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
     refits = Refits(told)
     try:
         options = AnalysisOptions(model="half-space", method="least-squares")
-        refits.ask(handed_on(4), options, options.label)
+        refits.ask(saved_drop(4), options, options.label)
         found = told.last()
     finally:
         refits.close()

@@ -57,8 +57,8 @@ def drop_figures(
     curves, result = curves_of(drop, refit)
     if curves is not None:
         return _fitted(drop, curves, result or DropResult(), units, span, sensor)
-    if drop.handed is not None:
-        return _raw(drop.handed, units, span, sensor)
+    if drop.saved is not None:
+        return _raw(drop.saved, units, span, sensor)
     return []
 
 
@@ -158,9 +158,9 @@ def _place(title: str, offsets: Array, sensor: int, units: Units) -> str:
 
 
 def _raw(
-    handed: SavedDrop, units: Units, span: tuple[float, float] | None, sensor: int
+    saved: SavedDrop, units: Units, span: tuple[float, float] | None, sensor: int
 ) -> list[Figure]:
-    drop = handed.drop
+    drop = saved.drop
     if not drop.time.size:
         return []  # peaks alone: nothing to draw
     time = 1e3 * drop.time

@@ -120,14 +120,14 @@ class DropPage(Page):
     def _fetch(self, drop: DropState) -> None:
         """Ask for traces and curves that are not in memory, once."""
         key = drop.point, drop.number
-        if key in self._asked or (drop.curves is not None and drop.handed is not None):
+        if key in self._asked or (drop.curves is not None and drop.saved is not None):
             return
-        if drop.waits or (drop.handed is not None and drop.status == "rejected"):
+        if drop.waits or (drop.saved is not None and drop.status == "rejected"):
             return
-        if drop.handed is not None and drop.results and not drop.final:
+        if drop.saved is not None and drop.results and not drop.final:
             return  # its own answer comes
         self._asked.add(key)
-        if drop.handed is None:
+        if drop.saved is None:
             self._asked.discard(key)
         self.pfwd.fits.fetch(drop)
 
@@ -140,8 +140,8 @@ class DropPage(Page):
         curves, _ = curves_of(drop, self.refit)
         if curves is not None:
             return default_span(curves)
-        if drop.handed is not None and drop.handed.drop.time.size:
-            return max(float(drop.handed.drop.time[0]), -5e-3), float(drop.handed.drop.time[-1])
+        if drop.saved is not None and drop.saved.drop.time.size:
+            return max(float(drop.saved.drop.time[0]), -5e-3), float(drop.saved.drop.time[-1])
         return 0.0, 1.0
 
     def action_cursor(self, step: int) -> None:
@@ -165,9 +165,9 @@ class DropPage(Page):
 
     def _whole(self) -> tuple[float, float]:
         drop = self.drop
-        if drop is None or drop.handed is None or not drop.handed.drop.time.size:
+        if drop is None or drop.saved is None or not drop.saved.drop.time.size:
             return self._window()
-        return float(drop.handed.drop.time[0]), float(drop.handed.drop.time[-1])
+        return float(drop.saved.drop.time[0]), float(drop.saved.drop.time[-1])
 
     def action_all(self) -> None:
         """The whole record."""
@@ -183,9 +183,7 @@ class DropPage(Page):
     def action_sensor(self) -> None:
         """The next sensor."""
         drop = self.drop
-        count = (
-            len(drop.handed.drop.channels) if drop is not None and drop.handed is not None else 1
-        )
+        count = len(drop.saved.drop.channels) if drop is not None and drop.saved is not None else 1
         self.sensor = (self.sensor + 1) % max(1, count)
         self.draw()
 
@@ -222,27 +220,27 @@ class DropPage(Page):
     def action_effects(self) -> None:
         """Ask which effects are behind the residual."""
         drop = self.drop
-        if drop is None or drop.handed is None or not drop.handed.file:
+        if drop is None or drop.saved is None or not drop.saved.file:
             self.pfwd.say("there is no file of this drop yet")
             return
-        self.pfwd.diagnoses.start(drop.handed.file)
+        self.pfwd.diagnoses.start(drop.saved.file)
 
     def action_refit(self) -> None:
         """Ask for the settings."""
         drop = self.drop
-        if drop is None or drop.handed is None:
+        if drop is None or drop.saved is None:
             self.pfwd.say("the drop is being read; try again in a moment")
             return
-        if drop.handed.screening.status == "rejected":
+        if drop.saved.screening.status == "rejected":
             self.pfwd.say("a rejected drop cannot be fitted")
             return
         self.app.push_screen(RefitDialog(), self._refit)
 
     def _refit(self, options: AnalysisOptions | None) -> None:
         drop = self.drop
-        if options is None or drop is None or drop.handed is None:
+        if options is None or drop is None or drop.saved is None:
             return
-        self.pfwd.fits.refit(drop.handed, options, options.label)
+        self.pfwd.fits.refit(drop.saved, options, options.label)
 
     def action_back(self) -> None:
         """To where one came from."""

@@ -159,10 +159,10 @@ def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
             piece(3, f"fitted {units.with_unit('deflection', float(predicted), 4)}"),
             piece(2, f"residual {units.with_unit('deflection', float(predicted - observed))}"),
         ]
-    elif drop.handed is not None and drop.handed.drop.time.size:
-        place = int(np.argmin(np.abs(drop.handed.drop.time - view.cursor)))
+    elif drop.saved is not None and drop.saved.drop.time.size:
+        place = int(np.argmin(np.abs(drop.saved.drop.time - view.cursor)))
         pieces.append(
-            piece(1, f"load {units.with_unit('load', float(drop.handed.drop.load[place]))}")
+            piece(1, f"load {units.with_unit('load', float(drop.saved.drop.load[place]))}")
         )
     return fit(pieces, width)
 
@@ -178,20 +178,20 @@ def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     lines += layer_lines(result, view.units, width)
     if result.modulus_pa is not None:
         lines += _fit_lines(view, result, width)
-    if drop.handed is not None:
-        recorded = [channel.offset for channel in channels_outward(drop.handed.drop)]
+    if drop.saved is not None:
+        recorded = [channel.offset for channel in channels_outward(drop.saved.drop)]
         lines += sensor_lines(curves_of(drop, view.refit)[0], recorded, view.units)
     lines += _warnings(result, width)
     lines += _heading("record")
     lines += _paragraph(remark(drop, view.units), width)
-    if drop.handed is not None:
-        count = len(drop.handed.drop.channels)
+    if drop.saved is not None:
+        count = len(drop.saved.drop.channels)
         sensors = "sensor" if count == 1 else "sensors"
-        samples = len(drop.handed.drop.time)
-        length = f"{drop.handed.drop.sampling_rate:g} Hz, {samples} samples" if samples else "peaks"
+        samples = len(drop.saved.drop.time)
+        length = f"{drop.saved.drop.sampling_rate:g} Hz, {samples} samples" if samples else "peaks"
         lines += _paragraph(f"{count} {sensors}, {length}", width)
-        if drop.handed.file:
-            lines += _paragraph(Path(drop.handed.file).name, width, "dim")
+        if drop.saved.file:
+            lines += _paragraph(Path(drop.saved.file).name, width, "dim")
     if drop.delay is not None:
         lines += _paragraph(f"first modulus {drop.delay:.2f} s after the last sample", width)
     lines += _alternatives(view, drop, width)
@@ -295,7 +295,7 @@ def _short_result(result: DropResult, units: Units) -> str:
 
 
 def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:
-    found = view.state.diagnoses.get(drop.handed.file) if drop.handed is not None else None
+    found = view.state.diagnoses.get(drop.saved.file) if drop.saved is not None else None
     lines = _heading("effects behind the residual")
     if found is None:
         return [*lines, *_paragraph("v asks for them; it takes some seconds", width, "dim")]

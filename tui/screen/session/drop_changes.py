@@ -9,14 +9,14 @@ from tui.screen.session.screen_events import DropRead, Refitted
 
 def saved_drop(event: DropSaved, came: float) -> DropState:
     """Return a drop that is safe now."""
-    handed = event.handed
+    saved = event.saved
     return DropState(
-        handed.point,
-        handed.number,
-        handed.view,
-        status=handed.screening.status,
-        reason=handed.screening.reason or "",
-        handed=handed,
+        saved.point,
+        saved.number,
+        saved.view,
+        status=saved.screening.status,
+        reason=saved.screening.reason or "",
+        saved=saved,
         identical=event.identical,
         came=came,
     )
@@ -41,17 +41,17 @@ def add_answer(drop: DropState, event: DropAnalysed) -> None:
 
 def add_read(drop: DropState, event: DropRead) -> None:
     """Its traces and all its results were read from the survey."""
-    handed = event.handed
-    drop.handed, drop.view = handed, drop.view or handed.view
+    saved = event.saved
+    drop.saved, drop.view = saved, drop.view or saved.view
     main = [result for result in event.results if not result.is_trial]
     if not drop.results:
-        drop.status, drop.reason = handed.screening.status, handed.screening.reason or ""
+        drop.status, drop.reason = saved.screening.status, saved.screening.reason or ""
         drop.results = main
     known = {refit.label for refit in drop.refits}
     for result in event.results:
         label = result.refit or ""
         if label and label not in known:
-            drop.refits.append(Refitted(handed.point, handed.number, label, result, None))
+            drop.refits.append(Refitted(saved.point, saved.number, label, result, None))
 
 
 def add_refit(drop: DropState, event: Refitted) -> None:
@@ -72,7 +72,7 @@ def add_stored(drop: DropState, stored: DropView) -> None:
         drop.results = [result]
         drop.status = result.status or "measured"
         drop.reason = result.reason or ""
-    elif result is None and drop.handed is None:
+    elif result is None and drop.saved is None:
         drop.status, drop.reason = "rejected", "no result; open it to see why"
 
 
@@ -81,10 +81,10 @@ def sensors_left_out(drop: DropState) -> tuple[int, ...]:
 
     As far as that is known: dead ones from the record, others once it is fitted.
     """
-    if drop.handed is None:
+    if drop.saved is None:
         return ()
-    channels = drop.handed.drop.channels
-    gone = set(drop.handed.screening.left_out)
+    channels = drop.saved.drop.channels
+    gone = set(drop.saved.screening.left_out)
     if drop.curves is not None and len(drop.curves.offsets) > 1:
         gone |= {channel.offset for channel in channels} - set(map(float, drop.curves.offsets))
     return tuple(number for number, channel in enumerate(channels, 1) if channel.offset in gone)
@@ -93,14 +93,14 @@ def sensors_left_out(drop: DropState) -> tuple[int, ...]:
 def edit_drop(drop: DropState, event: Edited) -> None:
     """Take back the reason of a restored drop, which may be that it was moved."""
     if event.what == "restore":
-        drop.reason = "" if drop.handed is None else drop.handed.screening.reason or ""
+        drop.reason = "" if drop.saved is None else drop.saved.screening.reason or ""
 
 
 def sensor_residuals(drop: DropState) -> dict[int, float]:
     """What the fit leaves of every sensor during the contact, over its peak, by number from 1."""
-    if drop.handed is None or drop.curves is None:
+    if drop.saved is None or drop.curves is None:
         return {}
-    numbers = {channel.offset: n for n, channel in enumerate(drop.handed.drop.channels, 1)}
+    numbers = {channel.offset: n for n, channel in enumerate(drop.saved.drop.channels, 1)}
     return {
         numbers[fit.offset]: fit.contact
         for fit in sensor_fits(drop.curves)

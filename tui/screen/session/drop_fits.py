@@ -28,7 +28,7 @@ from tui.screen.units import Units
 class _AskedFit:
     """A fit under way."""
 
-    handed: SavedDrop
+    saved: SavedDrop
     label: str
 
 
@@ -52,7 +52,7 @@ class Refits:
         """How many are under way."""
         return len(self._asked)
 
-    def ask(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
+    def ask(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop; an empty label: for its curves alone."""
         if self._worker is None:
             self._worker = InversionWorker(self._take)
@@ -60,13 +60,13 @@ class Refits:
         with self._lock:  # the answer must not come before its number is noted
             number = self._worker.analyse(
                 urgency,
-                handed.drop,
-                handed.setup,
-                handed.screening,
+                saved.drop,
+                saved.setup,
+                saved.screening,
                 options,
-                handed.file,
+                saved.file,
             )
-            self._asked[number] = _AskedFit(handed, label)
+            self._asked[number] = _AskedFit(saved, label)
 
     def close(self) -> None:
         """End the process."""
@@ -84,7 +84,7 @@ class Refits:
         if result is not None and label:
             result = dataclasses.replace(result, refit=label)
         fault = answer.fault or ""
-        point, number = asked.handed.point, asked.handed.number
+        point, number = asked.saved.point, asked.saved.number
         self._tell(Refitted(point, number, label, result, answer.curves, fault))
 
 
@@ -127,13 +127,13 @@ class DropFits:
 
     def fetch(self, drop: DropState) -> None:
         """Read the traces of a drop, or compute its curves; they come as events."""
-        if drop.handed is not None:
+        if drop.saved is not None:
             options = self._source.plan.options or AnalysisOptions()
             if not options.published:
                 options = dataclasses.replace(options, method="least-squares")
             # The curves belong to the result that is shown, not to what is asked of new drops.
             options = with_layers_of(options, drop.result)
-            self._refits.ask(drop.handed, options, "")
+            self._refits.ask(drop.saved, options, "")
             return
         folder, record = self._source.survey, drop.record
         key = f"{drop.point}/{drop.number}"
@@ -142,9 +142,9 @@ class DropFits:
         self._reading.add(key)
         self._in_thread(lambda: self._read_drop(folder, record), "drop")
 
-    def on_read(self, handed: SavedDrop) -> None:
+    def on_read(self, saved: SavedDrop) -> None:
         """The traces of a drop have come; it may be read again."""
-        self._reading.discard(f"{handed.point}/{handed.number}")
+        self._reading.discard(f"{saved.point}/{saved.number}")
 
     def _read_drop(self, folder: Path, record: int) -> None:
         try:
@@ -155,10 +155,10 @@ class DropFits:
             return
         self._runner.put(DropRead(recorded, results))
 
-    def refit(self, handed: SavedDrop, options: AnalysisOptions, label: str) -> None:
+    def refit(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
         """Fit a drop with other settings; the result that counts stays."""
-        self._say(f"fitting drop {handed.number}: {label}")
-        self._refits.ask(handed, options, label)
+        self._say(f"fitting drop {saved.number}: {label}")
+        self._refits.ask(saved, options, label)
 
     def on_refitted(self, number: int, label: str, result: DropResult | None, units: Units) -> None:
         """Say what a further fit has found, and keep it."""

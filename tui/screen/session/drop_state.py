@@ -21,7 +21,7 @@ class DropState:
     status: str = "measured"
     reason: str = ""
     safe: bool = True
-    handed: SavedDrop | None = None
+    saved: SavedDrop | None = None
     """With its traces; None: they are read when it is opened."""
     curves: TimeHistories | None = None
     """Measured and fitted, of the last answer; None: they are computed when it is opened."""

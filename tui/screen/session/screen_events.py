@@ -45,7 +45,7 @@ class ContentsRead:
 class DropRead:
     """A drop of the survey with its traces and all its results."""
 
-    handed: SavedDrop
+    saved: SavedDrop
     results: tuple[DropResult, ...]
 
 

@@ -383,12 +383,12 @@ class SessionState:
         return self.drops.setdefault(point, {}).setdefault(number, DropState(point, number))
 
     def _on_saved(self, event: DropSaved) -> None:
-        handed = event.handed
-        self._drop(handed.point, handed.number)
+        saved = event.saved
+        self._drop(saved.point, saved.number)
         fresh = saved_drop(event, self._clock())
         fresh.final = fresh.status == "rejected" or not self.waits_for_first_modulus
-        self.drops[handed.point][handed.number] = fresh
-        self.point, self.last = handed.point, fresh
+        self.drops[saved.point][saved.number] = fresh
+        self.point, self.last = saved.point, fresh
         self._remember(fresh)
 
     def _remember(self, drop: DropState) -> None:
@@ -396,7 +396,7 @@ class SessionState:
         while len(self._with_traces) > MOST_CURVES:
             old = self._with_traces.popleft()
             if old is not self.last and old.record is not None:
-                old.handed = old.curves = None
+                old.saved = old.curves = None
 
     def _on_not_saved(self, event: DropNotSaved) -> None:
         drop = self._drop(event.point, event.number)
@@ -404,14 +404,14 @@ class SessionState:
         self.point, self.last = event.point, drop
 
     def _on_analysed(self, event: DropAnalysed) -> None:
-        add_answer(self._drop(event.handed.point, event.handed.number), event)
+        add_answer(self._drop(event.saved.point, event.saved.number), event)
 
     def _on_rebound(self, event: Rebounded) -> None:
         drop = self._drop(event.point, event.number)
         drop.rebounds.append(event.peak_load)
 
     def _on_read(self, event: DropRead) -> None:
-        drop = self._drop(event.handed.point, event.handed.number)
+        drop = self._drop(event.saved.point, event.saved.number)
         add_read(drop, event)
         self._remember(drop)
 

@@ -242,7 +242,7 @@ def test_it_ends_when_its_parent_is_killed() -> None:
         wait_until(lambda: not is_running(pid))
 
 
-def handed_on(drop: Drop, **more: Any) -> SavedDrop:
+def saved_drop(drop: Drop, **more: Any) -> SavedDrop:
     return SavedDrop("1", drop_from_traces(drop, SETUP), drop, "f", **more)
 
 
@@ -251,7 +251,7 @@ def test_what_is_not_answered_in_time_is_said_and_has_its_keys(drop: Drop) -> No
     analyses = Analyses(OPTIONS, told.append, lambda *_: None)
     try:
         analyses.prepare(IDENTITY, SETUP)
-        analyses.ask(handed_on(drop))
+        analyses.ask(saved_drop(drop))
         assert analyses.unanswered == 2
         analyses.last_answers(0.0)
         assert analyses.unanswered == 0
@@ -272,7 +272,7 @@ def test_a_computer_that_is_too_slow_holds_only_so_much(
     analyses = Analyses(OPTIONS, told.append, lambda *_: None)
     try:
         for _ in range(4):
-            analyses.ask(handed_on(drop))
+            analyses.ask(saved_drop(drop))
         assert analyses.unanswered == 2 + 2 + 1 + 1
         analyses.last_answers(PATIENCE)
     finally:
@@ -287,7 +287,7 @@ def test_a_rejected_drop_is_not_analysed(drop: Drop) -> None:
     flat = Drop(1, drop.time, np.zeros_like(drop.load), drop.channels)
     analyses = Analyses(OPTIONS, lambda _: None, lambda *_: None)
     try:
-        analyses.ask(handed_on(flat))
+        analyses.ask(saved_drop(flat))
         assert analyses.unanswered == 0
     finally:
         analyses.close()
