@@ -53,7 +53,7 @@ class Judged:
 
     @property
     def first(self) -> str:
-        """The strongest effect named, `clean`, `unexplained` or `refused`."""
+        """Name of the strongest effect, `clean`, `unexplained` or `refused`."""
         effects = self.record["effects"] if self.record else []
         if self.verdict == "explained" and effects:
             return str(effects[0]["name"])
@@ -61,7 +61,7 @@ class Judged:
 
     @property
     def named(self) -> set[str]:
-        """Effects named, alternatives included."""
+        """Names of the effects and of their alternatives."""
         names: set[str] = set()
         for effect in self.record["effects"] if self.record else []:
             names |= {effect["name"], *effect["alternatives"]}
@@ -125,7 +125,7 @@ class Judged:
 
     @property
     def matters(self) -> bool:
-        """Whether the effect moved the modulus (noise may have helped) or is visible."""
+        """Whether the effect or the noise moved the modulus, or the effect is visible."""
         shift = self.error("before")
         return self.visible or (shift is not None and shift > MODULUS_SHIFT)
 
@@ -144,22 +144,22 @@ def run(arguments: list[str]) -> int:
     """Build, diagnose and compare a campaign; return 0, or 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
     parser.add_argument(
-        "--cases", type=int, help="drops per kind and strength (8), with --short per kind (2)"
+        "--cases", type=int, help="drops per kind and strength (8), with --short per kind (4)"
     )
     parser.add_argument(
-        "--short", action="store_true", help="strengths drawn; with --strengths three of them"
+        "--short", action="store_true", help="draw the strengths; with --strengths take three"
     )
-    parser.add_argument("--strengths", action="store_true", help="from which strength on, by noise")
+    parser.add_argument("--strengths", action="store_true", help="detection by strength and noise")
     parser.add_argument(
         "--kinds",
         "--only",
         metavar="KINDS",
-        help=f"by comma, groups {', '.join(GROUPS)}, or of {', '.join(EFFECTS)}",
+        help=f"groups ({', '.join(GROUPS)}) or effects by comma: {', '.join(EFFECTS)}",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the campaign (0)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
-    parser.add_argument("--folder", type=Path, help="where the campaign stays (temporary)")
-    parser.add_argument("--cache", type=Path, help="of finite-element answers (the platform's)")
+    parser.add_argument("--folder", type=Path, help="keep the campaign there (temporary)")
+    parser.add_argument("--cache", type=Path, help="folder of finite-element answers")
     parser.add_argument("--cli", action="store_true", help="diagnose by the command line")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     options = parser.parse_args(arguments)
@@ -182,11 +182,12 @@ def run(arguments: list[str]) -> int:
 def _campaign(
     report: Reporter, options: argparse.Namespace, folder: Path, **choices: Any
 ) -> list[Judged]:
-    """One campaign, built and diagnosed."""
+    """Build and diagnose one campaign."""
     begin = time.perf_counter()
     cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
+    usual = 8 if not options.short else 2 if options.strengths else 4
     choices = {
-        "per_case": options.cases or (2 if options.short else 8),
+        "per_case": options.cases or usual,
         "only": options.kinds,
         "drawn": options.short,
     } | choices
@@ -207,7 +208,7 @@ def _campaign(
 
 
 def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Records by file name; a file that was refused has none."""
+    """Return diagnoses by file name; a file that was refused has none."""
     from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
 
     done = diagnose_files([str(file) for file in files], jobs=jobs)
@@ -219,7 +220,7 @@ def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """The same by ``pfwd diagnose --json`` in a process of its own."""
+    """Diagnose by ``pfwd diagnose --json`` in a process of its own."""
     program = "import sys; from tui.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
     done = subprocess.run(
@@ -395,7 +396,7 @@ def _shares(part: Sequence[Judged]) -> dict[str, float | int | None]:
 
 
 def _errors(part: Sequence[Judged]) -> dict[str, float | None]:
-    """Median and 90th percentile of the modulus's error (%) before and after."""
+    """Return median and 90th percentile of the error of the modulus (%) before and after."""
     values: dict[str, float | None] = {}
     for when in ("before", "after"):
         errors = [error for point in part if (error := point.error(when)) is not None]
@@ -418,12 +419,12 @@ def _drops(part: Iterable[Judged]) -> int:
 
 
 def _share(part: Sequence[Judged], holds: Callable[[Judged], bool]) -> float | None:
-    """Share of the drops whose point fulfils a condition; none of none."""
+    """Return the share of the drops whose point fulfils a condition; none without points."""
     return _drops(point for point in part if holds(point)) / _drops(part) if part else None
 
 
 def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> None:
-    """How often each effect is found, by strength and noise."""
+    """Report how often each effect is named, by strength and noise."""
     points = 3 if options.short else CURVE_POINTS
     for noise in NOISE_LEVELS:
         judged = _campaign(

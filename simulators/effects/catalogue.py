@@ -50,13 +50,13 @@ class SimulatedEffect:
 
     def curve(self, count: int) -> tuple[float, ...]:
         """`count` strengths from the weakest to the strongest, where all grounds allow any."""
-        if self.sites != "any":
+        if self.sites not in ("any", "kelvin-voigt"):
             return self.strengths
         return tuple(float(x) for x in np.geomspace(self.strengths[0], self.strengths[-1], count))
 
     def drawn(self, generator: np.random.Generator) -> float:
         """Draw a strength: logarithmically even from weakest to strongest where any is allowed."""
-        if self.sites != "any" or self.strengths[0] == 0:
+        if self.sites not in ("any", "kelvin-voigt") or self.strengths[0] == 0:
             return float(generator.choice(self.strengths))
         weakest, strongest = self.strengths[0], self.strengths[-1]
         return float(weakest * (strongest / weakest) ** generator.random())
@@ -272,7 +272,13 @@ EFFECTS: dict[str, SimulatedEffect] = {
         ),
         SimulatedEffect("rebound", "drop", (0.002, 0.008, 0.02), _m.rebound, "ringing ground"),
         SimulatedEffect(
-            "spring_rig", "point", (0.01, 0.03, 0.1), _m.spring_rig, "ground without damping"
+            "spring_rig",
+            "point",
+            (0.01, 0.03, 0.1),
+            _m.spring_rig,
+            "ground without damping",
+            "known",
+            "kelvin-voigt",
         ),
         SimulatedEffect("load_shape", "drop", (0.1, 0.3, 0.6), _m.load_shape, "wrong peak"),
         SimulatedEffect("acquisition_filter", "device", (1500.0, 500.0, 200.0), _filter, "damping"),

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from simulators.drop import DropSimulator, Hammer, PrescribedLoad, SimulatedDrop, simulate_drop
 from simulators.finite_elements import FiniteElementModel
 from simulators.mesh import (
+    ConstantQ,
     Ground,
     GroundError,
+    Growth,
     Layer,
     Plate,
     Resolution,
@@ -334,8 +336,28 @@ def test_finer_elements_and_steps_change_little() -> None:
         (Ground.uniform(45e6, 0, 2000, 0.49, 1.0), PLATE, 0.0133),
         (Ground.uniform(60e6, 0, 1200, 0.1, 1.0), Plate(0.1, 5.0, "smooth"), 0.008),
         (Ground.uniform(20e6, 0, 2600, 0.3, 1.0), Plate(0.3, 30.0), 0.03),
+        (
+            replace(Ground.uniform(40e6, 0, 1900), damping_law=ConstantQ(5.0, 190.0)),
+            PLATE,
+            0.0133,
+        ),
+        (
+            replace(Ground.uniform(15e6, 15e3, 1900, 0.35, 1.0), growth=Growth(RADIUS)),
+            PLATE,
+            0.0133,
+        ),
     ],
-    ids=["usual", "undamped", "viscous", "stiff", "incompressible", "short pulse", "long pulse"],
+    ids=[
+        "usual",
+        "undamped",
+        "viscous",
+        "stiff",
+        "incompressible",
+        "short pulse",
+        "long pulse",
+        "constant Q",
+        "growing",
+    ],
 )
 @pytest.mark.timeout(300)
 def test_finer_elements_and_steps_change_little_anywhere(
