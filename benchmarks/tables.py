@@ -5,16 +5,14 @@ from pathlib import Path
 from benchmarks.output import Reporter
 from inversion import PlateProblem
 from inversion.forward.library import dump_surrogate, surrogate_key
-from inversion.forward.surrogate_building import build_surrogate
+from inversion.forward.surrogate_building import build_surrogate, check_surrogate
 
 _FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
 _CENTRE = (0.0,)
-# Plates and Poisson's ratios of the centre sensor, and the layouts with sensors at 2, 4 and 6
-# radii (0.3, 0.6 and 0.9 m of the usual plate) for the usual ratio.
+# Poisson's ratios of the centre sensor, and the layouts with sensors at 2, 4 and 6 radii (0.3, 0.6
+# and 0.9 m of the usual plate) for the usual ratio.  Any other table is built in a second.
 _PROBLEMS = (
     *(PlateProblem("rigid-rough", nu, _CENTRE) for nu in (0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.49)),
-    *(PlateProblem("rigid-smooth", nu, _CENTRE) for nu in (0.25, 0.3, 0.35, 0.4, 0.45)),
-    *(PlateProblem("published", nu, _CENTRE) for nu in (0.25, 0.3, 0.35, 0.4, 0.45)),
     PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0)),
     PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0, 6.0)),
 )
@@ -33,5 +31,5 @@ def run(arguments: list[str]) -> int:
         if not path.exists():
             surrogate = build_surrogate(problem)
             path.write_bytes(dump_surrogate(surrogate))
-            report.record(table=name, largest_error=surrogate.largest_error)
+            report.record(table=name, largest_error=check_surrogate(surrogate))
     return 0

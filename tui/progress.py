@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 def building() -> Iterator[Callable[[str, float], None]]:
     """Yields the callable that a library tells about a surrogate it builds.
 
-    On a terminal a bar; elsewhere one line a surrogate, because it may take a minute the first
-    time and silence would look like a hang.
+    On a terminal a bar; elsewhere one line a surrogate, because it may take some seconds the
+    first time and silence would look like a hang.
     """
     if not sys.stderr.isatty():
         told: set[str] = set()

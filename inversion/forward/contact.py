@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from scipy.special import gamma, hyp2f1, j0, spherical_jn
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.kernel import layer_compliance
+from inversion.forward.kernel import Compliance, layer_compliance
 
 PlateModel = Literal["rigid-rough", "rigid-smooth", "published", "averaged"]
 
@@ -84,7 +84,7 @@ class QuadratureRule:
         while edges[-1] < end:
             width = min(width * self.growth, widest)
             edges.append(edges[-1] + width)
-        return _gauss_panels(np.asarray(edges))
+        return gauss_panels(np.asarray(edges))
 
 
 @cache
@@ -93,7 +93,8 @@ def _gauss() -> tuple[FloatArray, FloatArray]:
     return nodes, weights
 
 
-def _gauss_panels(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+def gauss_panels(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gauss nodes and weights, each (n,), of panels between ascending edges."""
     nodes, weights = _gauss()
     half = 0.5 * np.diff(edges)[:, None]
     middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
@@ -195,108 +196,146 @@ def compliance_of_layout(
     return result
 
 
-@dataclass(frozen=True, eq=False)
-class _Moments:
-    """Everything of the integrals that does not depend on z and depth within a layout.
+class Products(NamedTuple):
+    """Moments of the compliances (k points), without the half-space at rest.
 
-    ``pressure``, ``coupling``, ``radial`` are (nodes, pairs): weight xi j_k j_l for the upper
-    triangle of A, all of B and the upper triangle of C; ``ring_even`` and ``ring_odd`` are
-    (nodes, offsets outside the plate * terms): weight xi J0(xi r) j_k.
+    ``ww``: those of the upper triangle of A, then of the sensors outside the plate, (k, pairs +
+    sensors * terms); ``wu``: those of B, then of the sensors, ``uu``: of the upper triangle of C,
+    both None for a plate without shear.
+    """
+
+    ww: ComplexArray
+    wu: ComplexArray | None
+    uu: ComplexArray | None
+
+    def plus(self, rows: slice, other: Products) -> Products:
+        """Some points of these moments, and the others added to them."""
+        ww = self.ww[rows] + other.ww
+        if self.wu is None or self.uu is None or other.wu is None or other.uu is None:
+            return Products(ww, None, None)
+        return Products(ww, self.wu[rows] + other.wu, self.uu[rows] + other.uu)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Everything of the integrals that does not depend on z and depth.
+
+    ``ww``, ``wu`` and ``uu`` are (nodes, columns): weight xi j_k j_l for the upper triangle of A,
+    all of B and the upper triangle of C, then weight xi J0(xi r) j_k for the sensors outside the
+    plate.
     """
 
     problem: PlateProblem
     xi: FloatArray
-    pressure: FloatArray
-    coupling: FloatArray
-    radial: FloatArray
-    ring_even: FloatArray
-    ring_odd: FloatArray
+    ww: FloatArray
+    wu: FloatArray
+    uu: FloatArray
 
     @staticmethod
-    def of(problem: PlateProblem, rule: QuadratureRule, root: float) -> _Moments:
+    def of(problem: PlateProblem, xi: FloatArray, weights: FloatArray) -> Moments:
+        """The moments of a plate at nodes (n,) with their weights."""
         n = problem.terms
         outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
-        xi, weights = rule.nodes(root, float(np.max(outside, initial=0.0)))
         bessel = spherical_bessel(2 * n, xi)
         even, odd = bessel[0::2], bessel[1::2]
         upper = np.triu_indices(n)
         base = weights * xi
         rings = j0(xi * outside[:, None]) * base
-        return _Moments(
+
+        def columns(*parts: FloatArray) -> FloatArray:
+            return np.ascontiguousarray(np.concatenate([p.reshape(-1, xi.size) for p in parts]).T)
+
+        return Moments(
             problem,
             xi,
-            np.ascontiguousarray((even[upper[0]] * even[upper[1]] * base).T),
-            np.ascontiguousarray((even[:, None] * odd[None] * base).reshape(n * n, -1).T),
-            np.ascontiguousarray((odd[upper[0]] * odd[upper[1]] * base).T),
-            np.ascontiguousarray((rings[:, None] * even[None]).reshape(-1, xi.size).T),
-            np.ascontiguousarray((rings[:, None] * odd[None]).reshape(-1, xi.size).T),
+            columns(even[upper[0]] * even[upper[1]] * base, rings[:, None] * even),
+            columns(even[:, None] * odd * base, rings[:, None] * odd),
+            columns(odd[upper[0]] * odd[upper[1]] * base),
         )
 
+    @property
+    def bonded(self) -> bool:
+        """True where the plate takes shear."""
+        return self.problem.plate == "rigid-rough"
+
+    def products(self, parts: Compliance) -> Products:
+        """Moments of compliances (k, m) at the first m nodes."""
+        felt = parts.ww.shape[1]
+        ww = times_real(parts.ww, self.ww[:felt])
+        if parts.wu is None or parts.uu is None:
+            return Products(ww, None, None)
+        wu = times_real(parts.wu, self.wu[:felt])
+        return Products(ww, wu, times_real(parts.uu, self.uu[:felt]))
+
+    def without_rest(self, parts: Compliance) -> Compliance:
+        """Compliances less those of the half-space at rest, of which the integrals are known."""
+        nu = self.problem.poisson_ratio
+        normal = (1.0 - nu) / self.xi
+        if parts.wu is None or parts.uu is None:
+            return Compliance(parts.ww - normal, None, None)
+        coupling = parts.wu + 0.5 * (1.0 - 2.0 * nu) / self.xi
+        return Compliance(parts.ww - normal, coupling, parts.uu - normal)
+
     def solve(self, z: ComplexArray, depths: FloatArray) -> ComplexArray:
+        """Phi, (k, n_offsets), at points (k,) and depths (k,)."""
+        nu = self.problem.poisson_ratio
+        parts = layer_compliance(self.xi, z, nu, depths, shear=self.bonded)
+        return self.sensors(self.products(self.without_rest(parts)))
+
+    def sensors(self, products: Products) -> ComplexArray:
         """Phi, (k, n_offsets), from the Galerkin system at each point."""
         nu = self.problem.poisson_ratio
-        bonded = self.problem.plate == "rigid-rough"
-        parts = layer_compliance(self.xi, z, nu, depths, shear=bonded)
-        normal = (1.0 - nu) / self.xi
-        ww = parts.ww - normal
-        if not self.problem.driving_point:
-            return self._published(ww)
         n = self.problem.terms
-        system = _symmetric(ww @ self.pressure, n) + (1.0 - nu) * static_products(n, 0, 0)
-        coupling_static = -0.5 * (1.0 - 2.0 * nu)
-        shear, wu = None, None
-        if parts.wu is not None and parts.uu is not None:
-            wu = parts.wu - coupling_static / self.xi
-            coupling = (wu @ self.coupling).reshape(-1, n, n)
-            coupling = coupling + coupling_static * static_products(n, 0, 1)
-            radial = _symmetric((parts.uu - normal) @ self.radial, n)
-            radial = radial + (1.0 - nu) * static_products(n, 1, 1)
+        pairs = n * (n + 1) // 2
+        if not self.problem.driving_point:
+            # Deflection at each offset under the pressure of the static rigid plate (Eq. 3).
+            at_rest = np.array([static_tail(0, r) for r in self.problem.offsets])
+            moved: ComplexArray = products.ww[:, pairs:] + (1.0 - nu) * at_rest
+            return moved / (2.0 * np.pi)
+        system = symmetric(products.ww[:, :pairs], n) + (1.0 - nu) * static_products(n, 0, 0)
+        shear = None
+        if products.wu is not None and products.uu is not None:
+            coupling = products.wu[:, : n * n].reshape(-1, n, n)
+            coupling = coupling - 0.5 * (1.0 - 2.0 * nu) * static_products(n, 0, 1)
+            radial = symmetric(products.uu, n) + (1.0 - nu) * static_products(n, 1, 1)
             # d = -C^-1 B^T c, so the plate sees A - B C^-1 B^T.
             shear = -np.linalg.solve(radial, np.swapaxes(coupling, 1, 2))
             system = system + coupling @ shear
-        unit = np.zeros((z.size, n, 1))
+        unit = np.zeros((system.shape[0], n, 1))
         unit[:, 0, 0] = 1.0
         pressure = np.linalg.solve(system, unit)
         force = 2.0 * np.pi * pressure[:, 0, 0]
-        return self._sensors(ww, wu, pressure, shear, force)
-
-    def _sensors(
-        self,
-        ww: ComplexArray,
-        wu: ComplexArray | None,
-        pressure: ComplexArray,
-        shear: ComplexArray | None,
-        force: ComplexArray,
-    ) -> ComplexArray:
-        n = self.problem.terms
-        outside = [r for r in self.problem.offsets if r > 1.0]
         result = np.repeat((1.0 / force)[:, None], len(self.problem.offsets), axis=1)
-        if not outside:
-            return result
-        static = np.array([[static_tail(2 * k, r) for k in range(n)] for r in outside])
-        response = (ww @ self.ring_even).reshape(-1, len(outside), n)
-        response = response + (1.0 - self.problem.poisson_ratio) * static
-        moved = (response @ pressure)[:, :, 0]
-        if shear is not None and wu is not None:
-            # The static tail of the shear's own part vanishes outside the plate.
-            response = (wu @ self.ring_odd).reshape(-1, len(outside), n)
-            moved = moved + (response @ (shear @ pressure))[:, :, 0]
         columns = [i for i, r in enumerate(self.problem.offsets) if r > 1.0]
+        if not columns:
+            return result
+        outside = [self.problem.offsets[i] for i in columns]
+        at_rest = np.array([[static_tail(2 * k, r) for k in range(n)] for r in outside])
+        response = products.ww[:, pairs:].reshape(-1, len(outside), n) + (1.0 - nu) * at_rest
+        moved = (response @ pressure)[:, :, 0]
+        if shear is not None and products.wu is not None:
+            # The static tail of the shear's own part vanishes outside the plate.
+            response = products.wu[:, n * n :].reshape(-1, len(outside), n)
+            moved = moved + (response @ (shear @ pressure))[:, :, 0]
         result[:, columns] = moved / force[:, None]
         return result
 
-    def _published(self, ww: ComplexArray) -> ComplexArray:
-        """Deflection at each offset under the pressure of the static rigid plate (Eq. 3)."""
-        static = np.array([static_tail(0, r) for r in self.problem.offsets])
-        moved = ww @ self.ring_even + (1.0 - self.problem.poisson_ratio) * static
-        result: ComplexArray = moved / (2.0 * np.pi)
-        return result
+
+def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
+    """values (k, n) complex @ matrix (n, m) real, as one real product."""
+    count = values.shape[0]
+    parts = np.concatenate([values.real, values.imag])
+    product = parts @ matrix.astype(parts.dtype, copy=False)
+    result = np.empty((count, matrix.shape[1]), dtype=np.complex128)
+    result.real, result.imag = product[:count], product[count:]
+    return result
 
 
 # Enough for the layouts of one surrogate, a megabyte or two each.
 @lru_cache(maxsize=48)
-def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> _Moments:
-    return _Moments.of(problem, rule, _LAYOUT_STEP**layout)
+def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> Moments:
+    outside = [r for r in problem.offsets if r > 1.0 or not problem.driving_point]
+    return Moments.of(problem, *rule.nodes(_LAYOUT_STEP**layout, max(outside, default=0.0)))
 
 
 def forget_layouts() -> None:
@@ -304,7 +343,7 @@ def forget_layouts() -> None:
     _moments.cache_clear()
 
 
-def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
+def symmetric(upper: ComplexArray, n: int) -> ComplexArray:
     """Full symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
     rows, columns = np.triu_indices(n)
     result = np.empty((upper.shape[0], n, n), dtype=np.complex128)

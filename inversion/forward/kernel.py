@@ -69,19 +69,19 @@ def half_space_compliance(
     Compliance of (k, n) arrays
     """
     column = z[:, None]
-    alpha, beta, c = _vertical_wavenumbers(xi, column, poisson_ratio)
-    return _unbounded(xi, column, c, alpha, beta, shear)
+    alpha, beta, c = vertical_wavenumbers(xi, column, poisson_ratio)
+    return half_space_from_waves(xi, column, c, alpha, beta, shear)
 
 
-def _vertical_wavenumbers(
+def vertical_wavenumbers(
     xi: FloatArray, z: ComplexArray, poisson_ratio: float
 ) -> tuple[ComplexArray, ComplexArray, float]:
-    """alpha (P wave), beta (S wave) and the velocity ratio squared."""
+    """Return alpha (P wave), beta (S wave) and the velocity ratio squared."""
     c = velocity_ratio_squared(poisson_ratio)
     return np.sqrt(xi * xi + c * z), np.sqrt(xi * xi + z), c
 
 
-def _unbounded(
+def half_space_from_waves(
     xi: FloatArray,
     z: ComplexArray,
     c: float,
@@ -89,6 +89,7 @@ def _unbounded(
     beta: ComplexArray,
     shear: bool,
 ) -> Compliance:
+    """:func:`half_space_compliance` where alpha and beta (k, n) are at hand, z (k, 1)."""
     ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
     inverse = 1.0 / (z + 2.0 * xi * xi * ratio)
     if not shear:
@@ -126,7 +127,7 @@ def layer_compliance(
     Compliance of (k, n) arrays
     """
     column = z[:, None]
-    alpha, beta, c = _vertical_wavenumbers(xi, column, poisson_ratio)
+    alpha, beta, c = vertical_wavenumbers(xi, column, poisson_ratio)
     limited = np.flatnonzero(np.isfinite(depth))
     felt = 0
     if limited.size:
@@ -134,10 +135,10 @@ def layer_compliance(
         # Both real parts grow with xi, so the nodes that feel the base come first.
         slowest = np.minimum(alpha.real[limited], beta.real[limited]) * h
         felt = int(np.max(np.sum(slowest < _NEGLIGIBLE_ECHO, axis=1)))
-    result = _unbounded(xi, column, c, alpha, beta, shear)
+    result = half_space_from_waves(xi, column, c, alpha, beta, shear)
     if felt:
         near = slice(0, felt)
-        solved = _bounded_layer(
+        solved = layer_from_waves(
             xi[near], column[limited], alpha[limited, near], beta[limited, near], h, shear
         )
         for target, values in zip(result, solved, strict=True):
@@ -146,14 +147,15 @@ def layer_compliance(
     return result
 
 
-def _bounded_layer(
+def layer_from_waves(
     xi: FloatArray,
     z: ComplexArray,
     alpha: ComplexArray,
     beta: ComplexArray,
-    h: FloatArray,
+    h: FloatArray | float,
     shear: bool,
 ) -> Compliance:
+    """:func:`layer_compliance` where alpha and beta (k, n) are at hand, z and h (k, 1)."""
     square = xi * xi
     down_p = np.exp(-alpha * h)
     down_s = np.exp(-beta * h)

@@ -23,7 +23,7 @@ from inversion.forward.surrogate_building import build_surrogate
 _LOG = logging.getLogger(__name__)
 
 # Part of every key: a change of poles, nodes or samples makes old files useless, not wrong.
-_FORMAT = 1
+_FORMAT = 2
 _SHIPPED = Path(__file__).parent / "tables"
 # What numpy and zipfile raise on a file that is cut, flipped or of another kind.
 _DAMAGE = (
@@ -139,7 +139,6 @@ def dump_surrogate(surrogate: Surrogate) -> bytes:
         echo_poles=surrogate.echo_poles,
         inverse_depths=surrogate.inverse_depths,
         echo_coefficients=surrogate.echo_coefficients,
-        largest_error=np.array(surrogate.largest_error),
     )
     return buffer.getvalue()
 
@@ -154,10 +153,9 @@ def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
     """
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}
-    error = float(parts.pop("largest_error"))
     if parts["half_space_coefficients"].shape[0] != len(problem.offsets):
         raise ValueError("number of sensors differs")
-    return Surrogate(problem, largest_error=error, **parts)
+    return Surrogate(problem, **parts)
 
 
 def _candidates(problem: PlateProblem, depth: float | None) -> list[float | None]:

@@ -50,8 +50,6 @@ class Surrogate:
     inverse_depths : (d,) ndarray of float
         Nodes in a/h0; one node: a surrogate for that depth alone.
     echo_coefficients : (d, n_offsets, 2m) ndarray of float
-    largest_error : float
-        Largest difference to the converged rule found by :func:`check_surrogate`.
     """
 
     problem: PlateProblem
@@ -60,7 +58,6 @@ class Surrogate:
     echo_poles: ComplexArray
     inverse_depths: FloatArray
     echo_coefficients: FloatArray
-    largest_error: float
 
     @cached_property
     def _half_space_weights(self) -> FloatArray:

@@ -1,93 +1,54 @@
-"""Builds surrogates: poles chosen and coefficients fitted to the converged rule, then checked."""
+"""Build surrogates: choose poles, fit coefficients to converged values of the compliance."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.forward.contact import (
-    PlateProblem,
-    QuadratureRule,
-    compliance_of_layout,
-    forget_layouts,
-    layouts,
-)
+from inversion.forward.contact import PlateProblem, plate_compliance
+from inversion.forward.kernel import velocity_ratio_squared
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.rational import basis, evaluate, numerators
+from inversion.forward.ray_sampling import compliance_on_ray, ray
 from inversion.forward.surrogate import SHALLOWEST, Surrogate
 from inversion.threads import single_threaded_blas
 
 Progress = Callable[[float], None]
 
-# Rows of samples Re y = |y|/kappa and their weights: kappa = omega/sigma of a damped transform
-# over 100 ms; the weight is the spectrum left at that frequency of an 8 ms pulse.
-_ROWS = ((4.0, 1.0), (12.0, 1.0), (35.0, 0.5), (100.0, 0.15), (300.0, 0.02))
-
 
 def build_surrogate(
-    problem: PlateProblem,
-    depth: float | None = None,
-    progress: Progress | None = None,
-    threads: int = 2,
+    problem: PlateProblem, depth: float | None = None, progress: Progress | None = None
 ) -> Surrogate:
-    """Fit the sums to the converged rule and check them against it.
+    """Fit the sums to converged values of the compliance.
 
     Parameters
     ----------
     problem : PlateProblem
     depth : float, optional
-        Bedrock depth over plate radius; None: all depths from SHALLOWEST to infinite.
+        Bedrock depth over plate radius, inf: half-space; None: all depths from SHALLOWEST on.
     progress : callable, optional
         Called with the fraction done.
-    threads : int
-        Threads that evaluate the reference (numpy releases the interpreter's lock).
     """
-    try:
-        with single_threaded_blas():
-            return _build(problem, depth, progress or (lambda fraction: None), threads)
-    finally:
-        forget_layouts()
-
-
-def _half_space_alone(
-    problem: PlateProblem, half_space: HalfSpace, threads: int, tell: Progress
-) -> Surrogate:
-    no_poles = np.zeros(0, dtype=np.complex128)
-    no_echo = np.zeros((1, len(problem.offsets), 0))
-    surrogate = Surrogate(problem, *half_space, no_poles, np.zeros(1), no_echo, float("nan"))
-    error = check_surrogate(surrogate, threads)
-    tell(1.0)
-    return replace(surrogate, largest_error=error)
-
-
-def _build(problem: PlateProblem, depth: float | None, tell: Progress, threads: int) -> Surrogate:
-    sampler = _Sampler(problem, threads)
-    half_space = _fit_half_space(problem, sampler)
-    tell(0.1)
-    if depth is not None and np.isinf(depth):
-        return _half_space_alone(problem, half_space, threads, tell)
-    nodes = _depth_nodes(problem) if depth is None else np.array([1.0 / depth])
-    shallowest = 1.0 / np.max(nodes)
-    poles = _choose_echo_poles(sampler, shallowest, half_space)
-    samples = _rows(_EVERY_DEPTH)
-    tell(0.2)
-    fitted = []
-    values, scale = sampler.echo(samples.y, 1.0 / nodes, half_space)
-    tell(0.7)
-    for index in range(nodes.size):
-        weights = samples.weight[:, None] / scale[index]
-        fitted.append(_solve(samples.y, values[index], weights, poles))
-        tell(0.7 + 0.2 * (index + 1) / nodes.size)
-    surrogate = Surrogate(problem, *half_space, poles, nodes, np.stack(fitted), float("nan"))
-    error = check_surrogate(surrogate, threads)
-    tell(1.0)
-    return replace(surrogate, largest_error=error)
+    progress = progress or (lambda fraction: None)
+    with single_threaded_blas():
+        nodes = _depth_nodes(problem) if depth is None else np.array([1.0 / depth])
+        values = _sample(problem, nodes, progress)
+        half_space = _fit_half_space(problem, values)
+        if depth is not None and np.isinf(depth):
+            no_echo = np.zeros((1, len(problem.offsets), 0))
+            no_poles = np.zeros(0, dtype=np.complex128)
+            progress(1.0)
+            return Surrogate(problem, *half_space, no_poles, nodes, no_echo)
+        echo = _Echo(problem, 1.0 / nodes, values, half_space)
+        poles = _choose_echo_poles(echo)
+        coefficients = np.stack([echo.fit(column, poles) for column in range(nodes.size)])
+        progress(1.0)
+        return Surrogate(problem, *half_space, poles, nodes, coefficients)
 
 
 # Grounds of the check: a sqrt(rho/G) in s (stiff, usual, soft under a plate of 0.15 m) and
@@ -98,7 +59,7 @@ _CHECK_DURATION_S = 0.1
 _CHECK_BAND_HZ = 800.0
 
 
-def check_surrogate(surrogate: Surrogate, threads: int = 2) -> float:
+def check_surrogate(surrogate: Surrogate) -> float:
     """Largest difference of displacement histories to the converged rule, over their peak.
 
     A far sensor that hardly moves is measured in a tenth of the plate's peak.
@@ -106,6 +67,7 @@ def check_surrogate(surrogate: Surrogate, threads: int = 2) -> float:
     Half-sines of 8 ms on stiff and soft, damped and undamped ground, 100 ms, at depths between
     the nodes.
     """
+    problem = surrogate.problem
     transform = DampedTransform(_CHECK_DURATION_S, _CHECK_BAND_HZ)
     s = transform.s
     # A half-sine of unit peak.
@@ -116,14 +78,14 @@ def check_surrogate(surrogate: Surrogate, threads: int = 2) -> float:
     nodes = surrogate.inverse_depths
     between = 0.5 * (nodes[:-1] + nodes[1:])[1::4]
     ratios = nodes if nodes.size == 1 else between[between < 0.5]
-    sampler = _Sampler(surrogate.problem, threads)
     worst = 0.0
     for ratio in ratios:
         for delay, relaxation in _CHECK_GROUNDS:
             softening = 1.0 + relaxation * s
             p = delay * s / np.sqrt(softening)
             spectrum = pulse / softening
-            exact = sampler.total(p, 1.0 / ratio if ratio > 0.0 else np.inf).T
+            depths = np.full(p.size, 1.0 / ratio if ratio > 0.0 else np.inf)
+            exact = plate_compliance(problem, p * p, depths).T
             fast = surrogate.compliance(p[None], np.array([ratio]))[0]
             peak = np.abs(((exact * spectrum) @ synthesis).real).max(axis=1)
             error = np.abs((((fast - exact) * spectrum) @ synthesis).real).max(axis=1)
@@ -131,16 +93,46 @@ def check_surrogate(surrogate: Surrogate, threads: int = 2) -> float:
     return worst
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    y: ComplexArray
-    weight: FloatArray
+@dataclass(frozen=True)
+class _Ray:
+    """Samples of constant kappa = abs(y)/Re y, which is omega/sigma of a damped transform.
+
+    ``weight`` is about the spectrum that a pulse of 8 ms has left there, of a record of 100 ms.
+    """
+
+    kappa: float
+    weight: float
+    step: float
+    low: float
+    high: float
+    half_space: bool = True
 
 
-# Motion at a node of a far sensor, as a share of the plate's over the distance.
-_NODE_SHARE = 0.15
+# Where a ray has no echo left, the sum has to stay at rest.
+_AT_REST = (
+    _Ray(12.0, 1.0, 0.12, 110.0, 4000.0),
+    _Ray(45.0, 0.5, 0.12, 150.0, 4000.0),
+    _Ray(90.0, 0.15, 0.12, 80.0, 4000.0),
+)
+
+
+def _rays(poisson_ratio: float, depths: int) -> tuple[_Ray, ...]:
+    """Rays in y on which the echo is sampled; the last one passes its first resonance closely.
+
+    Several depths support each other where one alone needs more samples.
+    """
+    resonance = 0.5 * np.pi / np.sqrt(velocity_ratio_squared(poisson_ratio))
+    return (
+        _Ray(4.0, 1.0, 0.3, 0.05, 30.0),
+        _Ray(12.0, 1.0, 0.09, 0.3, 110.0),
+        _Ray(45.0, 0.5, 0.045, 1.0, 150.0),
+        _Ray(90.0, 0.15, 0.03 if depths == 1 else 0.05, 1.9, 80.0),
+        _Ray(150.0, 0.1, 0.008, 0.85 * resonance, 1.05 * resonance, half_space=False),
+    )
+
+
 # Range of the half-space's fit.
-_LARGEST_P = 40.0
+_LEAST_P, _LARGEST_P = 0.003, 40.0
 # tau sigma of 5 MPa under a plate of 0.15 m (tau = 6 ms) and a damping of 50 1/s.
 _LARGEST_P_OVER_KAPPA = 0.3
 
@@ -148,96 +140,74 @@ HalfSpace = tuple[ComplexArray, FloatArray]
 """Poles and coefficients of the half-space."""
 
 
-class _Sampler:
-    """Converged values at many points, shared between threads."""
+@dataclass(frozen=True, eq=False)
+class _Values:
+    """Converged compliances at n points of all rays.
 
-    def __init__(self, problem: PlateProblem, threads: int) -> None:
-        self.problem = problem
-        self.threads = threads
-        self.rule = QuadratureRule.for_poisson_ratio(problem.poisson_ratio)
+    Parameters
+    ----------
+    p : (n,) ndarray of complex
+    weight : (n,) ndarray of float
+    half_space : (n, n_offsets) ndarray of complex
+    for_half_space : (n,) ndarray of bool, points of the half-space's fit
+    layers : (n, d, n_offsets) ndarray of complex, by depth
+    for_echo : (n, d) ndarray of bool, points of the echo's fit
+    """
 
-    def total(self, p: ComplexArray, depth: float) -> ComplexArray:
-        """Phi at p (n,) for one depth: (n, n_offsets)."""
-        return self._evaluate(p, np.full(p.size, depth))
+    p: ComplexArray
+    weight: FloatArray
+    half_space: ComplexArray
+    for_half_space: NDArray[np.bool_]
+    layers: ComplexArray
+    for_echo: NDArray[np.bool_]
 
-    def echo(
-        self, y: ComplexArray, depths: FloatArray, half_space: HalfSpace
-    ) -> tuple[ComplexArray, FloatArray]:
-        """Echo e = (Phi - Phi of the fitted half-space) h0/a at y (n,) for depths (d,).
 
-        The difference to the *fitted* half-space: what that fit lacks, the echo takes along.
-
-        Returns
-        -------
-        echo, scale : (d, n, n_offsets)
-            ``scale`` is what an error of the echo is measured in.
-        """
-        p = y / depths[:, None]
-        poles, coefficients = half_space
-        unbounded = np.swapaxes(evaluate(p, poles, numerators(poles, coefficients)), 1, 2)
-        # Outside of the range of its fit the half-space's sum is worth nothing, and no drop
-        # gets there: keep the echo at rest.
-        within = np.abs(p) <= _LARGEST_P
-        depth_of = np.broadcast_to(depths[:, None], p.shape)
-        total = unbounded.copy()
-        total[within] = self._evaluate(p[within], depth_of[within])
-        times = depths[:, None, None]
-        return (total - unbounded) * times, self.scale(p, unbounded, total) * times
-
-    def scale(self, p: ComplexArray, unbounded: ComplexArray, total: ComplexArray) -> FloatArray:
-        """What an error at p (...) is measured in, (..., n_offsets).
-
-        The half-space's own value: the layer's resonances rise above it and count the more.
-        Outside the plate a layer moves far less than the half-space; there the value itself,
-        with a floor where a sensor has a node of its motion.  Beyond what the softest ground
-        makes of a drop's frequencies (p = tau omega, omega = kappa sigma) errors hardly count.
-        """
-        result: FloatArray = np.abs(unbounded)
-        for column, offset in enumerate(self.problem.offsets):
-            if offset > 1.0:
-                floor = _NODE_SHARE / offset * np.abs(unbounded[..., 0])
-                result[..., column] = np.maximum(np.abs(total[..., column]), floor)
-        beyond = np.abs(p) / (_LARGEST_P_OVER_KAPPA * np.abs(p.imag / p.real))
-        result *= np.maximum(1.0, beyond[..., None] ** 3)
-        return result
-
-    def _evaluate(self, p: ComplexArray, depths: FloatArray) -> ComplexArray:
-        z = p * p
-        result = np.empty((p.size, len(self.problem.offsets)), dtype=np.complex128)
-
-        def fill(group: tuple[int, NDArray[np.intp]]) -> None:
-            layout, rows = group
-            result[rows] = compliance_of_layout(
-                self.problem, layout, z[rows], depths[rows], self.rule
-            )
-
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(fill, layouts(z)))
-        return result
+def _sample(problem: PlateProblem, inverse_depths: FloatArray, tell: Progress) -> _Values:
+    """Values on all rays, those with an echo and those of the half-space alone."""
+    depths = 1.0 / inverse_depths[inverse_depths > 0.0]
+    rays = _rays(problem.poisson_ratio, depths.size)
+    parts = []
+    for number, own in enumerate(rays):
+        # Half-space and depths share their points, so that its part is evaluated once.
+        least = min(_LEAST_P, own.low / depths.max(initial=1.0))
+        p = ray(own.kappa, own.step, least, _LARGEST_P)
+        y = np.abs(p)[:, None] * depths
+        for_echo = (y >= own.low) & (y <= own.high)
+        for_half_space = (np.abs(p) >= _LEAST_P) & own.half_space
+        kept = for_half_space | for_echo.any(axis=1)
+        p, for_echo, for_half_space = p[kept], for_echo[kept], for_half_space[kept]
+        half_space, layers = compliance_on_ray(problem, own.kappa, p, depths, for_echo)
+        # Weight by the root of the spacing: the sum then approximates an integral over ln y.
+        weight = np.full(p.size, own.weight * np.sqrt(own.step))
+        parts.append((p, weight, half_space, for_half_space, layers, for_echo))
+        tell(0.8 * (number + 1) / len(rays))
+    return _Values(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _depth_nodes(problem: PlateProblem) -> FloatArray:
     """Chebyshev nodes in a/h0; offset sensors turn the phase faster and need more of them."""
     farthest = max(problem.offsets)
-    count = 20 if farthest <= 1.0 else min(40, 24 + int(np.ceil(2.0 * farthest)))
+    count = 20 if farthest <= 1.0 else min(40, 20 + int(np.ceil(0.5 * farthest)))
     order = np.arange(count)
     return 0.5 / SHALLOWEST * (1.0 + np.cos(np.pi * (order + 0.5) / count))
 
 
-def _ray(kappa: float, step: float, low: float, high: float) -> ComplexArray:
-    size = np.exp(np.arange(np.log(low), np.log(high), step))
-    result: ComplexArray = size * (1.0 / kappa + 1j) / np.hypot(1.0, 1.0 / kappa)
+def _scale(p: ComplexArray, unbounded: ComplexArray) -> FloatArray:
+    """Compliance (n,) in which an error at p (n,) is measured.
+
+    The plate's on the half-space: the layer's resonances rise above it and count the more.
+    Beyond what the softest ground makes of a drop's frequencies (p = tau omega,
+    omega = kappa sigma) errors hardly count.
+    """
+    beyond = np.abs(p) / (_LARGEST_P_OVER_KAPPA * np.abs(p.imag / p.real))
+    result: FloatArray = np.abs(unbounded) * np.maximum(1.0, beyond**3)
     return result
 
 
-def _fit_half_space(problem: PlateProblem, sampler: _Sampler) -> HalfSpace:
-    rows, weights = [], []
-    for kappa, weight in _ROWS[:4]:
-        step = max(0.03, 0.5 / kappa)
-        ray = _ray(kappa, step, 0.003, _LARGEST_P)
-        rows.append(ray)
-        weights.append(np.full(ray.size, weight))
-    p, weight_of = np.concatenate(rows), np.concatenate(weights)
+def _fit_half_space(problem: PlateProblem, values: _Values) -> HalfSpace:
+    """Sum of resonances of the half-space; each sensor in its own size."""
+    rows = values.for_half_space
+    p, found = values.p[rows], values.half_space[rows]
     poles = [
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.7)),
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.3)),
@@ -247,109 +217,117 @@ def _fit_half_space(problem: PlateProblem, sampler: _Sampler) -> HalfSpace:
         # resonances.
         poles.append(np.geomspace(0.1, 30.0, 40) * np.exp(1j * (np.pi / 2 + 0.12)))
     pole_set = np.concatenate(poles)
-    values = sampler.total(p, np.inf)
-    return pole_set, _solve(
-        p, values, weight_of[:, None] / sampler.scale(p, values, values), pole_set
-    )
+    fitted = []
+    for column, offset in enumerate(problem.offsets):
+        # A sensor beside the plate is measured in its own motion, with a floor at its nodes.
+        own = np.abs(found[:, column])
+        if offset > 1.0:
+            own = np.maximum(own, _NODE_SHARE / offset * np.abs(found[:, 0]))
+        weights = values.weight[rows] / _scale(p, own)
+        fitted.append(_solve(p, found[:, column : column + 1], weights, pole_set))
+    return pole_set, np.concatenate(fitted)
+
+
+# Motion at a node of a far sensor, as a share of the plate's over the distance.
+_NODE_SHARE = 0.15
+
+
+class _Echo:
+    """Fits of the echo e = (Phi - Phi of the fitted half-space) h0/a at one depth after another.
+
+    The difference to the *fitted* half-space: what that fit lacks, the echo takes along.
+    """
+
+    def __init__(
+        self, problem: PlateProblem, depths: FloatArray, values: _Values, half_space: HalfSpace
+    ) -> None:
+        poles, coefficients = half_space
+        self._values = values
+        self._depths = depths
+        self._plate = poles, numerators(poles, coefficients[:1])
+        fitted = evaluate(values.p[None], poles, numerators(poles, coefficients))[0]
+        self._unbounded = fitted.T
+        rays = [ray(own.kappa, own.step, own.low, own.high) for own in _AT_REST]
+        self._rest = np.concatenate(rays)
+        self._rest_weight = np.concatenate(
+            [
+                np.full(y.size, own.weight * own.step**0.5)
+                for y, own in zip(rays, _AT_REST, strict=True)
+            ]
+        )
+
+    def samples(self, column: int) -> tuple[ComplexArray, ComplexArray, FloatArray]:
+        """Points y (n,), the echo there (n, n_offsets), and weights (n,), of one depth.
+
+        All sensors share the plate's scale, and so the matrix of their fits.
+        """
+        depth, values = self._depths[column], self._values
+        rows = np.flatnonzero(values.for_echo[:, column])
+        p, resting = values.p[rows], self._rest / depth
+        echo = (values.layers[rows, column] - self._unbounded[rows]) * depth
+        weight = values.weight[rows] / _scale(p, self._unbounded[rows, 0])
+        plate = evaluate(resting[None], *self._plate)[0, 0]
+        rest = self._rest_weight / _scale(resting, plate)
+        return (
+            np.concatenate([p * depth, self._rest]),
+            np.concatenate([echo, np.zeros((resting.size, echo.shape[1]))]),
+            np.concatenate([weight, rest]) / depth,
+        )
+
+    def fit(self, column: int, poles: ComplexArray) -> FloatArray:
+        """Coefficients (n_offsets, 2k) at one depth."""
+        return _solve(*self.samples(column), poles)
 
 
 def _solve(
     y: ComplexArray, values: ComplexArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:
-    """Weighted least squares for the coefficients, (channels, 2k)."""
-    functions = basis(y, poles)
-    result = []
-    for channel in range(values.shape[1]):
-        weight = weights[:, channel, None]
-        matrix = np.vstack([(functions * weight).real, (functions * weight).imag])
-        target = values[:, channel] * weights[:, channel]
-        right = np.concatenate([target.real, target.imag])
-        result.append(_least_squares(matrix, right))
-    return np.stack(result)
+    """Weighted least squares for the coefficients, (channels, 2k).
 
-
-def _least_squares(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Normal equations of scaled columns with a ridge at rounding level, refined twice.
-
-    Ten times faster than an orthogonal factorisation; the refinement gives back the digits.
+    Normal equations of scaled columns with a ridge at rounding level, refined twice: ten times
+    faster than an orthogonal factorisation; the refinement gives back the digits.
     """
+    functions = basis(y, poles) * weights[:, None]
+    matrix = np.concatenate([functions.real, functions.imag])
+    target = values * weights[:, None]
+    right = np.concatenate([target.real, target.imag])
     scale = np.linalg.norm(matrix, axis=0)
-    scaled = matrix / scale
-    gram = scaled.T @ scaled
+    matrix /= scale
+    gram = matrix.T @ matrix
     gram[np.diag_indices_from(gram)] += 1e-13 * matrix.shape[1]
-    factor = cho_factor(gram, lower=True)
-    solution = cho_solve(factor, scaled.T @ right)
-    for _ in range(3):
-        solution += cho_solve(factor, scaled.T @ (right - scaled @ solution))
-    result: FloatArray = solution / scale
+    factor = cho_factor(gram, lower=True, check_finite=False)
+    solution = cho_solve(factor, matrix.T @ right, check_finite=False)
+    for _ in range(2):
+        solution += cho_solve(factor, matrix.T @ (right - matrix @ solution), check_finite=False)
+    result: FloatArray = (solution / scale[:, None]).T
     return result
 
 
-def _choose_echo_poles(sampler: _Sampler, shallowest: float, half_space: HalfSpace) -> ComplexArray:
+def _choose_echo_poles(echo: _Echo) -> ComplexArray:
     """Poles in y: a logarithmic grid, then narrow ones where the shallowest layer asks for them.
 
     The layer's sharp resonances (cut-offs, and the frequencies where the group velocity
     vanishes) stand at values of y that do not depend on the plate, and the shallowest layer
     shows them most.
     """
-    dense = _rows(_SCAN)
-    values, scale = (part[0] for part in sampler.echo(dense.y, np.array([shallowest]), half_space))
-    weights = dense.weight[:, None] / scale
     grid = np.exp(np.arange(np.log(0.8), np.log(400.0), 0.07))
     poles = np.concatenate([grid * (-0.06 + 1j), np.geomspace(0.5, 400.0, 12) * (-0.5 + 0.8j)])
+    y, values, weights = echo.samples(0)
     for _ in range(_ROUNDS):
-        solution = _solve(dense.y, values, weights, poles)
-        left = np.abs((basis(dense.y, poles) @ solution.T - values) * weights).max(axis=1)
-        poles = np.concatenate([poles, _worst_places(dense.y, left)])
+        solution = _solve(y, values, weights, poles)
+        misfit = np.abs(basis(y, poles) @ solution.T - values).max(axis=1) * weights
+        poles = np.concatenate([poles, _worst_places(y, misfit)])
     return poles
 
 
-@dataclass(frozen=True)
-class _Row:
-    kappa: float
-    weight: float
-    step: float
-    low: float
-    high: float
+_ROUNDS = 5
+_ADDED_A_ROUND = 16
 
 
-# The scan of the shallowest layer, and the rows taken at every depth.
-_SCAN = (
-    _Row(4.0, 1.0, 0.12, 0.02, 60.0),
-    _Row(12.0, 1.0, 0.04, 0.3, 100.0),
-    _Row(35.0, 0.5, 0.02, 0.5, 200.0),
-    _Row(100.0, 0.15, 0.008, 0.8, 60.0),
-    _Row(300.0, 0.04, 0.003, 1.2, 25.0),
-)
-_EVERY_DEPTH = (
-    _Row(4.0, 1.0, 0.15, 0.02, 60.0),
-    _Row(12.0, 1.0, 0.06, 0.3, 200.0),
-    _Row(35.0, 0.5, 0.03, 0.5, 400.0),
-    _Row(100.0, 0.15, 0.014, 0.8, 60.0),
-    _Row(300.0, 0.04, 0.005, 1.2, 25.0),
-    # Deep bases: no echo is left there, and the sum has to stay at rest.
-    _Row(12.0, 1.0, 0.12, 200.0, 4000.0),
-    _Row(35.0, 0.5, 0.12, 400.0, 4000.0),
-    _Row(100.0, 0.15, 0.12, 60.0, 4000.0),
-)
-_ROUNDS = 7
-_ADDED_A_ROUND = 10
-
-
-def _rows(rows: tuple[_Row, ...]) -> _Samples:
-    rays = [_ray(row.kappa, row.step, row.low, row.high) for row in rows]
-    # Weight by the root of the spacing: the sum then approximates an integral over ln y.
-    weights = [
-        np.full(ray.size, row.weight * np.sqrt(row.step))
-        for ray, row in zip(rays, rows, strict=True)
-    ]
-    return _Samples(np.concatenate(rays), np.concatenate(weights))
-
-
-def _worst_places(y: ComplexArray, left: FloatArray) -> ComplexArray:
+def _worst_places(y: ComplexArray, misfit: FloatArray) -> ComplexArray:
     """Mirror images, in the left half plane, of the samples with the largest misfit."""
     chosen: list[complex] = []
-    for index in np.argsort(-left):
+    for index in np.argsort(-misfit):
         place = complex(-y[index].real, y[index].imag)
         if all(abs(place - other) > 2.0 * abs(place.real) for other in chosen):
             chosen.append(place)

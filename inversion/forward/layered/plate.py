@@ -29,6 +29,8 @@ from inversion.forward.contact import (
     spherical_bessel,
     static_products,
     static_tail,
+    symmetric,
+    times_real,
 )
 from inversion.forward.layered.ground import LayeredGrounds, MediumParameter
 from inversion.forward.layered.kernel import (
@@ -299,16 +301,16 @@ class _Contact:
         rough = setup.plate == "rigid-rough"
         size = 2 * n if rough else n
         system = np.empty((count, size, size), dtype=np.complex128)
-        system[:, :n, :n] = _symmetric(_times(ww, tables.pressure), n)
+        system[:, :n, :n] = symmetric(times_real(ww, tables.pressure), n)
         system[:, :n, :n] += normal[..., None] * static_products(n, 0, 0)
         wu = None
         if rough:
             wu = surface.wu - tangential * over
-            coupling = _times(wu, tables.coupling).reshape(-1, n, n)
+            coupling = times_real(wu, tables.coupling).reshape(-1, n, n)
             coupling += tangential[..., None] * static_products(n, 0, 1)
             system[:, :n, n:] = coupling
             system[:, n:, :n] = np.swapaxes(coupling, 1, 2)
-            system[:, n:, n:] = _symmetric(_times(surface.uu - normal * over, tables.radial), n)
+            system[:, n:, n:] = symmetric(times_real(surface.uu - normal * over, tables.radial), n)
             system[:, n:, n:] += normal[..., None] * static_products(n, 1, 1)
         unit = np.zeros((count, size, 1), dtype=np.complex128)
         unit[:, 0, 0] = 1.0
@@ -382,9 +384,9 @@ class _Contact:
                     moved[i, :, :felt] += slopes[2] * q
                     np.multiply(slopes[2], p, out=sheared[i, :, :felt])
                     sheared[i, :, :felt] += slopes[1] * q
-            seen = _times(moved.reshape(-1, nodes), t.observers[:nodes])
+            seen = times_real(moved.reshape(-1, nodes), t.observers[:nodes])
             if sheared is not None:
-                more = _times(sheared.reshape(-1, nodes), t.shear_observers[:nodes])
+                more = times_real(sheared.reshape(-1, nodes), t.shear_observers[:nodes])
                 seen = np.concatenate([seen, more], axis=1)
             seen = seen.reshape(len(kinds), count, -1)
             for i, k in enumerate(kinds):
@@ -454,36 +456,18 @@ class _Contact:
         """Displacement at the sensors outside for each term, (k, sensors outside, unknowns)."""
         t = self.tables
         n = t.even.shape[1]
-        response = _times(self.ww, t.ring_even).reshape(-1, len(t.outside), n)
+        response = times_real(self.ww, t.ring_even).reshape(-1, len(t.outside), n)
         response = response + self.normal[..., None] * t.static_rings
         if self.wu is None:
             return response
         # The static tail of the shear's own part vanishes outside the plate.
-        sheared = _times(self.wu, t.ring_odd).reshape(-1, len(t.outside), n)
+        sheared = times_real(self.wu, t.ring_odd).reshape(-1, len(t.outside), n)
         return np.concatenate([response, sheared], axis=2)
-
-
-def _times(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
-    """values (k, n) complex @ matrix (n, m) real, as one real product."""
-    count = values.shape[0]
-    parts = np.concatenate([values.real, values.imag])
-    product = parts @ matrix.astype(parts.dtype, copy=False)
-    result = np.empty((count, matrix.shape[1]), dtype=np.complex128)
-    result.real, result.imag = product[:count], product[count:]
-    return result
 
 
 def _spread(coefficients: ComplexArray, columns: FloatArray) -> ComplexArray:
     """coefficients (k, n) complex times columns (nodes, n) real: (k, nodes)."""
-    return _times(coefficients, columns.T)
-
-
-def _symmetric(upper: ComplexArray, n: int) -> ComplexArray:
-    rows, columns = np.triu_indices(n)
-    result = np.empty((upper.shape[0], n, n), dtype=np.complex128)
-    result[:, rows, columns] = upper
-    result[:, columns, rows] = upper
-    return result
+    return times_real(coefficients, columns.T)
 
 
 def _uniform_tail(offset: float) -> float:

@@ -48,7 +48,6 @@ class Builder:
             np.array([-0.1 + 3j, -0.2 + 4j]),
             nodes,
             np.ones((nodes.size, sensors, 4)),
-            1e-4,
         )
 
 
@@ -116,7 +115,6 @@ def test_numbers_survive_the_file() -> None:
     p = np.array([[0.1 + 0.5j, 0.3 + 2j]])
     ratio = np.array([0.05])
     assert np.array_equal(read.compliance(p, ratio), built.compliance(p, ratio))
-    assert read.largest_error == built.largest_error
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"\x93NUMPY", bytes(2000)])
@@ -160,7 +158,7 @@ def test_a_file_of_another_sensor_layout_is_built_again(tmp_path: Path, builder:
 def test_a_file_that_lacks_a_part_is_built_again(tmp_path: Path, builder: Builder) -> None:
     path = tmp_path / f"{surrogate_key(CENTRE, None)}.npz"
     with path.open("wb") as file:
-        np.savez(file, half_space_poles=np.array([-1 + 2j]), largest_error=np.array(0.0))
+        np.savez(file, half_space_poles=np.array([-1 + 2j]))
     assert SurrogateLibrary(tmp_path).get(CENTRE, None).echo_poles.size == 2
     assert len(builder.asked) == 1
 
@@ -297,8 +295,6 @@ def test_shipped_tables_can_be_read(path: Path) -> None:
     assert surrogate.inverse_depths.size >= 20
     assert np.all(surrogate.half_space_poles.real < 0)
     assert np.all(surrogate.echo_poles.real < 0)
-    if surrogate.problem.driving_point and len(surrogate.problem.offsets) == 1:
-        assert 0 < surrogate.largest_error < 2e-3
 
 
 def test_usual_plate_needs_no_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

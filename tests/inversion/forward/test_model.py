@@ -43,7 +43,6 @@ def oscillator() -> Surrogate:
         np.array([-0.8 + 2j]),
         np.array([0.6, 0.3, 0.01]),
         np.repeat(ECHO * own[None] / STATIC, 3, axis=0),
-        0.0,
     )
 
 

@@ -131,8 +131,7 @@ def test_one_medium_is_the_surrogate_within_its_error(
         "rigid-rough", instrument, (0.0,), time, load, wanted, 1600.0, CONVERGED
     )
     found = model.displacement(alone(homogeneous(5e7, 5e4, 0.35, depth)))
-    # Its largest error is that of the compliance at any frequency; the peak has less.
-    assert error_over_peak(found[0], fast[0]) < max(surrogate.largest_error, 3e-4)
+    assert error_over_peak(found[0], fast[0]) < 3e-4
 
 
 # --- at rest -------------------------------------------------------------------------------------
