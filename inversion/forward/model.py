@@ -9,6 +9,7 @@ of the instrument applied to the model, never taken off the data.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,10 @@ SMALLEST_RADIUS = 0.01
 
 LARGEST_RADIUS = 10.0
 """m; no plate is nearly as large, and no surrogate reaches so far."""
+
+REFERENCE_RAD_S = 2.0 * np.pi * 30.0
+r"""Angular frequency at which :math:`|E^*|` of constant-Q ground is its modulus, rad/s: about that
+of the pulses."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +79,36 @@ class Instrument:
         return result
 
 
+def loss_exponent(quality: float) -> float:
+    r"""Exponent :math:`\alpha = 2 \arctan(1/Q)/\pi` of ground that loses alike at all frequencies.
+
+    Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748, equation 7.
+    """
+    return 2.0 * math.atan2(1.0, quality) / math.pi
+
+
 @dataclass(frozen=True, eq=False)
 class Grounds:
-    """Parameters of m grounds, each array (m,).
+    r"""Parameters of m homogeneous grounds, each array (m,).
+
+    .. math:: E^*(s) = E \, (s/\omega_0)^\alpha + \eta s
+
+    A dashpot (:math:`\alpha = 0`) is the Kelvin-Voigt solid, an exponent without a dashpot the
+    constant-Q solid of Kjartansson, whose loss per cycle does not depend on the frequency.  Each is
+    causal, and so are both together.
 
     Parameters
     ----------
-    modulus : Pa, viscosity : Pa s, density : kg/m3
+    modulus : E, Pa, viscosity : eta, Pa s, density : kg/m3
     inverse_depth : 1/m, one over the bedrock depth; 0: half-space
+    loss_exponent : alpha, 0 <= value < 1, or None: 0; see :func:`loss_exponent`
     """
 
     modulus: FloatArray
     viscosity: FloatArray
     density: FloatArray
     inverse_depth: FloatArray
+    loss_exponent: FloatArray | None = None
 
 
 class ForwardModel:
@@ -197,6 +218,7 @@ def transfer_slopes(
     With :math:`C = \Phi/(G^* a)` and p as above
 
     .. math:: \frac{\partial C}{\partial G^*} = -\frac{C + p \, \partial_p C / 2}{G^*}, \quad
+              \frac{\partial E^*}{\partial \alpha} = E (s/\omega_0)^\alpha \ln(s/\omega_0), \quad
               \frac{\partial C}{\partial \rho} = \frac{p \, \partial_p C}{2 \rho}, \quad
               d \frac{C_r}{1 + m s^2 C_0} = \frac{d C_r - m s^2 \, w_r \, d C_0}{1 + m s^2 C_0}
 
@@ -220,12 +242,16 @@ def transfer_slopes(
     half = (0.5 * p)[:, None, :] * phi_by_p * over
     by_modulus = -(compliance + half) / shear[:, None, :]
     to_shear = 0.5 / (1.0 + surrogate.problem.poisson_ratio)
+    power = _power(grounds, s)[:, None, :]
     slopes = np.empty((p.shape[0], len(wanted), *compliance.shape[1:]), dtype=np.complex128)
     for column, name in enumerate(wanted):
         if name == "modulus":
-            slopes[:, column] = to_shear * by_modulus
+            slopes[:, column] = to_shear * power * by_modulus
         elif name == "viscosity":
             slopes[:, column] = (to_shear * s) * by_modulus
+        elif name == "loss_exponent":
+            bent = grounds.modulus[:, None, None] * power * np.log(s / REFERENCE_RAD_S)
+            slopes[:, column] = to_shear * bent * by_modulus
         elif name == "density":
             slopes[:, column] = half / grounds.density[:, None, None]
         elif phi_by_depth is not None:
@@ -243,7 +269,16 @@ def _shear_and_frequency(
     surrogate: Surrogate, instrument: Instrument, s: ComplexArray, grounds: Grounds
 ) -> tuple[ComplexArray, ComplexArray]:
     """Complex shear modulus, Pa, and p, each (m, n)."""
-    complex_modulus = grounds.modulus[:, None] + grounds.viscosity[:, None] * s
+    complex_modulus = grounds.modulus[:, None] * _power(grounds, s)
+    complex_modulus = complex_modulus + grounds.viscosity[:, None] * s
     shear = complex_modulus * (0.5 / (1.0 + surrogate.problem.poisson_ratio))
     p = s * (instrument.plate_radius * np.sqrt(grounds.density[:, None] / shear))
     return shear, p
+
+
+def _power(grounds: Grounds, s: ComplexArray) -> ComplexArray | FloatArray:
+    """(s / REFERENCE_RAD_S) to the loss exponent, (m, n), or (m, 1) where all are 0."""
+    if grounds.loss_exponent is None:
+        return np.ones((grounds.modulus.size, 1))
+    result: ComplexArray = np.exp(grounds.loss_exponent[:, None] * np.log(s / REFERENCE_RAD_S))
+    return result
