@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-    from inversion.diagnosis import PointDiagnosis
+    from inversion.diagnosis import PointDiagnosis, PointRecords
+    from inversion.inference.instrument import Instrument
     from pfwd.measured import Points
     from pfwd.surveys import Survey
+    from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+    from pfwd_survey.inverting.diagnosis.points import DeviceValues
 
 
 class Diagnosis(Shown):
@@ -31,11 +34,17 @@ class Diagnosis(Shown):
     Its keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
     """
 
-    __slots__ = ("_found", "_record")
+    __slots__ = ("_found", "_place", "_record")
 
-    def __init__(self, record: Mapping[str, Any], found: PointDiagnosis | None) -> None:
+    def __init__(
+        self,
+        record: Mapping[str, Any],
+        found: PointDiagnosis | None,
+        place: tuple[Instrument, int] | None = None,
+    ) -> None:
         self._record: dict[str, Any] = without_nan(record)
         self._found = found
+        self._place = place
 
     @property
     def file(self) -> str:
@@ -131,8 +140,9 @@ class Diagnosis(Shown):
     def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[np.float64]:
         """Return the displacement as the instrument records it, for a drop that follows.
 
-        The drop meets the ground of the point with its effects and those of the device; effects of
-        single drops have the values of the last drop diagnosed. Mains hum is not predicted.
+        It rests on the drops of the point and on the other points that were diagnosed in the same
+        call with the same instrument: how ground hardens from drop to drop, and what their fits
+        have in common. Mains hum is not predicted. The first call fits all these points.
 
         Parameters
         ----------
@@ -155,14 +165,11 @@ class Diagnosis(Shown):
         >>> pfwd.diagnose(drop).predict(drop.time, drop.load).shape == (1, drop.time.size)
         True
         """
-        if self._found is None or self._found.fitted is None:
+        if self._place is None:
             raise SurveyError(refusal(self.file, "a diagnosed drop to predict from", "none"))
-        from inversion import SurrogateLibrary
-        from inversion.diagnosis import predict_next
-
+        instrument, place = self._place
         axis, force = time_and_load(time, load)
-        found = predict_next(self._found.fitted, axis, force, SurrogateLibrary())
-        return np.asarray(found, np.float64)
+        return np.asarray(instrument.predict_next(place, axis, force), np.float64)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the residual before and after (% of the peak over ms), and return the axes."""
@@ -318,12 +325,38 @@ def diagnose(
     points = points_of(data, header, asked.overrides())
     known, spread = (None, None) if device is None else read_device(device)
     entries = [entry_of(point.file, point, asked) for point in points]
+    places = _places(entries, known)
     found = []
-    for one in diagnose_entries(entries, known, jobs, spread=spread):
+    diagnosed = diagnose_entries(entries, known, jobs, spread=spread)
+    for one, place in zip(diagnosed, places, strict=True):
         if one.result is None:
             raise SurveyError(one.error or refusal(one.file, "a diagnosis", "none"))
-        found.append(Diagnosis(one.result.to_json(), one.diagnosis))
+        found.append(Diagnosis(one.result.to_json(), one.diagnosis, place))
     return found[0] if isinstance(data, Drop | Point) else Diagnoses(found)
+
+
+def _places(
+    entries: Sequence[DiagnosisPoint], known: DeviceValues | None
+) -> list[tuple[Instrument, int] | None]:
+    """Return the instrument of each point, and its place there; None: no drop was measured."""
+    from inversion.inference.instrument import Instrument
+    from pfwd_survey.inverting.diagnosis.entries import instrument_of
+
+    records: dict[tuple[object, ...], list[PointRecords]] = {}
+    for entry in entries:
+        if entry.records is not None:
+            records.setdefault(instrument_of(entry), []).append(entry.records)
+    instruments = {key: Instrument(points, known) for key, points in records.items()}
+    counts = dict.fromkeys(records, 0)
+    places: list[tuple[Instrument, int] | None] = []
+    for entry in entries:
+        if entry.records is None:
+            places.append(None)
+            continue
+        key = instrument_of(entry)
+        places.append((instruments[key], counts[key]))
+        counts[key] += 1
+    return places
 
 
 def _modulus(state: Mapping[str, Any]) -> str:

@@ -10,14 +10,12 @@ from pfwd_plugins.lazy_names import lazy_getattr
 if TYPE_CHECKING:
     from inversion.diagnosis.device import cost_of_sharing, fit_device
     from inversion.diagnosis.diagnose import diagnose_point
-    from inversion.diagnosis.drop_prediction import predict_next
     from inversion.diagnosis.findings import (
         NEARLY_EXPLAINED,
         DeviceFindings,
         DropCurves,
         EffectParameter,
         EffectResult,
-        FittedPoint,
         FittedState,
         HeldOut,
         HeldOutPart,
@@ -26,19 +24,16 @@ if TYPE_CHECKING:
         UnknownKey,
     )
     from inversion.diagnosis.flat_tops import Channel, largest_values
-    from inversion.diagnosis.held_out import Allow, count_held_out, held_out_error, without_held_out
     from inversion.diagnosis.model import PointRecords
     from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
-    "Allow",
     "Channel",
     "DeviceFindings",
     "DropCurves",
     "EffectParameter",
     "EffectResult",
-    "FittedPoint",
     "FittedState",
     "HeldOut",
     "HeldOutPart",
@@ -47,24 +42,18 @@ __all__ = [
     "PointRecords",
     "UnknownKey",
     "cost_of_sharing",
-    "count_held_out",
     "diagnose_point",
     "fit_device",
-    "held_out_error",
     "largest_values",
     "left_out_error",
-    "predict_next",
-    "without_held_out",
 ]
 
 _HOMES = {
-    "Allow": "inversion.diagnosis.held_out",
     "Channel": "inversion.diagnosis.flat_tops",
     "DeviceFindings": "inversion.diagnosis.findings",
     "DropCurves": "inversion.diagnosis.findings",
     "EffectParameter": "inversion.diagnosis.findings",
     "EffectResult": "inversion.diagnosis.findings",
-    "FittedPoint": "inversion.diagnosis.findings",
     "FittedState": "inversion.diagnosis.findings",
     "HeldOut": "inversion.diagnosis.findings",
     "HeldOutPart": "inversion.diagnosis.findings",
@@ -74,14 +63,10 @@ _HOMES = {
     "PointRecords": "inversion.diagnosis.model",
     "UnknownKey": "inversion.diagnosis.findings",
     "cost_of_sharing": "inversion.diagnosis.device",
-    "count_held_out": "inversion.diagnosis.held_out",
     "diagnose_point": "inversion.diagnosis.diagnose",
     "fit_device": "inversion.diagnosis.device",
-    "held_out_error": "inversion.diagnosis.held_out",
     "largest_values": "inversion.diagnosis.flat_tops",
     "left_out_error": "inversion.diagnosis.prediction",
-    "predict_next": "inversion.diagnosis.drop_prediction",
-    "without_held_out": "inversion.diagnosis.held_out",
 }
 
 __getattr__ = lazy_getattr(globals(), _HOMES)

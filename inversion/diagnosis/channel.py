@@ -86,13 +86,18 @@ class MotionChannel:
         part : slice of the samples
         steady : (n,) ndarray, m: rms of what is added to the noise, independent at each
         """
-        covariance = np.diag(steady**2)
-        if self._noise.model.samples:
-            covariance += self._noise.model.quadratic_form(self._weights[part])
+        covariance = self.noise_covariance(part, steady)
         size = steady.size
         covariance += _JITTER * float(np.trace(covariance)) / size * np.eye(size)
         lower = np.linalg.cholesky(covariance)
         return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
+
+    def noise_covariance(self, part: slice, steady: FloatArray) -> FloatArray:
+        """Return the covariance of the noise at some samples and of what `whitener` adds, m2."""
+        covariance: FloatArray = np.diag(steady**2)
+        if self._noise.model.samples:
+            covariance += self._noise.model.quadratic_form(self._weights[part])
+        return covariance
 
 
 def _near(times: FloatArray, time: float) -> tuple[NDArray[np.intp], FloatArray]:

@@ -25,7 +25,6 @@ from inversion.diagnosis.findings import (
     DropCurves,
     EffectParameter,
     EffectResult,
-    FittedPoint,
     FittedState,
     HeldOut,
     PointDiagnosis,
@@ -319,14 +318,6 @@ def _told(
         values=search.values(best),
         plain=search.scope.plain,
         independent=search.independent,
-        fitted=FittedPoint(
-            records=point.records,
-            effects=tuple(effect.name for effect in best.fit.problem.effects),
-            given=search.fixed,
-            values=search.values(best),
-            base_values=search.values(base),
-            plain=search.scope.plain,
-        ),
     )
 
 

@@ -12,7 +12,6 @@ from inversion.records import Interval, JsonRecord, known, not_stored, quantity
 if TYPE_CHECKING:
     # A stored diagnosis is read and shown without loading what found it.
     from inversion.arrays import FloatArray
-    from inversion.diagnosis.model import PointRecords
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
@@ -272,27 +271,6 @@ class DropCurves:
 
 
 @dataclass(frozen=True, eq=False)
-class FittedPoint:
-    """The fit of a point, from which records of other drops and sensors are predicted.
-
-    Parameters
-    ----------
-    records : PointRecords, that were fitted
-    effects : tuple of str, names in the order in which the effects act
-    given : values of device effects that were not fitted, by effect and parameter
-    values, base_values : values of the unknowns with the effects, and of the base model
-    plain : bool, whether every sample counted alike
-    """
-
-    records: PointRecords = field(repr=False)
-    effects: tuple[str, ...]
-    given: DeviceValues
-    values: Mapping[UnknownKey, float] = field(repr=False)
-    base_values: Mapping[UnknownKey, float] = field(repr=False)
-    plain: bool
-
-
-@dataclass(frozen=True, eq=False)
 class PointDiagnosis:
     """What was found at one point.
 
@@ -311,7 +289,6 @@ class PointDiagnosis:
     plain : bool, whether every sample counted alike, as much more than noise is left
     independent : float, samples that count in the evidence of its effects
     elapsed : float, s, of looking at it; NaN: not known
-    fitted : FittedPoint or None, from which other drops are predicted
     """
 
     name: str
@@ -328,7 +305,6 @@ class PointDiagnosis:
     plain: bool = False
     independent: float = math.nan
     elapsed: float = math.nan
-    fitted: FittedPoint | None = field(repr=False, default=None)
 
     @property
     def takes_most(self) -> bool:

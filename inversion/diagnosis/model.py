@@ -310,6 +310,10 @@ class DropModel:
         found: FloatArray = self._read(self._record(motion[None], active))[0]
         return found
 
+    def ground_motion(self, ground: Ground, active: Active) -> FloatArray:
+        """Return what the ground does under the load, (n_sensors, n), m, before other effects."""
+        return self._ground_motion(self._stages(ground, active))
+
     def _padded(self, motions: FloatArray) -> FloatArray:
         """Motions (m, n_sensors, n) from before the pulse on, as a geophone shows them."""
         records = np.zeros((*motions.shape[:2], self.before + motions.shape[2]))
@@ -630,6 +634,21 @@ class DropModel:
         )
         self._whiteners[scope] = found
         return found
+
+    def noise_covariance(self, sensor: int, part: slice, floor: float) -> FloatArray:
+        """Return the covariance of the noise of a sensor, m2.
+
+        Parameters
+        ----------
+        part : slice of the model's samples
+        floor : float, m, error of the model itself, independent at each sample
+        """
+        size = self.rows[part].size
+        quantum = float(self.drop.quantisation[sensor])
+        return self.channels[sensor].noise_covariance(
+            slice(self.before + part.start, self.before + part.stop, part.step),
+            np.full(size, np.hypot(quantum, floor)),
+        )
 
     def weighted_size(self, scope: FitScope = WHOLE) -> int:
         """Number of values that `weighted_residual` gives."""

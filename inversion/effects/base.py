@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from inversion.arrays import ComplexArray, FloatArray
+from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_value
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
@@ -157,6 +159,9 @@ class Effect:
     imitates: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that it looks like in records that cannot show it by itself: there it is
     named as their alternative, if it fits as well."""
+    drop_deviations: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    """Prior deviations by which single drops differ from the point, by coordinate: of the first of
+    several drops, and of later ones."""
     told_sets: ClassVar[tuple[frozenset[str], ...]] = ()
     """Sets of effects, it among them, for which `set_starts` tells where a fit begins: they are
     tried before anything is combined."""
@@ -189,6 +194,18 @@ class Effect:
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """The parameters with bounds that fit the plate and the drop; none: it has no effect."""
         return self.parameters
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return the unknowns of the inference, with priors about the absence of the effect."""
+        return tuple(map(coordinate_of, self.parameters_for(drop)))
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of the parameters at coordinates by name."""
+        return {
+            p.name: parameter_value(p, coordinates[p.name])
+            for p in self.parameters
+            if p.name in coordinates
+        }
 
     def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """Name, unit and value of what the record itself tells of the effect; goes first."""

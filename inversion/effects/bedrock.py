@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.parameters import Parameter, depth_parameter
+from inversion.fitting.coordinates import Coordinate
+from inversion.fitting.parameters import INVERSE_DEPTH_PRIOR, Parameter, depth_parameter
 
 
 class Bedrock(Effect):
@@ -33,6 +34,17 @@ class Bedrock(Effect):
         depth = depth_parameter(drop.plate_radius)
         starts = tuple(float(d) for d in np.geomspace(depth.lower, depth.upper, 8)[1:-1])
         return (replace(depth, name="depth", starts=starts, absent=depth.upper),)
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return one over the depth, 1/m: a half-space is zero."""
+        depth = depth_parameter(drop.plate_radius)
+        nearest, farthest = 1.0 / depth.lower, 1.0 / depth.upper
+        start = 1.0 / self.present_for(drop)[0]["depth"]
+        return (Coordinate("depth", 0.0, INVERSE_DEPTH_PRIOR, farthest, nearest, (start,)),)
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return the depth."""
+        return {"depth": 1.0 / coordinates["depth"]}
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with its base."""

@@ -1,9 +1,11 @@
 """The second-order high-pass of a geophone, left in the record."""
 
 import math
+from collections.abc import Mapping
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, geophone
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
 
@@ -43,6 +45,25 @@ class GeophoneResponse(Effect):
         {"natural_frequency": 6.0, "damping": 0.5},
         {"natural_frequency": 12.0, "damping": 0.2},
     )
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return the frequency, Hz, which is zero without a high-pass, and ln of the damping."""
+        frequency, damping = self.parameters
+        low, high = math.log(damping.lower), math.log(damping.upper)
+        # A spring of low damping under heavy plates, a damped geophone under others.
+        return (
+            Coordinate(
+                "natural_frequency", 0.0, 12.0, frequency.lower, frequency.upper, (10.7, 5.0)
+            ),
+            Coordinate("damping", math.log(0.3), 1.0, low, high, (math.log(0.06), math.log(0.5))),
+        )
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return frequency and damping."""
+        return {
+            "natural_frequency": coordinates["natural_frequency"],
+            "damping": math.exp(coordinates["damping"]),
+        }
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """As the geophone shows it."""

@@ -1,8 +1,12 @@
 """The ground unloads on another path than it loads."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from inversion.effects.base import DropContext, Effect, Values
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
@@ -26,11 +30,33 @@ class HystereticUnloading(Effect):
         ),
         Parameter("tension_share", "-", 0.1, 1.0, (0.5,), natural=True, absent=1.0, of_point=True),
     )
+    drop_deviations = MappingProxyType({"exponent": (0.4, 0.1), "unrecovered": (0.2, 0.05)})
     advice = "the ground yields: drop again until nothing is left behind"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Ground is pulled where the plate comes up above its place, as over shallow rock."""
         return tuple(p for p in self.parameters if drop.swings_back or p.name != "tension_share")
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return the logarithm of the exponent, the part not recovered, and -ln of the tension."""
+        exponent, unrecovered, *_ = super().coordinates(drop)
+        found = (
+            replace(exponent, lower=math.log(1 / 3), upper=math.log(5.5), starts=(0.2,)),
+            replace(unrecovered, upper=0.75, starts=(0.05,)),
+        )
+        if not drop.swings_back:
+            return found
+        return (*found, Coordinate("tension_share", 0.0, 1.0, 0.0, math.log(10.0), (0.5,)))
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters, within what the law of the ground has."""
+        exponent, unrecovered = self.parameters[:2]
+        ratio = min(max(math.exp(coordinates["exponent"]), exponent.lower), exponent.upper)
+        lost = min(max(coordinates["unrecovered"], unrecovered.lower), unrecovered.upper)
+        values = {"exponent": ratio, "unrecovered": lost}
+        if "tension_share" in coordinates:
+            values["tension_share"] = math.exp(-coordinates["tension_share"])
+        return values
 
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext

@@ -3,7 +3,11 @@
 from dataclasses import replace
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
+
+# kg below and above this plate radius, m: what makers leave undeclared between cell and ground.
+_SMALL_PLATE_M, _USUAL_MASS_KG = 0.25, (8.0, 40.0)
 
 
 class PlateInertia(Effect):
@@ -14,6 +18,12 @@ class PlateInertia(Effect):
     parameters = (Parameter("mass", "kg", 0.0, 400.0, (8.0, 60.0), prior=(0.0, 40.0), absent=0.0),)
     in_full_set = False
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return the mass, with a prior of the plate's size."""
+        (mass,) = super().coordinates(drop)
+        usual = _USUAL_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _USUAL_MASS_KG[1]
+        return (replace(mass, deviation=usual),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with the plate's mass added."""

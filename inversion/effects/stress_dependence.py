@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, secant
 
@@ -57,6 +58,11 @@ class StressDependence(Effect):
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """With a single drop all of it is within the drop."""
         return self.parameters if drop.count > 1 else self.parameters[:2]
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return exponent and stress at rest; drops differ by the law of the point instead."""
+        exponent, rest_stress, *_ = super().coordinates(drop)
+        return replace(exponent, upper=0.8, starts=(0.2,)), rest_stress
 
     def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """The stress at which the modulus holds: the mean one under the largest drop."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from inversion import InversionError
-from inversion.diagnosis import Allow, Channel, LeaveOut, PointDiagnosis, largest_values
+from inversion.diagnosis import Channel, LeaveOut, PointDiagnosis, largest_values
+from inversion.inference.held_out import Allow
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
 from pfwd_survey.inverting.diagnosis.entries import (
@@ -70,8 +72,9 @@ def diagnose_files(
     jobs : int
         Processes.
     leave_out : "next", "drop", "sensor", "point" or None
-        What is held out: the last drop of each point, each drop or each sensor is predicted by
-        a diagnosis without it. "point": the device of the other points, the ground fitted to the
+        What is held out: the last drop of each point, each drop or each sensor is predicted
+        without it, by the rest of its point and the other points of the instrument.
+        "point": the device of the other points, the ground fitted to the
         point. None: that where points share something, else each drop on the ground of the others.
     use_kept : bool
         Whether what a survey keeps of the same question is the answer.
@@ -134,17 +137,15 @@ def diagnose_entries(
     open_devices = {point.device for point in points if point.name not in stored} - {None}
     work = [p for p in points if p.name not in stored or p.device in open_devices]
 
-    def diagnose(points: Sequence[DiagnosisPoint], without: str = "") -> DiagnosisByPoint:
-        # Of these points alone: held-out records are in none of them.
+    def diagnose(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
         points = _with_device_largest(points)
         if device:
             request = DiagnosisRequest(
                 device=device, spread=spread, leave_out=leave_out in TRANSFERS
             )
-            what = f"each point with what is known{without}"
-            counter = ProgressCounter(progress, what, len(points))
+            counter = ProgressCounter(progress, "each point with what is known", len(points))
             return diagnose_all(points, [request] * len(points), workers, counter)
-        phases = Phases.of(progress, len(points), without)
+        phases = Phases.of(progress, len(points))
 
         def of_device(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
             return diagnose_device(points, workers, leave_out, phases)
@@ -157,7 +158,15 @@ def diagnose_entries(
     with Workers(min(jobs, len(work))) as workers:
         outcomes = diagnose(work)
         if leave_out is not None and leave_out not in TRANSFERS:
-            outcomes = with_predictions(work, outcomes, diagnose, leave_out, allow, workers)
+            outcomes = with_predictions(
+                work,
+                outcomes,
+                leave_out,
+                workers,
+                given=device,
+                allow=allow,
+                progress=partial(ProgressCounter, progress),
+            )
     for entry in entries:
         if isinstance(entry, Diagnosed):
             yield entry

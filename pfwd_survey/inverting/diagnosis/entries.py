@@ -137,3 +137,15 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
 
 def _text(value: object) -> str | None:
     return None if value is None else str(value)
+
+
+def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
+    """Return what points of one instrument have in common.
+
+    That is the declared device; without one the plate and the sensors.
+    """
+    if point.device is not None or point.records is None:
+        return (point.device,)
+    record = point.records.records[0]
+    sensors = tuple((sensor.offset, sensor.quantity) for sensor in record.sensors)
+    return None, record.instrument.plate_radius, sensors

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd_survey.inverting.diagnosis.holding import read_diagnosis
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.keeping import Keepsake, keep, software_name
+
+# Modes that use all points of an instrument.
+_PREDICTIONS = frozenset({"next", "drop", "sensor"})
 
 DeviceEffects = Mapping[str, Mapping[str, float]]
 
@@ -33,18 +36,24 @@ def questions_of(
         Device effects that are given, and their deviations.
     leave_out, allow : str or None
     """
+    predicts = leave_out in _PREDICTIONS
     groups: dict[object, list[str]] = {}
     for place, point in enumerate(work):
-        groups.setdefault(_group(place, point), []).append(point.question)
+        groups.setdefault(_group(place, point, predicts), []).append(point.question)
     asked = []
     for place, point in enumerate(work):
-        group = sorted(groups[_group(place, point)])
-        text = repr((point.question, group, device, leave_out, spread, allow))
+        group = sorted(groups[_group(place, point, predicts)])
+        parts: tuple[object, ...] = (point.question, group, device, leave_out, spread, allow)
+        # Answers by the fits that the predictions had before are no longer given.
+        text = repr((*parts, "inference") if predicts else parts)
         asked.append(hashlib.sha256(text.encode()).hexdigest()[:32])
     return asked
 
 
-def _group(place: int, point: DiagnosisPoint) -> object:
+def _group(place: int, point: DiagnosisPoint, predicts: bool) -> object:
+    """Return what the points have in common that are one question."""
+    if predicts:
+        return instrument_of(point)
     return place if point.device is None else point.device
 
 

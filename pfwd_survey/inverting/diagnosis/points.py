@@ -166,7 +166,7 @@ def _diagnose(
     try:
         diagnosis = diagnose_point(
             records,
-            _library(),
+            library_of_process(),
             request.device,
             request.likely,
             request.begun,
@@ -185,6 +185,6 @@ def _diagnose(
 
 
 @cache
-def _library() -> SurrogateLibrary:
+def library_of_process() -> SurrogateLibrary:
     """Return the library of this process."""
     return SurrogateLibrary()

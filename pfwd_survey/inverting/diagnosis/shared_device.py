@@ -73,16 +73,11 @@ class Phases:
     together: ProgressCounter
 
     @classmethod
-    def of(cls, progress: Progress | None, points: int, without: str = "") -> Phases:
-        """Return the counters for a number of points.
-
-        Parameters
-        ----------
-        without : str, end of the text for both parts: what is held out
-        """
+    def of(cls, progress: Progress | None, points: int) -> Phases:
+        """Return the counters for a number of points."""
         return cls(
-            ProgressCounter(progress, f"each point by itself{without}", points),
-            ProgressCounter(progress, f"with what other points show{without}", 0),
+            ProgressCounter(progress, "each point by itself", points),
+            ProgressCounter(progress, "with what other points show", 0),
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,17 +11,27 @@ import pytest
 from inversion import Record, Sensor
 from inversion.arrays import FloatArray
 from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
-from inversion.diagnosis.drop_prediction import DropPredictor
+from inversion.errors import RecordError
 from inversion.forward.model import Instrument
+from inversion.inference import instrument
+from inversion.inference.next_drop import DropPredictor
+from inversion.inference.structures import Structure
+from pfwd_survey.inverting.diagnosis import hold_out
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed, diagnose_entries
-from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
-from pfwd_survey.inverting.diagnosis.hold_out import with_predictions
-from pfwd_survey.inverting.diagnosis.points import DiagnosisByPoint, DiagnosisFailure, Workers
+from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, instrument_of
+from pfwd_survey.inverting.diagnosis.points import DiagnosisByPoint, Workers
 from pfwd_survey.inverting.diagnosis.result import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 
 RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
+
+
+@pytest.fixture(autouse=True)
+def one_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the choice of the structure out, which takes most of the time."""
+    base: Structure = frozenset({"sensor_lag", "plate_inertia"})
+    monkeypatch.setattr(instrument, "candidate_structures", lambda contexts: [base])
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +72,14 @@ def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_defle
     point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     traces: list[FloatArray] = []
-    made = DropPredictor.trace
+    predict = DropPredictor.next_drop
 
-    def trace(self: DropPredictor, **options: Any) -> FloatArray:
-        traces.append(made(self, **options))
+    def next_drop(self: DropPredictor, *arguments: Any) -> FloatArray:
+        traces.append(predict(self, *arguments))
         return traces[-1]
 
-    monkeypatch.setattr(DropPredictor, "trace", trace)
-    # The other point has one drop: nothing is held out there, and it has a part in the device.
+    monkeypatch.setattr(DropPredictor, "next_drop", next_drop)
+    # The other point has one drop: nothing is held out there, and its fit is a prior.
     assert point.records is not None
     first = replace(
         point.records, records=point.records.records[:1], numbers=point.records.numbers[:1]
@@ -120,18 +129,36 @@ def test_without_the_option_it_is_said_that_the_drop_had_a_part_in_the_fit(
     assert "choice of effects" in (found.fitted or ())
 
 
-def test_a_point_that_cannot_be_diagnosed_without_a_part_says_so(point: DiagnosisPoint) -> None:
+def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
+    point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (one,) = diagnose_entries([point], leave_out="next")
     assert one.diagnosis is not None
 
-    def refuse(points: Sequence[DiagnosisPoint], without: str = "") -> DiagnosisByPoint:
-        return {reduced.name: DiagnosisFailure("no load") for reduced in points}
+    def refuse(*arguments: Any) -> None:
+        raise RecordError("no load")
 
+    monkeypatch.setattr(hold_out, "held_out_error", refuse)
     found: DiagnosisByPoint = {point.name: one.diagnosis}
-    (diagnosis,) = with_predictions([point], found, refuse, "drop", None, Workers(1)).values()
+    (diagnosis,) = hold_out.with_predictions([point], found, "drop", Workers(1)).values()
     assert isinstance(diagnosis, PointDiagnosis)
     assert diagnosis.held_out is None
     assert diagnosis.warnings[-2:] == (
         "nothing is predicted without part 1 (drop): no load",
         "nothing is predicted without part 2 (drop): no load",
     )
+
+
+def test_points_without_a_device_are_of_one_instrument_if_plate_and_sensors_agree(
+    point: DiagnosisPoint,
+) -> None:
+    assert point.records is not None
+    undeclared = replace(point, device=None)
+    other_plate = [
+        replace(record, instrument=replace(record.instrument, plate_radius=0.1))
+        for record in point.records.records
+    ]
+    smaller = replace(undeclared, records=replace(point.records, records=tuple(other_plate)))
+    assert instrument_of(undeclared) == instrument_of(replace(undeclared, file="b.csv"))
+    assert instrument_of(undeclared) != instrument_of(smaller)
+    assert instrument_of(point) == instrument_of(replace(smaller, device="unit"))

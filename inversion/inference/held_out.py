@@ -1,9 +1,9 @@
-"""Held-out drops and sensors: predicted by a fit that never had them."""
+"""Held-out drops and sensors: predicted by fits that never had them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -11,16 +11,21 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.drop_prediction import DropPredictor
-from inversion.diagnosis.findings import FittedPoint, HeldOutPart, LeaveOut
+from inversion.diagnosis.findings import HeldOutPart, LeaveOut
 from inversion.diagnosis.model import PointRecords
+from inversion.effects.base import Values
 from inversion.forward.library import SurrogateLibrary
+from inversion.inference.instrument import choose_structure, drop_predictor, structure_evidence
+from inversion.inference.next_drop import DropPredictor
+from inversion.inference.population import PointSummary
+from inversion.inference.structures import Structure
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
 # Logarithm of the stiffness over that of the fitted drop, within which the held-out one lies.
 _LARGEST_CHANGE = math.log(4.0)
+_BASE: Structure = frozenset()
 _Errors = tuple[float, float]
 """Residual over the peak: whole record, contact phase."""
 
@@ -61,50 +66,69 @@ def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> Point
 
 def held_out_error(
     records: PointRecords,
-    fitted: FittedPoint,
+    structure: Structure | None,
+    others: Sequence[PointSummary],
     mode: LeaveOut,
     place: int,
+    given: Mapping[str, Values] | None = None,
     allow: Allow | None = None,
     library: SurrogateLibrary | None = None,
 ) -> HeldOutPart:
-    """Predict the part that was held out, and return its errors.
+    """Fit a point without a part of it, predict the part, and return the errors.
 
     Parameters
     ----------
     records : PointRecords, with the held-out part
-    fitted : FittedPoint, of `without_held_out`
-    mode, place : as for `without_held_out`
+    structure : Structure that the other points show; None: the one that the rest of the point shows
+    others : summaries of the other points of the instrument
+    mode : "next", "drop" or "sensor"
+    place : int, which of the parts that `count_held_out` counts
+    given : values of effects that are known, by effect and parameter
     allow : "stiffness": one number, that of the held-out drop, is fitted to it
     library : SurrogateLibrary
     """
-    library = library or SurrogateLibrary()
+    library, given = library or SurrogateLibrary(), given or {}
+    reduced = without_held_out(records, mode, place)
     with single_threaded_blas():
+        if structure is None:
+            structure = choose_structure([structure_evidence(reduced, given, library)])
+        predictors = [
+            drop_predictor(reduced, of, summaries, known, library)
+            for of, summaries, known in ((_BASE, (), {}), (structure, others, given))
+        ]
         if mode == "sensor":
-            return _sensor_error(records, fitted, _position(records, place), library)
-        return _drop_error(records, fitted, _held_out_drop(records, mode, place), allow, library)
+            return _sensor_error(records, predictors, _position(records, place), library)
+        held_out = _held_out_drop(records, mode, place)
+        return _drop_error(records, predictors, held_out, allow, library)
 
 
 def _drop_error(
     records: PointRecords,
-    fitted: FittedPoint,
+    predictors: Sequence[DropPredictor],
     held_out: int,
     allow: Allow | None,
     library: SurrogateLibrary,
 ) -> HeldOutPart:
     record, number = records.records[held_out], records.numbers[held_out]
     drop = prepare(record).with_tail()
-    # Without an earlier drop, the one that follows.
-    predictor = DropPredictor(fitted, record, max(held_out - 1, 0), library)
+    errors = []
+    for predictor in predictors:
+        model = predictor.model_of(record, library)
+        # Without an earlier drop, the one that follows.
+        expected = (
+            predictor.stiffening_after(held_out - 1, model)
+            if held_out
+            else predictor.stiffening_before(0, model)
+        )
 
-    def errors(*, with_effects: bool) -> _Errors:
-        def at(change: float) -> _Errors:
-            trace = predictor.trace(with_effects=with_effects, stiffness=math.exp(change))
-            return _errors(record, drop, trace)
+        def at(
+            change: float, predictor: DropPredictor = predictor, expected: float = expected
+        ) -> _Errors:
+            return _errors(record, drop, predictor.next_drop(record, library, expected + change))
 
-        return at(0.0 if allow is None else _best_change(lambda change: at(change)[0]))
-
-    before, contact_before = errors(with_effects=False)
-    after, contact_after = errors(with_effects=True)
+        change = 0.0 if allow is None else _best_change(lambda change: at(change)[0])
+        errors.append(at(change))
+    (before, contact_before), (after, contact_after) = errors
     scaled: tuple[float | None, float | None] = (None, None)
     if held_out:
         scaled = _errors(record, drop, scaled_record(records.records[held_out - 1], record))
@@ -121,18 +145,21 @@ def _drop_error(
 
 
 def _sensor_error(
-    records: PointRecords, fitted: FittedPoint, position: float, library: SurrogateLibrary
+    records: PointRecords,
+    predictors: Sequence[DropPredictor],
+    position: float,
+    library: SurrogateLibrary,
 ) -> HeldOutPart:
-    errors: list[tuple[_Errors, _Errors]] = []
+    errors: list[list[_Errors]] = []
     for place, record in enumerate(records.records):
-        predictor = DropPredictor(fitted, record, place, library)
         row = [sensor.offset for sensor in record.sensors].index(position)
         drop = prepare(record).with_tail()
-        before, after = (
-            _errors(record, drop, predictor.trace(with_effects=with_effects), [row])
-            for with_effects in (False, True)
+        errors.append(
+            [
+                _errors(record, drop, predictor.fitted_drop(record, place, library), [row])
+                for predictor in predictors
+            ]
         )
-        errors.append((before, after))
     (before, contact_before), (after, contact_after) = np.sqrt(
         np.mean(np.square(errors), axis=0)
     ).tolist()

@@ -1,0 +1,57 @@
+"""Unknowns of the inference: numbers with normal priors, on scales where absence is zero."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from inversion.fitting.parameters import Parameter
+
+# Prior deviation of a parameter about which nothing is known, in parts of its range.
+_VAGUE = 0.25
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One unknown number with its prior.
+
+    Parameters
+    ----------
+    name : str
+    mean, deviation : float, of the normal prior
+    lower, upper : float, bounds
+    starts : tuple of float, where fits begin
+    """
+
+    name: str
+    mean: float
+    deviation: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    starts: tuple[float, ...] = ()
+
+    def start(self, variant: int) -> float:
+        """Return where a fit begins; the last start serves all further variants."""
+        if not self.starts:
+            return min(max(self.mean, self.lower), self.upper)
+        return self.starts[min(variant, len(self.starts) - 1)]
+
+
+def coordinate_of(parameter: Parameter) -> Coordinate:
+    """Return the coordinate of a parameter: its logarithm or itself, with the parameter's prior.
+
+    The fit begins where the effect is absent, if there is such a value, else at the first start.
+    """
+
+    def scaled(value: float) -> float:
+        return math.log(value) if parameter.logarithmic else value
+
+    lower, upper = scaled(parameter.lower), scaled(parameter.upper)
+    mean, deviation = parameter.prior or (0.5 * (lower + upper), _VAGUE * (upper - lower))
+    first = parameter.starts[0] if parameter.absent is None else parameter.absent
+    return Coordinate(parameter.name, mean, deviation, lower, upper, (scaled(first),))
+
+
+def parameter_value(parameter: Parameter, coordinate: float) -> float:
+    """Return the value of a parameter at its coordinate."""
+    return math.exp(coordinate) if parameter.logarithmic else coordinate

@@ -1,0 +1,1 @@
+"""Inference over the points of an instrument: one likelihood, priors from the other points."""

@@ -1,0 +1,127 @@
+r"""What model and record differ by beyond noise, as a Gaussian process in the likelihood.
+
+.. math:: y_d = f_d + \delta_d + \epsilon_d, \qquad
+          \operatorname{cov}(\delta_d(t), \delta_e(t')) =
+          \sigma^2 \, c_d c_e \, \rho_{de} \, e^{-|t - t'| / \tau}
+
+Everything is over the peak of the sensor. :math:`\rho_{de}` is 1 for one drop and below for two,
+:math:`c_d` is larger for the first of several drops. Drift of a sensor in a drop, a polynomial of
+second degree, is marginalised: its basis adds to the covariance. Kennedy and O'Hagan (2001),
+JRSS B 63, 425.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from inversion.arrays import FloatArray
+from inversion.inference.point_model import PointModel
+
+# Part of the peak: error of the forward model itself, independent from sample to sample.
+FLOOR = 1e-3
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """Size and memory of what the model lacks.
+
+    Parameters
+    ----------
+    scale : float, standard deviation over the peak
+    memory : float, s
+    between_drops : float, correlation of two drops of a point
+    first : float, factor on the scale for the first of several drops
+    drift : float, standard deviation of the drift at the end of a record, over the peak
+    """
+
+    scale: float
+    memory: float
+    between_drops: float = 0.0
+    first: float = 2.0
+    drift: float = 0.005
+
+
+class RecordedDrops:
+    """The fitted drops of a point over their peaks, with the covariance of their noise.
+
+    Parameters
+    ----------
+    model : PointModel
+    thinning : int, every so many samples count
+    """
+
+    def __init__(self, model: PointModel, thinning: int = 1) -> None:
+        self._thinning = thinning
+        self.drops = model.drops
+        self.sensors = model.point.drops[0].observed.shape[0]
+        models = [model.point.drops[drop] for drop in self.drops]
+        self._parts = [slice(1, m.rows.size, thinning) for m in models]
+        self._peaks = [m.peak for m in models]
+        times = [m.context.time[part] for m, part in zip(models, self._parts, strict=True)]
+        self._ramps = [time / time[-1] for time in times]
+        self._time = np.concatenate(times)
+        self._drop = np.repeat(np.arange(len(models)), [time.size for time in times])
+        self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[self._drop]
+        self.observed = [
+            self.over_peak([m.observed for m in models], row) for row in range(self.sensors)
+        ]
+        self._noise = [
+            [
+                m.noise_covariance(row, part, FLOOR * m.peak[row]) / m.peak[row] ** 2
+                for m, part in zip(models, self._parts, strict=True)
+            ]
+            for row in range(self.sensors)
+        ]
+
+    def over_peak(self, traces: Sequence[FloatArray], sensor: int) -> FloatArray:
+        """Return traces (..., n_sensors, n_d) of all drops over the peak, (..., n)."""
+        return np.concatenate(
+            [
+                trace[..., sensor, part] / peak[sensor]
+                for trace, part, peak in zip(traces, self._parts, self._peaks, strict=True)
+            ],
+            axis=-1,
+        )
+
+    def covariance(self, sensor: int, discrepancy: Discrepancy) -> FloatArray:
+        """Return the covariance of one sensor over all drops, (n, n)."""
+        result = self.discrepancy_covariance(discrepancy)
+        start = 0
+        for noise, ramp in zip(self._noise[sensor], self._ramps, strict=True):
+            own = slice(start, start + ramp.size)
+            result[own, own] += noise
+            basis = np.stack([ramp, ramp**2])
+            result[own, own] += discrepancy.drift**2 * basis.T @ basis
+            start += ramp.size
+        return result
+
+    def discrepancy_covariance(self, discrepancy: Discrepancy) -> FloatArray:
+        """Return the covariance of the discrepancy alone, (n, n)."""
+        same_drop = self._drop[:, None] == self._drop
+        size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
+        decay = np.exp(-np.abs(self._time[:, None] - self._time) / discrepancy.memory)
+        result: FloatArray = (
+            size[:, None] * size * decay * np.where(same_drop, 1.0, discrepancy.between_drops)
+        )
+        return result
+
+    def whiteners(self, discrepancy: Discrepancy) -> list[FloatArray]:
+        """Return the lower Cholesky factor of each sensor's covariance."""
+        return [
+            np.linalg.cholesky(self.covariance(sensor, discrepancy))
+            for sensor in range(self.sensors)
+        ]
+
+
+def whitened(lower: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return the inverse of a lower Cholesky factor times rows (k, n), (k, n)."""
+    return np.asarray(solve_triangular(lower, rows.T, lower=True, check_finite=False).T)
+
+
+def log_determinant(lower: FloatArray) -> float:
+    """Return the logarithm of the determinant of a Cholesky factor."""
+    return float(np.log(np.diag(lower)).sum())

@@ -1,0 +1,148 @@
+"""The points of one instrument: their structure, their fits, and predictors of next drops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inversion.arrays import FloatArray
+from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.effects.base import Values
+from inversion.forward.library import SurrogateLibrary
+from inversion.inference.next_drop import DropPredictor
+from inversion.inference.point_model import PointModel
+from inversion.inference.population import (
+    PointSummary,
+    learn_next_drop,
+    population_priors,
+    summarise,
+)
+from inversion.inference.posterior import PointFit
+from inversion.inference.structures import (
+    Structure,
+    candidate_structures,
+    effects_of,
+    fit_briefly,
+    fit_drops,
+)
+from inversion.threads import single_threaded_blas
+
+# Points on which the structure is chosen: the evidence of more decides the same.
+MAX_RANKED_POINTS = 5
+
+
+def structure_evidence(
+    records: PointRecords, given: Mapping[str, Values], library: SurrogateLibrary
+) -> dict[Structure, float]:
+    """Return the log evidence of each candidate structure for the last drop of a point."""
+    point = Point(records, library)
+    evidence = {}
+    for structure in candidate_structures([model.context for model in point.drops]):
+        posterior = fit_briefly(point, structure, len(point.drops) - 1, given)
+        if posterior is not None:
+            evidence[structure] = posterior.log_evidence
+    return evidence
+
+
+def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:
+    """Return the structure of the largest evidence, summed over points that all could show it."""
+    common = frozenset.intersection(*(frozenset(of_point) for of_point in evidence))
+    return max(sorted(common, key=sorted), key=lambda s: sum(of[s] for of in evidence))
+
+
+def summarise_point(
+    records: PointRecords,
+    structure: Structure,
+    given: Mapping[str, Values],
+    library: SurrogateLibrary,
+) -> PointSummary:
+    """Return the summary of a point that is fitted by itself."""
+    point = Point(records, library)
+    return summarise(fit_drops(point, structure, range(len(point.drops)), given))
+
+
+def drop_predictor(
+    records: PointRecords,
+    structure: Structure,
+    others: Sequence[PointSummary],
+    given: Mapping[str, Values],
+    library: SurrogateLibrary,
+) -> DropPredictor:
+    """Return the predictor of drops of a point.
+
+    Parameters
+    ----------
+    records : PointRecords, of the point
+    structure : Structure
+    others : summaries of the other points of the instrument
+    given : values of effects that are known, by effect and parameter
+    library : SurrogateLibrary
+    """
+    point = Point(records, library)
+    drops = range(len(point.drops))
+    alone = fit_drops(point, structure, drops, given)
+    posterior = alone
+    if others:
+        model = PointModel(point, effects_of(structure, given), drops, given)
+        model.apply_priors(population_priors(others, model))
+        fits = [PointFit(model, values).run() for values in (model.start, alone.values)]
+        posterior = max(fits, key=lambda fit: fit.log_evidence)
+    return DropPredictor(
+        posterior, learn_next_drop(others, first=True), learn_next_drop(others, first=False)
+    )
+
+
+class Instrument:
+    """Points of one instrument, from each of which next drops are predicted.
+
+    Parameters
+    ----------
+    points : sequence of PointRecords
+    given : values of effects that are known, by effect and parameter
+    """
+
+    def __init__(
+        self, points: Sequence[PointRecords], given: Mapping[str, Values] | None = None
+    ) -> None:
+        self._points = tuple(points)
+        self._given = given or {}
+        self._library = SurrogateLibrary()
+        self._predictors: dict[int, DropPredictor] = {}
+        self._structure: Structure | None = None
+        self._summaries: list[PointSummary] = []
+
+    def predict_next(self, place: int, time: FloatArray, load: FloatArray) -> FloatArray:
+        """Return the displacements of a drop that follows those of a point, (n_sensors, n), m.
+
+        Parameters
+        ----------
+        place : int, of the point
+        time, load : (n,) ndarray of float, s and N; time 0 is the trigger
+        """
+        last = self._points[place].records[-1]
+        silent = tuple(replace(sensor, values=np.zeros_like(load)) for sensor in last.sensors)
+        record = replace(last, time=time, load=load, sensors=silent)
+        with single_threaded_blas():
+            return self._predictor(place).predict(record, self._library)
+
+    def _predictor(self, place: int) -> DropPredictor:
+        if self._structure is None:
+            evidence = [
+                structure_evidence(records, self._given, self._library)
+                for records in self._points[:MAX_RANKED_POINTS]
+            ]
+            self._structure = choose_structure(evidence)
+            if len(self._points) > 1:
+                self._summaries = [
+                    summarise_point(records, self._structure, self._given, self._library)
+                    for records in self._points
+                ]
+        if place not in self._predictors:
+            others = [s for i, s in enumerate(self._summaries) if i != place]
+            self._predictors[place] = drop_predictor(
+                self._points[place], self._structure, others, self._given, self._library
+            )
+        return self._predictors[place]

@@ -1,0 +1,142 @@
+"""Prediction of a drop from its load, by the fit of its point and the laws of its instrument."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from inversion.arrays import FloatArray
+from inversion.diagnosis.model import DropModel
+from inversion.diagnosis.problem import response_of, surrogate_of
+from inversion.diagnosis.rest import DropAtRest
+from inversion.effects.base import Ground
+from inversion.effects.flight import Flight
+from inversion.forward.library import SurrogateLibrary
+from inversion.inference.point_model import ActiveEffects, take_off_speed
+from inversion.inference.population import NextDropLaw, summarise
+from inversion.inference.posterior import Posterior
+from inversion.measured.record import Record, prepare
+
+
+@dataclass(frozen=True, eq=False)
+class DropPredictor:
+    """Predicts drops of a point; of a predicted drop nothing is read but its load.
+
+    Parameters
+    ----------
+    posterior : Posterior, of the point
+    after_first, after_later : NextDropLaw, of the drop after the first one, and after later ones
+    """
+
+    posterior: Posterior = field(repr=False)
+    after_first: NextDropLaw
+    after_later: NextDropLaw
+
+    def predict(self, record: Record, library: SurrogateLibrary) -> FloatArray:
+        """Return the displacements of the drop that follows the last one, (n_sensors, n), m.
+
+        Parameters
+        ----------
+        record : Record, of the drop: its time, load, sensors and declarations
+        library : SurrogateLibrary
+        """
+        last = self.posterior.model.last
+        stiffening = self.stiffening_after(last, self.model_of(record, library))
+        return self.next_drop(record, library, stiffening)
+
+    def stiffening_after(self, place: int, model: DropModel) -> float:
+        """Return ln of the stiffness over that of the last fitted drop, of a drop after another.
+
+        Parameters
+        ----------
+        place : int, of the fitted drop that it follows
+        model : DropModel, of the predicted drop
+        """
+        stiffness, load = self._fitted(place)
+        return stiffness + self._law(place).stiffening(model.drop.peak_load / load)
+
+    def stiffening_before(self, place: int, model: DropModel) -> float:
+        """Return the same of a drop that comes before a fitted one."""
+        stiffness, load = self._fitted(place)
+        return stiffness - self.after_first.stiffening(load / model.drop.peak_load)
+
+    def _law(self, place: int) -> NextDropLaw:
+        return self.after_first if place == 0 else self.after_later
+
+    def _fitted(self, place: int) -> tuple[float, float]:
+        """Return ln of the stiffness of a fitted drop over that of the last one, and its load."""
+        summary = summarise(self.posterior)
+        return summary.stiffness[place], summary.peak_loads[place]
+
+    def next_drop(self, record: Record, library: SurrogateLibrary, stiffening: float) -> FloatArray:
+        """Return the displacements of a drop of given stiffness, (n_sensors, n), m.
+
+        Parameters
+        ----------
+        record : Record, of the drop
+        library : SurrogateLibrary
+        stiffening : float, ln of the stiffness over that of the last fitted drop
+        """
+        model = self.posterior.model
+        drop_model = self.model_of(record, library)
+        ground, active = model.ground_and_effects(self.posterior.values, None, stiffening)
+        self._set_take_off(drop_model, ground, active)
+        return _as_recorded(record, drop_model, drop_model.predict(ground, active))
+
+    def fitted_drop(self, record: Record, place: int, library: SurrogateLibrary) -> FloatArray:
+        """Return the displacements of a fitted drop at all sensors of a record, m."""
+        drop_model = self.model_of(record, library)
+        ground, active = self.posterior.model.ground_and_effects(self.posterior.values, place)
+        return _as_recorded(record, drop_model, drop_model.predict(ground, active))
+
+    def _set_take_off(self, model: DropModel, ground: Ground, active: ActiveEffects) -> None:
+        """Let the plate of a predicted drop take off as the law says."""
+        of_point = self.posterior.model
+        last = of_point.last
+        fitted = of_point.point.drops[last]
+        last_ground, last_active = of_point.ground_and_effects(self.posterior.values, last)
+        speed = take_off_speed(fitted, last_ground, last_active)
+        if speed is None:
+            return
+        speed *= math.exp(self._law(last).speed_step)
+        for effect, values in active:
+            if isinstance(effect, Flight):
+                motion = model.ground_motion(ground, active)
+                values["kick"] = effect.kick_for(speed, motion, values, model.context)
+
+    def model_of(self, record: Record, library: SurrogateLibrary) -> DropModel:
+        """Return the model of a drop to the end of its record."""
+        of_point = self.posterior.model
+        fitted, records = of_point.point.drops[of_point.last], of_point.point.records
+        silent = tuple(replace(s, values=np.zeros_like(record.load)) for s in record.sensors)
+        record = replace(record, sensors=silent)
+        drop = prepare(record.nearest_first())
+        # The load of a second contact is known, so the model goes on.
+        drop = replace(drop, tail_end=float(drop.time[-1])).with_tail()
+        surrogate = surrogate_of(record, library)
+        model = DropModel(
+            record,
+            surrogate,
+            fitted.context.largest_load,
+            fitted.context.index,
+            records,
+            fitted.context.layers,
+            response_of(record, surrogate),
+            max(drop.tail_end, float(fitted.drop.tail_end)),
+            DropAtRest(drop, (), (), 0.0),
+        )
+        flat = dict(zip(fitted.drop.positions.tolist(), fitted.context.flat, strict=True))
+        return model.with_flat_tops(tuple(flat.get(p) for p in drop.positions.tolist()))
+
+
+def _as_recorded(record: Record, model: DropModel, predicted: FloatArray) -> FloatArray:
+    """Return a prediction at the samples of the record, with its sensors in their order."""
+    time = model.recorded_time
+    spline = CubicSpline(time, predicted, axis=1)
+    traces = spline(np.minimum(record.time, time[-1]))
+    traces[:, record.time < time[0]] = 0.0
+    places = model.drop.positions.tolist()
+    return np.stack([traces[places.index(s.offset)] for s in record.sensors])

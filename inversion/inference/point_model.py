@@ -1,0 +1,293 @@
+"""The drops of a point as functions of unknowns with normal priors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.arrays import FloatArray
+from inversion.diagnosis.model import DropModel
+from inversion.diagnosis.problem import Point
+from inversion.effects.base import Effect, Ground, Values
+from inversion.effects.flight import Flight
+from inversion.fitting.coordinates import Coordinate
+from inversion.fitting.parameters import DENSITY_PRIOR, RELAXATION_PRIOR
+
+Name = tuple[str, str]
+"""Effect ("": the ground) and coordinate."""
+Key = tuple[str, str, int | None]
+"""Effect ("": the ground), coordinate, and drop counted from the last fitted one (None: all)."""
+Prior = tuple[float, float]
+"""Mean and standard deviation."""
+ActiveEffects = list[tuple[Effect, dict[str, float]]]
+
+GROUND = ""
+STIFFNESS: Name = (GROUND, "modulus")
+
+# Logarithms: of the modulus about the peak method's, and of the relaxation time.
+_MODULUS_DEVIATION, _RELAXATION_DEVIATION = 0.8, 1.0
+# Prior deviations by which the logarithm of the modulus under the first of several drops, and
+# under later ones, differs from that under the last.
+_SEATING_DEVIATION, _LATER_DEVIATION = 0.5, 0.1
+_DENSITY_DEVIATIONS = 4.0
+# Logarithms of stiffness ratios between which fits begin, and the part of the ratio of the peaks
+# that later drops begin with.
+_LIKELY_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
+# Step of the derivatives, in deviations of the coordinate's own prior.
+_STEP = 3e-4
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number that is inferred.
+
+    Parameters
+    ----------
+    effect : str, name; "": the ground
+    coordinate : Coordinate
+    drop : int or None, place of the drop whose deviation from the point it is
+    key : Key
+    """
+
+    effect: str
+    coordinate: Coordinate
+    drop: int | None
+    key: Key
+
+    @property
+    def name(self) -> Name:
+        """Effect and coordinate."""
+        return self.effect, self.coordinate.name
+
+
+class PointModel:
+    """Predictions of some drops of a point at values of the unknowns.
+
+    Parameters
+    ----------
+    point : Point
+    effects : sequence of Effect, in the order in which they act
+    drops : sequence of int, places of the drops that are fitted
+    given : values of effects that are known, by effect and parameter
+    variant : int, which of the starting points of the coordinates is used
+    """
+
+    def __init__(
+        self,
+        point: Point,
+        effects: Sequence[Effect],
+        drops: Sequence[int],
+        given: Mapping[str, Values] | None = None,
+        variant: int = 0,
+    ) -> None:
+        self.point = point
+        self.effects = tuple(effects)
+        self.drops = tuple(drops)
+        self._given = given or {}
+        self._has_ground = not any(effect.replaces_ground for effect in effects)
+        self.unknowns = (*self._of_point(), *self._of_drops())
+        self.keys = [unknown.key for unknown in self.unknowns]
+        coordinates = [unknown.coordinate for unknown in self.unknowns]
+        self.lower = np.array([c.lower for c in coordinates])
+        self.upper = np.array([c.upper for c in coordinates])
+        self.mean = np.array([c.mean for c in coordinates])
+        self.deviation = np.array([c.deviation for c in coordinates])
+        self.start = np.array([c.start(variant) for c in coordinates])
+        self._step = _STEP * self.deviation
+
+    @property
+    def last(self) -> int:
+        """Place of the last fitted drop."""
+        return self.drops[-1]
+
+    def apply_priors(self, priors: Mapping[Key, Prior]) -> None:
+        """Use other priors for the unknowns that have one, and begin fits at their means."""
+        for place, key in enumerate(self.keys):
+            if key in priors:
+                self.mean[place], self.deviation[place] = priors[key]
+                self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
+
+    def is_seating(self, drop: int) -> bool:
+        """Return whether a drop is the first of several fitted ones of its point."""
+        return drop == 0 and len(self.drops) > 1
+
+    def peak_ratio(self, drop: int) -> float:
+        """Return the logarithm of the peak modulus of a drop over that of the last one."""
+        return math.log(self._peak_modulus(drop) / self._peak_modulus(self.last))
+
+    def _peak_modulus(self, drop: int) -> float:
+        """Return load over deflection at the peaks, a measure of the stiffness, N/m."""
+        model = self.point.drops[drop]
+        return model.drop.peak_load / max(model.peak_in_contact, 1e-9)
+
+    def _of_point(self) -> list[Unknown]:
+        """Return the unknowns that all drops of the point share."""
+        context = self.point.drops[self.last].context
+        shared: list[tuple[str, Coordinate]] = []
+        if self._has_ground:
+            shared += [(GROUND, coordinate) for coordinate in self._soil()]
+        for effect in self.effects:
+            if effect.name not in self._given:
+                shared += [(effect.name, c) for c in effect.coordinates(context)]
+        return [
+            Unknown(effect, coordinate, None, (effect, coordinate.name, None))
+            for effect, coordinate in shared
+        ]
+
+    def _soil(self) -> list[Coordinate]:
+        """Return ln of modulus over that of the peaks, of relaxation, and of density."""
+        start = self._reference_modulus_ratio()
+        soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
+        if not self.point.records.elastic:
+            relaxation = math.log(RELAXATION_PRIOR[0])
+            soil.append(Coordinate("relaxation", relaxation, _RELAXATION_DEVIATION))
+        if self.point.records.records[0].density is None:
+            mean, deviation = DENSITY_PRIOR
+            reach = _DENSITY_DEVIATIONS * deviation
+            soil.append(Coordinate("density", mean, deviation, mean - reach, mean + 0.75 * reach))
+        return soil
+
+    def _reference_modulus_ratio(self) -> float:
+        """Return ln of the median stiffness of the fitted drops over that of the point's drops."""
+        fitted = np.median([math.log(self._peak_modulus(d)) for d in self.drops])
+        every = np.median([math.log(self._peak_modulus(d)) for d in range(len(self.point.drops))])
+        return float(fitted - every)
+
+    def _of_drops(self) -> list[Unknown]:
+        """Return the deviations of single drops."""
+        if len(self.drops) == 1:
+            return []
+        found = []
+        for drop in self.drops:
+            seating = self.is_seating(drop)
+            if drop != self.last:
+                deviation = _SEATING_DEVIATION if seating else _LATER_DEVIATION
+                found.append((*STIFFNESS, drop, deviation))
+            for effect in self.effects:
+                for name, (first, later) in effect.drop_deviations.items():
+                    found.append((effect.name, name, drop, first if seating else later))
+        return [
+            Unknown(
+                effect, Coordinate(name, 0.0, deviation), drop, (effect, name, drop - self.last)
+            )
+            for effect, name, drop, deviation in found
+        ]
+
+    def ground_and_effects(
+        self, values: FloatArray, drop: int | None, stiffening: float = 0.0
+    ) -> tuple[Ground, ActiveEffects]:
+        """Return the ground and the effects of a drop.
+
+        Parameters
+        ----------
+        values : (k,) ndarray of float, of the unknowns
+        drop : int or None, place of a fitted drop; None: a drop without deviations
+        stiffening : float, logarithm by which its ground is stiffer than the last fitted drop's
+        """
+        by_effect: dict[str, dict[str, float]] = {}
+        change = stiffening
+        for unknown, value in zip(self.unknowns, values.tolist(), strict=True):
+            owner, coordinate = unknown.name
+            if unknown.drop is None:
+                by_effect.setdefault(owner, {})[coordinate] = value
+            elif unknown.drop == drop:
+                if unknown.name == STIFFNESS:
+                    change += value
+                else:
+                    by_effect[owner][coordinate] += value
+        active: ActiveEffects = []
+        for effect in self.effects:
+            known = self._given.get(effect.name)
+            parameters = effect.values_at(by_effect[effect.name]) if known is None else dict(known)
+            if effect.replaces_ground:
+                parameters["stiffness"] *= math.exp(change)
+            active.append((effect, parameters))
+        return self._ground(by_effect.get(GROUND, {}), change), active
+
+    def _ground(self, soil: Mapping[str, float], change: float) -> Ground:
+        record = self.point.records.records[0]
+        modulus = self.point.peak_modulus * math.exp(soil.get("modulus", 0.0) + change)
+        relaxation = math.exp(soil["relaxation"]) if "relaxation" in soil else 0.0
+        density = record.density
+        if density is None:
+            density = math.exp(soil.get("density", DENSITY_PRIOR[0]))
+        depth = record.bedrock_depth
+        return Ground(
+            modulus=modulus,
+            viscosity=modulus * relaxation,
+            density=density,
+            inverse_depth=0.0 if depth is None or math.isinf(depth) else 1.0 / depth,
+            plate_mass=record.instrument.plate_mass,
+        )
+
+    def likely_deviation(self, drop: int | None) -> float:
+        """Return where the deviation of a drop's modulus begins: near that of the peaks."""
+        if drop is None:
+            return 0.0
+        share = 1.0 if self.is_seating(drop) else _LATER_SHARE
+        return share * float(np.clip(self.peak_ratio(drop), *_LIKELY_RATIOS))
+
+    def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
+        """Return the speed at which the plate leaves the ground, upward, m/s; None: it stays."""
+        ground, active = self.ground_and_effects(values, drop)
+        return take_off_speed(self.point.drops[drop], ground, active)
+
+    def predict(self, values: FloatArray, drop: int) -> FloatArray:
+        """Return the recorded displacement of a fitted drop, (n_sensors, n), m."""
+        model = self.point.drops[drop]
+        return model.predict(*self.ground_and_effects(values, drop))[:, model.before :]
+
+    def linearise(self, values: FloatArray, drop: int) -> tuple[FloatArray, FloatArray]:
+        """Return the prediction of a drop, (n_sensors, n), and its slopes, (k, n_sensors, n)."""
+        model = self.point.drops[drop]
+        start = self.ground_and_effects(values, drop)
+        columns = [i for i, u in enumerate(self.unknowns) if u.drop in (None, drop)]
+        steps, moved = [], []
+        for column in columns:
+            step = self._step[column]
+            if values[column] + step > self.upper[column]:
+                step = -step
+            there = values.copy()
+            there[column] += step
+            steps.append(step)
+            moved.append(_sharing(start, self.ground_and_effects(there, drop)))
+        nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
+        prediction = model.predict(*start)[:, model.before :]
+        slopes = np.zeros((values.size, *prediction.shape))
+        slopes[columns] = (nearby - prediction) / np.array(steps)[:, None, None]
+        return prediction, np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def modulus(self, values: FloatArray) -> float:
+        """Return the modulus under the last fitted drop, Pa."""
+        ground, _ = self.ground_and_effects(values, self.last)
+        return ground.modulus
+
+    def residual_over_peak(
+        self, values: FloatArray, drop: int, *, contact_only: bool = False
+    ) -> float:
+        """Return the rms residual of a fitted drop over the peak."""
+        model = self.point.drops[drop]
+        return model.residual_over_peak(self.predict(values, drop), contact_only=contact_only)
+
+
+def take_off_speed(
+    model: DropModel, ground: Ground, active: Sequence[tuple[Effect, Values]]
+) -> float | None:
+    """Return the upward speed at which the plate leaves the ground, m/s; None: it stays."""
+    for effect, values in active:
+        if isinstance(effect, Flight):
+            motion = model.ground_motion(ground, active)
+            return effect.take_off_speed(motion, values, model.context)
+    return None
+
+
+def _sharing(
+    start: tuple[Ground, ActiveEffects], moved: tuple[Ground, ActiveEffects]
+) -> tuple[Ground, ActiveEffects]:
+    """Return a ground and effects in which what equals the start is the same object."""
+    ground = start[0] if moved[0] == start[0] else moved[0]
+    pairs = zip(start[1], moved[1], strict=True)
+    return ground, [here if here[1] == there[1] else there for here, there in pairs]

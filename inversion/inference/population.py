@@ -1,0 +1,186 @@
+r"""What the points of an instrument have in common, and how drops follow each other.
+
+Points are draws from a population: each unknown but the modulus has a mean over the points and a
+spread, and these are the priors of a further point. Drops follow each other by two laws that are
+learnt on the other points:
+
+.. math:: \ln E_{d+1} - \ln E_d = a + b \ln (F_{d+1} / F_d) + \epsilon
+
+(ground that hardens changes the peak load F of a hammer that falls from one height), and the speed
+at which a plate takes off changes by a common factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inversion.arrays import FloatArray
+from inversion.inference.point_model import STIFFNESS, Key, Name, PointModel, Prior
+from inversion.inference.posterior import Posterior
+
+# Spread of a population about which nothing is known, in deviations of the prior, and the number
+# of points that this guess weighs as much as.
+_GUESSED_SPREAD, _GUESS_WEIGHT = 0.15, 1.0
+# A median deviation is this part of a standard deviation.
+_MEDIAN_DEVIATION = 0.6745
+# Prior deviations about zero of the law of hardening: its constant after the first and after
+# later drops, its slope; its scatter, and the number of steps that this guess weighs as much as.
+_FIRST_STEP, _LATER_STEP = 0.4, 0.1
+_SLOPE_DEVIATION = 3.0
+_SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
+# Prior deviation of the logarithm of the step of take-off speeds.
+_SPEED_STEP_DEVIATION = 0.05
+
+
+@dataclass(frozen=True)
+class PointSummary:
+    """What the fit of a point says to other points.
+
+    Parameters
+    ----------
+    values : values of the unknowns that all drops share, by effect and coordinate
+    deviations : by effect and coordinate, deviations from the point by place of the drop
+    stiffness : ln of the modulus over that of the last drop, by place of the drop
+    peak_loads : N, by place of the drop
+    take_off_speeds : m/s, by place of the drop; empty: nothing flies
+    """
+
+    values: dict[Name, float]
+    deviations: dict[Name, dict[int, float]]
+    stiffness: dict[int, float]
+    peak_loads: dict[int, float]
+    take_off_speeds: dict[int, float]
+
+
+def summarise(posterior: Posterior) -> PointSummary:
+    """Return the summary of a fit."""
+    model = posterior.model
+    values: dict[Name, float] = {}
+    deviations: dict[Name, dict[int, float]] = {}
+    for unknown, value in zip(model.unknowns, posterior.values.tolist(), strict=True):
+        if unknown.drop is None:
+            values[unknown.name] = value
+        else:
+            deviations.setdefault(unknown.name, {})[unknown.drop] = value
+    stiffness = dict.fromkeys(model.drops, 0.0) | deviations.pop(STIFFNESS, {})
+    speeds = {
+        drop: speed
+        for drop in model.drops
+        if (speed := model.take_off_speed(posterior.values, drop)) is not None
+    }
+    loads = {drop: model.point.drops[drop].drop.peak_load for drop in model.drops}
+    return PointSummary(values, deviations, stiffness, loads, speeds)
+
+
+def population_priors(others: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
+    """Return priors for the unknowns of a point from the fits of other points."""
+    priors: dict[Key, Prior] = {}
+    for unknown in model.unknowns:
+        name, drop = unknown.name, unknown.drop
+        centre: float | None = None
+        if drop is None:
+            sample = [o.values[name] for o in others if name in o.values and name != STIFFNESS]
+        elif name == STIFFNESS:
+            sample = [
+                o.stiffness[drop] - o.stiffness[model.last]
+                for o in others
+                if drop in o.stiffness and model.last in o.stiffness
+            ]
+        else:
+            seating = model.is_seating(drop)
+            sample = [d for o in others for d in _deviations(o, name, seating=seating)]
+            centre = None if seating else 0.0
+        if sample:
+            centre = float(np.median(sample)) if centre is None else centre
+            spread = population_spread(np.array(sample), centre, unknown.coordinate.deviation)
+            priors[unknown.key] = (centre, spread)
+    return priors
+
+
+def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:
+    """Return by how much drops of one kind deviate from the mean of the point's later drops."""
+    by_drop = summary.deviations.get(name, {})
+    later = [value for drop, value in by_drop.items() if drop != 0]
+    if not later:
+        return []
+    mean = float(np.mean(later))
+    return [value - mean for drop, value in by_drop.items() if (drop == 0) is seating]
+
+
+def population_spread(sample: FloatArray, centre: float, guess: float) -> float:
+    """Return the standard deviation of a population about its centre, of a further point.
+
+    Robust against single points that ended elsewhere; few points leave the guess.
+    """
+    guessed = _GUESSED_SPREAD * guess
+    if sample.size == 0:
+        return guessed
+    away = np.abs(sample - centre)
+    typical = float(np.median(away)) / _MEDIAN_DEVIATION
+    size = max(typical, 0.5 * float(np.sqrt(np.mean(away**2))))
+    count = sample.size
+    variance = (count * size**2 + _GUESS_WEIGHT * guessed**2) / (count + _GUESS_WEIGHT)
+    # The centre is known no better than by the sample.
+    variance *= 1.0 + 1.0 / count
+    few = guess if count == 1 else 0.0
+    return float(np.sqrt(variance + few**2 * _GUESS_WEIGHT / (count + _GUESS_WEIGHT)))
+
+
+@dataclass(frozen=True)
+class NextDropLaw:
+    """How the next drop of a point differs from the last one.
+
+    Parameters
+    ----------
+    constant, slope : float, of ln of the stiffness over ln of the ratio of peak loads
+    scatter : float, standard deviation of ln of the stiffness
+    speed_step : float, ln of the ratio of take-off speeds
+    """
+
+    constant: float
+    slope: float
+    scatter: float
+    speed_step: float
+
+    def stiffening(self, load_ratio: float) -> float:
+        """Return ln of the stiffness over that of the last drop, at a ratio of the peak loads."""
+        return float(self.constant + self.slope * np.log(load_ratio))
+
+
+def learn_next_drop(others: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
+    """Return the law of the next drop after the first drops of points, or after later ones."""
+    rows, steps, speeds = [], [], []
+    for drops in others:
+        for drop in drops.stiffness:
+            following = drop + 1
+            if following not in drops.stiffness or (drop == 0) is not first:
+                continue
+            ratio = drops.peak_loads[following] / drops.peak_loads[drop]
+            rows.append((1.0, float(np.log(ratio))))
+            steps.append(drops.stiffness[following] - drops.stiffness[drop])
+            if following in drops.take_off_speeds and drop in drops.take_off_speeds:
+                pair = drops.take_off_speeds[following], drops.take_off_speeds[drop]
+                if min(pair) > 0.0:
+                    speeds.append(float(np.log(pair[0] / pair[1])))
+    deviation = _FIRST_STEP if first else _LATER_STEP
+    precision = np.diag([deviation**-2, _SLOPE_DEVIATION**-2])
+    design = np.array(rows).reshape(-1, 2)
+    target = np.array(steps)
+    scatter, coefficients = _SCATTER, np.zeros(2)
+    for _ in range(3):
+        normal = precision + design.T @ design / scatter**2
+        coefficients = np.linalg.solve(normal, design.T @ target / scatter**2)
+        residual = target - design @ coefficients
+        squares = float(residual @ residual) + _SCATTER_WEIGHT * _SCATTER**2
+        scatter = float(np.sqrt(squares / (target.size + _SCATTER_WEIGHT)))
+    speed_step = 0.0
+    if speeds:
+        centre = float(np.median(speeds))
+        noise = population_spread(np.array(speeds), centre, _SPEED_STEP_DEVIATION) ** 2 / len(
+            speeds
+        )
+        speed_step = centre * _SPEED_STEP_DEVIATION**2 / (_SPEED_STEP_DEVIATION**2 + noise)
+    return NextDropLaw(float(coefficients[0]), float(coefficients[1]), scatter, speed_step)

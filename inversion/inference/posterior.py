@@ -1,0 +1,308 @@
+r"""The posterior of a point's unknowns: optimum, Laplace's approximation, size of the discrepancy.
+
+With residual r, its covariance C and priors :math:`x_k \sim N(m_k, s_k^2)` the optimum minimises
+
+.. math:: r^T C^{-1} r + \sum_k (x_k - m_k)^2 / s_k^2
+
+by Levenberg and Marquardt's method. The discrepancy in C maximises the marginal likelihood, with
+the unknowns integrated out about the optimum. Laplace's evidence is
+
+.. math:: \ln p(y) = -\tfrac12 (r^T C^{-1} r + \ln|C| + \sum_k (x_k - m_k)^2 / s_k^2 +
+          \sum_k \ln s_k^2 + \ln|H|), \qquad H = J^T C^{-1} J + S^{-1}
+
+MacKay (1992), Neural Computation 4, 415.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.arrays import FloatArray
+from inversion.inference.discrepancy import (
+    Discrepancy,
+    RecordedDrops,
+    log_determinant,
+    whitened,
+)
+from inversion.inference.point_model import PointModel
+
+# A first fit weighs all samples nearly alike: with the discrepancy's memory from the start, fits
+# stop at 10 to 20 % of the contact phase.
+_ALMOST_WHITE = Discrepancy(scale=0.03, memory=3e-4)
+_NEARER = replace(_ALMOST_WHITE, scale=0.01)
+# Unknowns that explain too much while a fit is far from its optimum.
+_HELD_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
+_THINNING = 3
+# Discrepancy: what is tried for each of its numbers, and priors on scale, memory (s) and drift.
+_SCALE_FACTORS = (0.4, 0.6, 0.8, 1.25, 1.7)
+_MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
+_CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
+_FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
+_DRIFTS = (0.001, 0.003, 0.01, 0.02)
+_LEAST_SCALE = 1.5e-3
+_USUAL_SCALE, _USUAL_DRIFT = 5e-3, 1e-2
+_USUAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
+_USUAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
+# Levenberg-Marquardt: damping at the start, its change, and the longest step in deviations.
+_DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
+_LONGEST_STEP = 2.5
+_TOLERANCE, _FINE_TOLERANCE = 1e-3, 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Where a fit of a point came to rest, and how well its unknowns are known.
+
+    Parameters
+    ----------
+    model : PointModel
+    values : (k,) ndarray of float, of the unknowns
+    discrepancy : Discrepancy
+    log_evidence : float
+    covariance : (k, k) ndarray of float
+    predictions : tuple of (n_sensors, n) ndarray of float, m, of the fitted drops
+    slopes : tuple of (k, n_sensors, n) ndarray of float, their derivatives
+    """
+
+    model: PointModel
+    values: FloatArray
+    discrepancy: Discrepancy
+    log_evidence: float
+    covariance: FloatArray
+    predictions: tuple[FloatArray, ...] = field(repr=False)
+    slopes: tuple[FloatArray, ...] = field(repr=False)
+
+    @property
+    def by_key(self) -> dict[tuple[str, str, int | None], float]:
+        """Values of the unknowns by their keys."""
+        return dict(zip(self.model.keys, self.values.tolist(), strict=True))
+
+
+class PointFit:
+    """One fit of a point under way.
+
+    Parameters
+    ----------
+    model : PointModel
+    values : (k,) ndarray of float, where it begins; None: at the model's start
+    """
+
+    def __init__(self, model: PointModel, values: FloatArray | None = None) -> None:
+        self.model = model
+        start = model.start if values is None else values
+        self.values: FloatArray = np.clip(start, model.lower, model.upper)
+        self.discrepancy = _ALMOST_WHITE
+        self._recorded = RecordedDrops(model)
+        self._thinned = RecordedDrops(model, _THINNING)
+
+    def approach(self, iterations: int) -> None:
+        """Come near to an optimum with nearly white weights."""
+        self.maximise(2 * iterations, _TOLERANCE, _HELD_AT_FIRST)
+
+    def run(self, held: Collection[str] = ()) -> Posterior:
+        """Return the posterior, by white weights first and then by those of the discrepancy.
+
+        Parameters
+        ----------
+        held : names of effects whose unknowns stay at their start in the first iterations
+        """
+        held = _HELD_AT_FIRST | frozenset(held)
+        self.maximise(24, _FINE_TOLERANCE, held)
+        self.discrepancy = _NEARER
+        self.maximise(12, _FINE_TOLERANCE, _HELD_AT_FIRST)
+        for first in (True, False, False):
+            self.maximise(8, _TOLERANCE, _HELD_AT_FIRST if first else ())
+            self.estimate_discrepancy(self.posterior())
+        self.maximise(12, _FINE_TOLERANCE)
+        return self.posterior()
+
+    def run_briefly(self, iterations: int) -> Posterior:
+        """Return the posterior of a fit that only ranks candidate models."""
+        self.approach(iterations)
+        self.estimate_discrepancy(self.posterior())
+        self.maximise(iterations, _TOLERANCE)
+        return self.posterior()
+
+    def maximise(self, iterations: int, tolerance: float, held: Collection[str] = ()) -> None:
+        """Move the values to the optimum with the present discrepancy.
+
+        Parameters
+        ----------
+        iterations : int, at most
+        tolerance : float, relative change of the cost that ends it
+        held : names of effects whose unknowns do not move
+        """
+        model, drops = self.model, self.model.drops
+        precision = 1.0 / model.deviation**2
+        movable = np.array([unknown.effect not in held for unknown in model.unknowns])
+        whiteners = self._recorded.whiteners(self.discrepancy)
+        cost = self._cost(
+            self.values, whiteners, [model.predict(self.values, drop) for drop in drops]
+        )
+        damping = _DAMPING
+        for _ in range(iterations):
+            normal, gradient, _ = self._normal(whiteners)
+            normal += np.diag(precision)
+            gradient -= precision * (self.values - model.mean)
+            for _ in range(_MAX_TRIALS):
+                trial = self.values + self._step(normal, gradient, damping, movable)
+                trial = np.clip(trial, model.lower, model.upper)
+                new_cost = self._cost(
+                    trial, whiteners, [model.predict(trial, drop) for drop in drops]
+                )
+                if new_cost < cost:
+                    break
+                damping = max(damping, 1e-4) * _DAMPING_FACTOR
+            else:
+                return
+            gain = (cost - new_cost) / cost
+            self.values, cost = trial, new_cost
+            damping = max(damping / _DAMPING_FACTOR, 1e-7)
+            if gain < tolerance:
+                return
+
+    def _step(
+        self, normal: FloatArray, gradient: FloatArray, damping: float, movable: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Return a step that leaves unknowns on their bounds there."""
+        model, values = self.model, self.values
+        on_lower = (values <= model.lower + 1e-9) & (gradient < 0.0)
+        on_upper = (values >= model.upper - 1e-9) & (gradient > 0.0)
+        free = np.flatnonzero(movable & ~on_lower & ~on_upper)
+        step = np.zeros_like(values)
+        part = normal[np.ix_(free, free)]
+        damped = part + damping * np.diag(np.diag(part))
+        step[free] = np.linalg.solve(damped, gradient[free])
+        longest = float(np.max(np.abs(step) / model.deviation, initial=0.0))
+        return step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
+
+    def _cost(
+        self, values: FloatArray, whiteners: list[FloatArray], predictions: list[FloatArray]
+    ) -> float:
+        """Return twice the negative logarithm of the posterior, without constants."""
+        if not all(np.all(np.isfinite(prediction)) for prediction in predictions):
+            return math.inf
+        away = (values - self.model.mean) / self.model.deviation
+        total = float(away @ away)
+        for sensor, lower in enumerate(whiteners):
+            residual = self._recorded.observed[sensor] - self._recorded.over_peak(
+                predictions, sensor
+            )
+            weighted = whitened(lower, residual[None])[0]
+            total += float(weighted @ weighted)
+        return total
+
+    def _normal(
+        self, whiteners: list[FloatArray]
+    ) -> tuple[FloatArray, FloatArray, tuple[list[FloatArray], list[FloatArray], float]]:
+        """Return J^T C^-1 J, J^T C^-1 r, and predictions, slopes and r^T C^-1 r."""
+        predictions, slopes = [], []
+        for drop in self.model.drops:
+            prediction, slope = self.model.linearise(self.values, drop)
+            predictions.append(prediction)
+            slopes.append(slope)
+        size = self.values.size
+        normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
+        for sensor, lower in enumerate(whiteners):
+            residual = self._recorded.observed[sensor] - self._recorded.over_peak(
+                predictions, sensor
+            )
+            rows = np.vstack([residual[None], self._recorded.over_peak(slopes, sensor)])
+            weighted = whitened(lower, rows)
+            normal += weighted[1:] @ weighted[1:].T
+            gradient += weighted[1:] @ weighted[0]
+            misfit += float(weighted[0] @ weighted[0])
+        return normal, gradient, (predictions, slopes, misfit)
+
+    def posterior(self) -> Posterior:
+        """Return Laplace's approximation at the present values."""
+        model = self.model
+        whiteners = self._recorded.whiteners(self.discrepancy)
+        normal, _, (predictions, slopes, misfit) = self._normal(whiteners)
+        hessian = normal + np.diag(1.0 / model.deviation**2)
+        away = (self.values - model.mean) / model.deviation
+        log_evidence = (
+            -0.5 * (misfit + float(away @ away))
+            - sum(map(log_determinant, whiteners))
+            - float(np.log(model.deviation).sum())
+            - 0.5 * float(np.linalg.slogdet(hessian)[1])
+        )
+        return Posterior(
+            model,
+            self.values.copy(),
+            self.discrepancy,
+            log_evidence,
+            np.linalg.inv(hessian),
+            tuple(predictions),
+            tuple(slopes),
+        )
+
+    def estimate_discrepancy(self, posterior: Posterior) -> None:
+        """Set the discrepancy to the one of the largest marginal likelihood about a posterior."""
+        marginal = _Marginal(self._thinned, posterior)
+        several = len(self.model.drops) > 1
+        best = self.discrepancy
+        most = marginal(best)
+        for round_ in (1, 2):
+            candidates = [
+                *(("scale", max(best.scale * f, _LEAST_SCALE)) for f in _SCALE_FACTORS),
+                *(("memory", memory) for memory in _MEMORIES_S),
+                *(("between_drops", rho) for rho in _CORRELATIONS if several),
+            ]
+            if round_ == 2:
+                candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
+                candidates += [("drift", drift) for drift in _DRIFTS]
+            for name, value in candidates:
+                trial = replace(best, **{name: value})
+                likelihood = marginal(trial)
+                if likelihood > most:
+                    best, most = trial, likelihood
+        self.discrepancy = best
+
+
+class _Marginal:
+    """Log marginal likelihood of a discrepancy, with the unknowns integrated out."""
+
+    def __init__(self, recorded: RecordedDrops, posterior: Posterior) -> None:
+        self._recorded = recorded
+        self._precision = 1.0 / posterior.model.deviation**2
+        self._away = posterior.values - posterior.model.mean
+        self._rows = []
+        for sensor in range(recorded.sensors):
+            residual = recorded.observed[sensor] - recorded.over_peak(posterior.predictions, sensor)
+            slopes = recorded.over_peak(posterior.slopes, sensor)
+            self._rows.append(np.vstack([residual[None], slopes]))
+
+    def __call__(self, discrepancy: Discrepancy) -> float:
+        normal = np.diag(self._precision)
+        gradient = -self._precision * self._away
+        total = 0.0
+        try:
+            whiteners = self._recorded.whiteners(discrepancy)
+        except np.linalg.LinAlgError:
+            return -math.inf
+        for rows, lower in zip(self._rows, whiteners, strict=True):
+            weighted = whitened(lower, rows)
+            total -= 0.5 * float(weighted[0] @ weighted[0]) + log_determinant(lower)
+            normal = normal + weighted[1:] @ weighted[1:].T
+            gradient = gradient + weighted[1:] @ weighted[0]
+        total += 0.5 * float(gradient @ np.linalg.solve(normal, gradient))
+        total -= 0.5 * float(np.linalg.slogdet(normal)[1])
+        return total + _log_prior(discrepancy)
+
+
+def _log_prior(discrepancy: Discrepancy) -> float:
+    """Return the logarithm of the prior of a discrepancy, without constants."""
+    memory = math.log(discrepancy.memory / _USUAL_MEMORY_S) / _MEMORY_DEVIATION
+    first = math.log(discrepancy.first / _USUAL_FIRST) / _FIRST_DEVIATION
+    return (
+        -math.log1p((discrepancy.scale / _USUAL_SCALE) ** 2)
+        - math.log1p((discrepancy.drift / _USUAL_DRIFT) ** 2)
+        - 0.5 * memory**2
+        - 0.5 * first**2
+    )

@@ -1,0 +1,103 @@
+"""Candidate models: which effects the drops of an instrument have, compared by evidence.
+
+A structure is a set of effects that stand or fall together. Within one, every unknown is free and
+its prior holds it near the absence of the effect; so evidence decides between structures alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from inversion.diagnosis.problem import Point
+from inversion.effects.base import DropContext, Effect, Values
+from inversion.effects.catalogue import CATALOGUE
+from inversion.effects.flight import Flight
+from inversion.inference.point_model import STIFFNESS, PointModel
+from inversion.inference.posterior import PointFit, Posterior
+
+Structure = frozenset[str]
+"""Names of the effects of a candidate model."""
+
+# In every structure, with priors about zero: what no declaration is exact in.
+_ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
+_BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
+_BRIEF_ITERATIONS = 8
+
+# Flight takes the place of the catalogue's rebound, whose times are fitted.
+_ORDERED: tuple[Effect, ...] = tuple(
+    Flight() if effect.name == "rebound" else effect for effect in CATALOGUE
+)
+_BY_NAME = {effect.name: effect for effect in _ORDERED}
+
+
+def effects_of(structure: Structure, given: Collection[str] = ()) -> tuple[Effect, ...]:
+    """Return the effects of a structure in the order in which they act.
+
+    Parameters
+    ----------
+    structure : Structure
+    given : names of effects of known values, which are in every model
+    """
+    names = structure | frozenset(given)
+    return tuple(effect for effect in _ORDERED if effect.name in names)
+
+
+def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
+    """Return the structures that the drops of a point could show."""
+    drops = tuple(contexts)
+    grounds: list[Structure] = [frozenset()]
+    if _BY_NAME["bedrock"].offered(drops):
+        grounds.append(frozenset({"bedrock"}))
+    beside_plate = bool((drops[0].offsets >= drops[0].plate_radius).any())
+    if beside_plate and _BY_NAME["layer"].offered(drops):
+        grounds += [ground | {"layer"} for ground in grounds]
+    motions: list[Structure] = [frozenset(), _BEND, _BEND | {"flight"}]
+    sensors: list[Structure] = [frozenset(), frozenset({"geophone_response"})]
+    structures = [
+        ground | motion | sensor | _ALWAYS
+        for ground, motion, sensor in itertools.product(grounds, motions, sensors)
+    ]
+    if not beside_plate:
+        structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors]
+    return structures
+
+
+def fit_briefly(
+    point: Point, structure: Structure, drop: int, given: Mapping[str, Values]
+) -> Posterior | None:
+    """Return a short fit of one drop from the best of its starting points.
+
+    None: no starting point gives a finite prediction.
+    """
+    effects = effects_of(structure, given)
+    context = point.drops[drop].context
+    n_starts = max(
+        (len(c.starts) for effect in effects for c in effect.coordinates(context)), default=1
+    )
+    fits = []
+    for variant in range(n_starts):
+        model = PointModel(point, effects, [drop], given, variant)
+        try:
+            fits.append(PointFit(model).run_briefly(_BRIEF_ITERATIONS))
+        except np.linalg.LinAlgError:
+            continue
+    return max(fits, key=lambda fit: fit.log_evidence, default=None)
+
+
+def fit_drops(
+    point: Point, structure: Structure, drops: Sequence[int], given: Mapping[str, Values]
+) -> Posterior:
+    """Return the fit of drops by the effects' own priors, begun at a fit of the last one."""
+    model = PointModel(point, effects_of(structure, given), drops, given)
+    last = fit_briefly(point, structure, drops[-1], given)
+    values = model.start.copy()
+    for place, unknown in enumerate(model.unknowns):
+        if unknown.drop is not None:
+            if unknown.name == STIFFNESS:
+                values[place] = model.likely_deviation(unknown.drop)
+        elif last is not None:
+            values[place] = last.by_key[unknown.key]
+    return PointFit(model, values).run()
