@@ -34,13 +34,15 @@ _OTHER_DEPTH, _NATURAL_STARTS = 0.1, 4
 # record, the most promising of them refined; the whole record is kept when the residual of all of
 # it is within 1.5 times the model's error.
 _CONTACT_ALLOWS = 1.0
-_TAIL_CANDIDATES = 5
+_TAIL_CANDIDATES = 3
 _TAIL_WORTH_POLISHING = 9.0
 _TAIL_EXPLAINED = 2.25
 # A depth may pass for the best one up to about twice its cost (inversion.uncertainty); twice that
 # for the coarser fit.  What a linear record promises was up to 10 times too much.
 _MAY_PASS = 4.0
 _NOT_LINEAR = 8.0
+# After this many trials a fit whose cost is still so many times that of the best one is given up.
+_FIRST_TRIALS, _HOPELESS = 4, 30.0
 # Drop of the misfit (in effectively independent samples) below which two minima are the same to
 # the data: 95 % of chi-square with two degrees of freedom.
 _SAME_MINIMUM = 6.0
@@ -183,14 +185,15 @@ def _natural(fit: GroundFit) -> GroundFit:
     column = space.index(DEPTH)
     assert column is not None
     weight = max(1.0, fit.best.cost)
-    bare, bare_cost = _without_rock(fit, weight)
-    solves = fit.solves + bare.misfit.solves
-    alike = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
-    if np.ptp(alike[:, column]) < _OTHER_DEPTH and bare_cost > allowed:
+    bare, bare_solves = _without_rock(fit, weight, allowed)
+    solves = fit.solves + bare_solves
+    fitting = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed]
+    alike = np.unique(np.stack([m.point for m in fitting]), axis=0)
+    if np.ptp(alike[:, column]) < _OTHER_DEPTH and bare is None:
         return replace(fit, solves=solves)
     held = _with_rock(fit, weight, alike, column)
     solves += held.misfit.solves
-    candidates = [held, bare] if bare_cost <= allowed else [held]
+    candidates = [held] if bare is None else [held, bare]
     chosen = min(candidates, key=lambda candidate: candidate.least)
     # What does not fit as well as a natural ground does not count any more.
     limit = chosen.least + _NATURAL_LIMIT / held.misfit.independent * weight
@@ -229,19 +232,29 @@ def _with_rock(fit: GroundFit, weight: float, alike: FloatArray, column: int) ->
     )
 
 
-def _without_rock(fit: GroundFit, weight: float) -> tuple[_Held, float]:
-    """The best ground without rock beside its priors, and what one without them costs."""
+def _without_rock(fit: GroundFit, weight: float, allowed: float) -> tuple[_Held | None, int]:
+    """Return the best ground without rock beside its priors, None if none fits, and the solves.
+
+    Whether one fits is decided without the priors, and where the first trials leave it far off
+    before the fit has ended.
+    """
     space = fit.misfit.space
     bare = ParameterSpace(
         tuple(p for p in space.fitted if p.name != DEPTH), {**space.fixed, DEPTH: math.inf}
     )
     free = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES)
+    coarse = Misfit(fit.drops, bare, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
+    begun = fit_batch(coarse.linearise, _plain_starts(bare)[:1], iterations=_FIRST_TRIALS)
+    if begun.cost[0] > _HOPELESS * max(1.0, allowed):
+        return None, coarse.solves
     found = fit_batch(free.linearise, _plain_starts(bare), iterations=15, tolerance=1e-3)
+    solves = coarse.solves + free.solves
+    if found.cost[found.best] > allowed:
+        return None, solves
     misfit = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES, prior_weight=weight)
     ended = fit_batch(misfit.linearise, found.points, iterations=10)
-    misfit.solves += free.solves
-    cost = float(found.cost[found.best])
-    return _Held(misfit, ended.points, ended.cost, ended.points.shape[0], ended.converged), cost
+    solves += misfit.solves
+    return _Held(misfit, ended.points, ended.cost, ended.points.shape[0], ended.converged), solves
 
 
 def _fit_free(
@@ -305,11 +318,15 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     space = fit.misfit.space
     rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
     allowed = fit.best.cost + _CONTACT_ALLOWS
-    points = np.stack([m.point for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed])
+    near = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed]
+    # The best ones of a profile stand in it as well.
+    points = np.unique(np.stack([m.point for m in near]), axis=0)
     order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
-    # A lone candidate is polished at once; several are brought to their minima first.
-    several = 8 if order.size > 1 else 0
-    tried = fit_batch(rough.linearise, points[order], iterations=several, tolerance=1e-3)
+    # A lone candidate at a known depth has been refined already: it is polished at once.
+    refined = order.size == 1 and space.index(DEPTH) is None
+    tried = fit_batch(
+        rough.linearise, points[order], iterations=0 if refined else 8, tolerance=1e-3
+    )
     if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
         return _polished(_refined(replace(fit, solves=fit.solves + rough.solves)))
     whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
@@ -414,10 +431,19 @@ def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]
     assert column is not None
     starts = np.repeat(_plain_starts(space)[:1], _PROFILE_DEPTHS, axis=0)
     starts[:, column] = np.linspace(0.02, 0.98, _PROFILE_DEPTHS)
-    fit = fit_batch(misfit.linearise, starts, iterations=7, tolerance=1e-3, frozen=column)
-    return tuple(
-        Minimum(point, float(cost)) for point, cost in zip(fit.points, fit.cost, strict=True)
+    first = fit_batch(
+        misfit.linearise, starts, iterations=_FIRST_TRIALS, tolerance=1e-3, frozen=column
     )
+    points, costs = first.points, first.cost
+    near = np.flatnonzero(
+        np.logical_not(first.converged) & (costs <= _HOPELESS * max(1.0, costs.min()))
+    )
+    if near.size:
+        more = fit_batch(
+            misfit.linearise, points[near], iterations=4, tolerance=1e-3, frozen=column
+        )
+        points[near], costs[near] = more.points, more.cost
+    return tuple(Minimum(point, float(cost)) for point, cost in zip(points, costs, strict=True))
 
 
 def _local_minima(profile: tuple[Minimum, ...], most: int = 3) -> tuple[Minimum, ...]:
