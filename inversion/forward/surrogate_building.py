@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.forward.contact import PlateProblem, plate_compliance
 from inversion.forward.kernel import velocity_ratio_squared
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.rational import basis, evaluate, numerators
+from inversion.forward.rational import basis, evaluate, fit_sums, numerators
 from inversion.forward.ray_sampling import compliance_on_ray, ray
 from inversion.forward.surrogate import SHALLOWEST, Surrogate
 from inversion.threads import single_threaded_blas
@@ -224,7 +223,7 @@ def _fit_half_space(problem: PlateProblem, values: _Values) -> HalfSpace:
         if offset > 1.0:
             own = np.maximum(own, _NODE_SHARE / offset * np.abs(found[:, 0]))
         weights = values.weight[rows] / _scale(p, own)
-        fitted.append(_solve(p, found[:, column : column + 1], weights, pole_set))
+        fitted.append(fit_sums(p, found[:, column : column + 1], weights, pole_set))
     return pole_set, np.concatenate(fitted)
 
 
@@ -276,31 +275,7 @@ class _Echo:
 
     def fit(self, column: int, poles: ComplexArray) -> FloatArray:
         """Coefficients (n_offsets, 2k) at one depth."""
-        return _solve(*self.samples(column), poles)
-
-
-def _solve(
-    y: ComplexArray, values: ComplexArray, weights: FloatArray, poles: ComplexArray
-) -> FloatArray:
-    """Weighted least squares for the coefficients, (channels, 2k).
-
-    Normal equations of scaled columns with a ridge at rounding level, refined twice: ten times
-    faster than an orthogonal factorisation; the refinement gives back the digits.
-    """
-    functions = basis(y, poles) * weights[:, None]
-    matrix = np.concatenate([functions.real, functions.imag])
-    target = values * weights[:, None]
-    right = np.concatenate([target.real, target.imag])
-    scale = np.linalg.norm(matrix, axis=0)
-    matrix /= scale
-    gram = matrix.T @ matrix
-    gram[np.diag_indices_from(gram)] += 1e-13 * matrix.shape[1]
-    factor = cho_factor(gram, lower=True, check_finite=False)
-    solution = cho_solve(factor, matrix.T @ right, check_finite=False)
-    for _ in range(2):
-        solution += cho_solve(factor, matrix.T @ (right - matrix @ solution), check_finite=False)
-    result: FloatArray = (solution / scale[:, None]).T
-    return result
+        return fit_sums(*self.samples(column), poles)
 
 
 def _choose_echo_poles(echo: _Echo) -> ComplexArray:
@@ -314,7 +289,7 @@ def _choose_echo_poles(echo: _Echo) -> ComplexArray:
     poles = np.concatenate([grid * (-0.06 + 1j), np.geomspace(0.5, 400.0, 12) * (-0.5 + 0.8j)])
     y, values, weights = echo.samples(0)
     for _ in range(_ROUNDS):
-        solution = _solve(y, values, weights, poles)
+        solution = fit_sums(y, values, weights, poles)
         misfit = np.abs(basis(y, poles) @ solution.T - values).max(axis=1) * weights
         poles = np.concatenate([poles, _worst_places(y, misfit)])
     return poles
