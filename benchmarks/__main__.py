@@ -23,6 +23,7 @@ PARTS = {
     "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
     "closing": "all figures of docs/closing-the-loop.md (half an hour)",
     "measured": "the loop closed on measured drops in a FOLDER (some minutes)",
+    "structures": "evidence of structures on measured drops, and of causes in place of rock",
     "layers": "layered ground: accuracy and speed of the forward model (some minutes; --short)",
     "tables": "build the response tables that ship with the package",
     "example_files": "make the files of pfwd.example anew, from finite elements (a minute)",

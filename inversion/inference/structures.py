@@ -13,6 +13,7 @@ import numpy as np
 
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Values
+from inversion.effects.carrier_resonance import CarrierResonance
 from inversion.effects.catalogue import CATALOGUE
 from inversion.effects.flight import Flight
 from inversion.inference.point_model import STIFFNESS, PointModel
@@ -26,9 +27,11 @@ _ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
 
-# Flight takes the place of the catalogue's rebound, whose times are fitted.
-_ORDERED: tuple[Effect, ...] = tuple(
-    Flight() if effect.name == "rebound" else effect for effect in CATALOGUE
+# Flight takes the place of the catalogue's rebound, whose times are fitted. The search of the
+# catalogue knows neither flight nor the carrier's resonance.
+_ORDERED: tuple[Effect, ...] = (
+    *(Flight() if effect.name == "rebound" else effect for effect in CATALOGUE),
+    CarrierResonance(),
 )
 _BY_NAME = {effect.name: effect for effect in _ORDERED}
 
@@ -55,13 +58,17 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
     if beside_plate and _BY_NAME["layer"].offered(drops):
         grounds += [ground | {"layer"} for ground in grounds]
     motions: list[Structure] = [frozenset(), _BEND, _BEND | {"flight"}]
-    sensors: list[Structure] = [frozenset(), frozenset({"geophone_response"})]
+    sensors: list[Structure] = [
+        frozenset(),
+        frozenset({"geophone_response"}),
+        frozenset({"geophone_response", "carrier_resonance"}),
+    ]
     structures = [
         ground | motion | sensor | _ALWAYS
         for ground, motion, sensor in itertools.product(grounds, motions, sensors)
     ]
     if not beside_plate:
-        structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors]
+        structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors[:2]]
     return structures
 
 

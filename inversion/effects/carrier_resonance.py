@@ -1,0 +1,51 @@
+r"""The carrier of a sensor swings on the plate that it stands on.
+
+What is recorded is the plate's motion w and a part of the acceleration that the carrier's mode
+passes on,
+
+.. math:: w \left(1 + \frac{a s^2}{s^2 + 2 h \omega s + \omega^2}\right)
+"""
+
+import math
+from collections.abc import Mapping
+
+from inversion.arrays import FloatArray
+from inversion.effects.base import DropContext, Effect, Values, geophone
+from inversion.fitting.coordinates import Coordinate
+from inversion.fitting.parameters import Parameter
+
+
+class CarrierResonance(Effect):
+    """A small oscillation of the same frequency after the pulse, on all drops of a device."""
+
+    name = "carrier_resonance"
+    scope = "device"
+    parameters = (
+        Parameter("strength", "-", -0.5, 0.5, (-0.04, 0.04), prior=(0.0, 0.1), absent=0.0),
+        Parameter("frequency", "Hz", 15.0, 200.0, (45.0,), logarithmic=True),
+        Parameter("damping", "-", 0.005, 1.0, (0.05,), logarithmic=True),
+    )
+    advice = "look at the carrier of the sensor: it swings on the plate"
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return the strength and the logarithms of frequency and damping."""
+        strength, frequency, damping = self.parameters
+        limits = [(math.log(p.lower), math.log(p.upper)) for p in (frequency, damping)]
+        return (
+            Coordinate("strength", 0.0, 0.1, strength.lower, strength.upper, strength.starts),
+            Coordinate("frequency", math.log(45.0), 0.4, *limits[0], (math.log(45.0),)),
+            Coordinate("damping", math.log(0.05), 1.0, *limits[1], (math.log(0.05),)),
+        )
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return strength, frequency and damping."""
+        return {
+            "strength": coordinates["strength"],
+            "frequency": math.exp(coordinates["frequency"]),
+            "damping": math.exp(coordinates["damping"]),
+        }
+
+    def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
+        """With the oscillation of the carrier."""
+        swing = geophone(record, values["frequency"], values["damping"], drop.step)
+        return record + values["strength"] * swing

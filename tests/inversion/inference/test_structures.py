@@ -1,0 +1,95 @@
+"""Evidence between structures: what simulated ground has is preferred, and what it lacks is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor, SurrogateLibrary
+from inversion.diagnosis import PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.forward.model import Instrument
+from inversion.inference.instrument import choose_structure
+from inversion.inference.point_model import PointModel
+from inversion.inference.structures import candidate_structures, effects_of, fit_briefly
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+
+RADIUS, MASS, STEP, BEFORE = 0.15, 12.0, 1e-4, 200
+MODULUS, DEPTH = 50e6, 0.9
+NOISE = 1e-3
+"""Of the peak."""
+ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
+
+
+def point(depth: float, modulus: float = MODULUS) -> PointRecords:
+    ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
+    moved = np.concatenate([np.zeros(BEFORE), drop.plate_displacement])
+    moved += NOISE * moved.max() * np.random.default_rng(1).standard_normal(moved.size)
+    record = Record(
+        STEP * np.arange(-BEFORE, drop.time.size),
+        np.concatenate([np.zeros(BEFORE), drop.load]),
+        (Sensor(0.0, "displacement", moved),),
+        Instrument(plate_radius=RADIUS, plate_mass=MASS),
+        poisson_ratio=0.35,
+    )
+    return PointRecords("simulated", (record,), (1,))
+
+
+@pytest.mark.parametrize(("depth", "has_rock"), [(DEPTH, True), (np.inf, False)])
+def test_rock_is_preferred_where_it_is(depth: float, has_rock: bool) -> None:
+    library = SurrogateLibrary()
+    records = Point(point(depth), library)
+    fits = {
+        rock: fit_briefly(records, ALWAYS | ({"bedrock"} if rock else set()), 0, {})
+        for rock in (False, True)
+    }
+    with_rock, without = fits[True], fits[False]
+    assert with_rock is not None
+    assert without is not None
+    gain = with_rock.log_evidence - without.log_evidence
+    if not has_rock:
+        # It explains nothing more, and costs its prior.
+        assert gain < 1.0
+        return
+    assert gain > 10.0
+    assert with_rock.by_key["bedrock", "depth", None] == pytest.approx(1.0 / DEPTH, rel=0.1)
+    assert with_rock.model.modulus(with_rock.values) == pytest.approx(MODULUS, rel=0.05)
+
+
+def test_the_interval_of_the_modulus_holds_the_truth() -> None:
+    records = Point(point(np.inf), SurrogateLibrary())
+    fit = fit_briefly(records, ALWAYS, 0, {})
+    assert fit is not None
+    place = fit.model.keys.index(("", "modulus", None))
+    deviation = float(np.sqrt(fit.covariance[place, place]))
+    error = np.log(fit.model.modulus(fit.values) / MODULUS)
+    # The model's own error of 1 % comes beside what noise and priors leave open.
+    assert abs(error) < 2.0 * np.hypot(deviation, 0.01)
+    assert 1e-3 < deviation < 0.1
+
+
+def test_the_evidence_of_all_points_decides_among_what_all_could_show() -> None:
+    rock, none, layer = frozenset({"bedrock"}), frozenset[str](), frozenset({"layer"})
+    evidence = [{none: 10.0, rock: 8.0, layer: 99.0}, {none: 3.0, rock: 9.0}]
+    assert choose_structure(evidence) == rock
+    assert choose_structure(evidence[:1]) == layer
+
+
+def test_a_single_sensor_shows_no_layer_and_several_no_rig() -> None:
+    contexts = [model.context for model in Point(point(np.inf), SurrogateLibrary()).drops]
+    names = set().union(*candidate_structures(contexts))
+    assert "layer" not in names
+    assert {"spring_rig", "bedrock", "flight", "carrier_resonance"} <= names
+
+
+def test_priors_of_others_move_the_start_and_the_optimum() -> None:
+    records = Point(point(np.inf), SurrogateLibrary())
+    model = PointModel(records, effects_of(ALWAYS), [0])
+    place = model.keys.index(("sensor_lag", "delay", None))
+    assert model.start[place] == 0.0
+    model.apply_priors({("sensor_lag", "delay", None): (2e-4, 1e-5)})
+    assert model.start[place] == 2e-4
+    assert model.deviation[place] == 1e-5
