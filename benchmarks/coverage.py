@@ -271,7 +271,7 @@ def _outcome(case: Case, result: InversionResult, own: ModelDifference) -> Cover
         depth=math.inf if depth is None else depth,
         explained=bool(result.explained),
         at_bound=result.at_bound or (),
-        depth_not_unique=any(text.startswith("depth not unique") for text in warnings),
+        depth_not_unique=any(one.code == "depth-not-unique" for one in warnings),
         window_residual=known(result.window_residual_rms_over_peak),
         model_error=own,
     )

@@ -34,6 +34,8 @@ MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
 # The pulse's shape is no effect on a fit to the measured load: such drops must pass as clean.
 HARMLESS = frozenset({CLEAN, "load_shape"})
 GROUPS = ("clean", "known", "unknown", "soil")
+CLIPPED = frozenset({"load-clipped", "sensor-clipped"})
+"""Codes of warnings about clipped samples."""
 NOISE_LEVELS = (5e-4, 2e-3, 5e-3)
 CURVE_POINTS = 6
 
@@ -67,7 +69,7 @@ class Judged:
             names |= {effect["name"], *effect["alternatives"]}
         if self.record and self.record.get("rejected"):
             names.add("false_trigger")
-        if self.record and any("clip" in str(text) for text in self.record["warnings"]):
+        if self.record and any(one["code"] in CLIPPED for one in self.record["warning_codes"]):
             names.add("saturation")
         return names
 

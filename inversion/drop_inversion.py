@@ -42,6 +42,7 @@ from inversion.layered_inversion import Effective, LayeredInversion, LayerReques
 from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
+from inversion.notices import Notice, Value
 from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
 from inversion.threads import single_threaded_blas
 
@@ -546,22 +547,15 @@ def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
 
 def _warnings(
     result: InversionResult, drop: PreparedDrop, fit: GroundFit, uncertainty: Uncertainty
-) -> tuple[str, ...]:
+) -> tuple[Notice, ...]:
     found = [*_common_warnings(result, drop, fit.best.cost)]
     density = result.density_kg_m3
     if result.explained and density and _is_no_soil(density, result.density_sd_kg_m3):
-        lightest, heaviest = _SOIL_DENSITIES
-        found.append(
-            f"density suspect: {density:.0f} kg/m3 was fitted, soils have "
-            f"{lightest:.0f} to {heaviest:.0f} kg/m3; check what is declared of load gain, plate "
-            "radius, plate mass, time axis and geophone"
-        )
+        values: dict[str, Value] = {"usual_kg_m3": _SOIL_DENSITIES, "density_kg_m3": density}
+        found.append(Notice("density-suspect", values))
     if not uncertainty.depth_unique and uncertainty.depth_interval is not None:
         low, high = uncertainty.depth_interval
-        found.append(
-            f"depth not unique: the data allow bedrock from {low:.2g} m to {high:.2g} m; the "
-            "interval of the modulus covers them"
-        )
+        found.append(Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}))
     return tuple(found)
 
 
@@ -573,27 +567,19 @@ def _is_no_soil(density: float, deviation: float | None) -> bool:
     return density + reach < _SOIL_DENSITIES[0] or density - reach > _SOIL_DENSITIES[1]
 
 
-def _common_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[str]:
-    found = []
-    for name in result.at_bound or ():
-        found.append(f"{name.replace('_', ' ')} sits on a bound of the search")
+def _common_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[Notice]:
+    found = [Notice("parameter-on-bound", {"parameter": name}) for name in result.at_bound or ()]
     if not result.explained:
-        found.append(
-            "residual not explained: over the fit it is "
-            f"{np.sqrt(cost):.1f} times the noise and the model's error together "
-            f"({100 * (result.window_residual_rms_over_peak or 0.0):.1f} % of the peak); the "
-            "model lacks an effect, so do not take the modulus for corrected"
-        )
+        sizes = {
+            "residual_over_noise": math.sqrt(cost),
+            "residual_over_peak": result.window_residual_rms_over_peak or 0.0,
+        }
+        found.append(Notice("residual-not-explained", sizes))
     elif result.load == "measured" and result.method != "published":
         assert result.history is not None
         tail = _tail_over_peak(drop, result.history)
         if tail is not None:
-            found.append(
-                f"record after the contact not explained: {100 * tail:.1f} % of the peak is left "
-                "where the load has gone, while the contact fits. The plate left the ground, the "
-                "ground is layered, or geophone, plate mass, plate radius, load gain or time axis "
-                "is not as declared; the interval of the modulus does not cover this"
-            )
+            found.append(Notice("tail-not-explained", {"tail_over_peak": tail}))
     if not result.converged:
-        found.append("the fit did not converge")
+        found.append(Notice("not-converged"))
     return found

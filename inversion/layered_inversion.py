@@ -29,6 +29,7 @@ from inversion.fitting.layered.parameters import LayeredSpace, layered_space
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
+from inversion.notices import Notice, Value
 from inversion.result import OPEN_FACTOR, LayerResult
 
 # Mean square residual over which, times that of one medium, a layer does not fit as well.
@@ -113,7 +114,7 @@ class LayeredInversion:
     depth_interval : (float, float), m, or None: given, not fitted
     uncertainty : LayeredUncertainty
     considered : tuple of Considered, numbers of media that were tried
-    remarks : tuple of str, what should be known
+    remarks : tuple of Notice
     solves : int, forward solves of all that was tried
     viscosity_deviation, density_deviation : of the lowest medium, Pa s and kg/m3; None: not fitted
     """
@@ -128,7 +129,7 @@ class LayeredInversion:
     depth_interval: tuple[float, float] | None
     uncertainty: LayeredUncertainty
     considered: tuple[Considered, ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[Notice, ...]
     solves: int
     viscosity_deviation: float | None
     density_deviation: float | None
@@ -185,16 +186,12 @@ def _with_layers_that_fit_as_well(
         one.effective, interval=joined(one.effective.interval, layered.effective.interval)
     )
     low, high = interval
-    said = (
-        "one sensor does not tell layers: the modulus is that of one medium for all, and its "
-        "interval holds the ground below a layer that fits as well; sensors further out tell"
-    )
     return replace(
         one,
         layers=(replace(only, modulus_interval_pa=interval),),
         effective=effective,
         modulus_known=high <= OPEN_FACTOR * low,
-        remarks=(*one.remarks, said),
+        remarks=(*one.remarks, Notice("layers-need-sensors")),
         solves=layered.solves,
     )
 
@@ -415,43 +412,30 @@ def _remarks(
     known: bool,
     effective: Effective,
     tried: tuple[Considered, ...],
-) -> tuple[str, ...]:
-    said = []
-    low, high = _interval_of(layers[-1])
+) -> tuple[Notice, ...]:
+    remarks = []
     if not known:
-        said.append(
-            f"modulus of the subgrade not known: {_megapascals(low, high)} fit as "
-            f"well; the effective modulus, {effective.modulus / 1e6:.3g} MPa, stands for the "
-            f"upper {effective.depth:.2g} m; sensors further out tell the layers apart"
-        )
+        values: dict[str, Value] = {
+            "modulus_interval_pa": _interval_of(layers[-1]),
+            "effective_modulus_pa": effective.modulus,
+            "effective_depth_m": effective.depth,
+        }
+        remarks.append(Notice("subgrade-modulus-unknown", values))
     for number, layer in enumerate(layers[:-1], 1):
         low, high = _interval_of(layer)
         if high > OPEN_FACTOR * low:
-            said.append(
-                f"modulus of layer {number} not known: {_megapascals(low, high)} fit as well"
-            )
+            values = {"layer": number, "modulus_interval_pa": (low, high)}
+            remarks.append(Notice("layer-modulus-unknown", values))
     if fit.misfit.sensors.size == 1 and fit.space.media > 1:
-        said.append(
-            "layers from the centre sensor alone: many other layers deflect the plate alike; the "
-            "intervals hold them, the values are one choice"
-        )
+        remarks.append(Notice("layers-from-one-sensor"))
     if len(tried) > 1:
-        said.append(f"layers chosen: {fit.space.media} of 1 to {len(tried)} tried" + _missed(tried))
-    return tuple(said)
-
-
-def _megapascals(low: float, high: float) -> str:
-    """An interval of moduli, Pa, to two digits and without powers of ten."""
-    ends = (f"{float(f'{end / 1e6:.2g}'):g}" for end in (low, high))
-    return f"{' to '.join(ends)} MPa"
-
-
-def _missed(tried: tuple[Considered, ...]) -> str:
-    """By how much each number of layers missed the sensors that were left out."""
-    errors = [c.left_out for c in tried if c.left_out is not None]
-    if len(errors) < len(tried):
-        return ""
-    listed = ", ".join(
-        f"{100 * error:.2g} % with {number}" for number, error in enumerate(errors, 1)
-    )
-    return f"; a sensor that was left out is missed by, of its peak, {listed}"
+        values = {"media": fit.space.media, "most_media": len(tried)}
+        errors = [c.left_out for c in tried if c.left_out is not None]
+        if len(errors) < len(tried):
+            remarks.append(Notice("layers-chosen", values))
+        else:
+            values["errors"] = tuple(
+                f"{100 * error:.2g} % with {number}" for number, error in enumerate(errors, 1)
+            )
+            remarks.append(Notice("layers-chosen-by-sensors", values))
+    return tuple(remarks)

@@ -20,7 +20,9 @@ from typing import (
     get_type_hints,
 )
 
+from inversion import notices
 from inversion.errors import RecordFormatError
+from inversion.notices import WARNING_CODES, WARNINGS, Notice
 
 Interval = tuple[float, float]
 _T = TypeVar("_T")
@@ -83,6 +85,8 @@ class JsonRecord:
             value = getattr(self, name)
             if value is not None or name not in self.LEFT_OUT:
                 written[name] = _plain(value)
+                if name == WARNINGS:
+                    written[WARNING_CODES] = _codes(value)
         return written | dict(self.more)
 
     @classmethod
@@ -115,6 +119,10 @@ class JsonRecord:
                 known[key] = read(value)
                 if known[key] is None:
                     more[key] = value
+        if known.get(WARNINGS) is not None:
+            known[WARNINGS] = notices.from_json(written[WARNINGS], more.pop(WARNING_CODES, None))
+        elif WARNINGS in readers and more.get(WARNING_CODES, 0) is None:
+            del more[WARNING_CODES]
         return cls(**known, more=more)
 
     def values(self, keys: Iterable[str]) -> dict[str, Any]:
@@ -129,12 +137,18 @@ class JsonRecord:
                 if (value is None and key in self.LEFT_OUT) or isinstance(value, JsonRecord):
                     continue
                 written[key] = _plain(value)
+            elif key == WARNING_CODES and WARNINGS in readers:
+                written[key] = _codes(getattr(self, WARNINGS))
         return written
 
     @property
     def unreadable(self) -> frozenset[str]:
         """Keys whose value was of another type."""
         return frozenset(_readers(type(self))) & frozenset(self.more)
+
+
+def _codes(warnings: Iterable[Notice] | None) -> list[dict[str, Any]] | None:
+    return None if warnings is None else notices.codes(warnings)
 
 
 def known(value: _T | None) -> _T:
@@ -206,6 +220,11 @@ def _texts(value: Any) -> tuple[str, ...] | None:
     return tuple(value) if sound else None
 
 
+def _notices(value: Any) -> tuple[Notice, ...] | None:
+    texts = _texts(value)
+    return None if texts is None else notices.from_json(texts)
+
+
 def _numbers(value: Any) -> tuple[int, ...] | None:
     sound = isinstance(value, list | tuple) and all(type(item) is int for item in value)
     return tuple(value) if sound else None
@@ -220,6 +239,7 @@ _READERS: dict[Any, Callable[[Any], Any]] = {
     Interval | None: _interval,
     tuple[str, ...] | None: _texts,
     tuple[int, ...] | None: _numbers,
+    tuple[Notice, ...] | None: _notices,
 }
 
 
@@ -266,4 +286,6 @@ def _plain(value: Any) -> Any:
         return value.to_json()
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
+    if isinstance(value, Notice):
+        return str(value)
     return value

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from inversion.notices import Notice
 from inversion.records import Interval, JsonRecord, not_stored, quantity
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ class InversionResult(JsonRecord):
         "Duration of the analysis without the start of the program", "s", column=None
     )
     seed: int | None = quantity("Random seed of the search", column="established")
-    warnings: tuple[str, ...] | None = quantity(
+    warnings: tuple[Notice, ...] | None = quantity(
         "Remarks on the result; none: the record does not say", column="established"
     )
     window_residual_rms_over_peak: float | None = not_stored()

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from inversion import notices
+from inversion.notices import Notice
 from pfwd.inverting import Header, drop_of_arrays, is_array
 from pfwd.measured import Drop, Point, points_of, time_and_load
 from pfwd.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
@@ -79,9 +81,9 @@ class Diagnosis(Shown):
         return found
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[Notice, ...]:
         """What should be known before it is believed."""
-        return tuple(map(str, self._record["warnings"]))
+        return notices.from_json(self._record["warnings"], self._record["warning_codes"])
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._record:

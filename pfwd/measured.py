@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from inversion import notices
+from inversion.notices import Notice
 from pfwd.options import analysis_options, reading
 from pfwd.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 from pfwd_device.drop import Channel, Peaks
@@ -197,7 +199,7 @@ class Point(Shown, Sequence[Drop]):
         return declared_values(self._point.setup)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[Notice, ...]:
         """What should be known of the point as a whole."""
         return self._point.warnings
 
@@ -226,7 +228,7 @@ class Point(Shown, Sequence[Drop]):
 
     def to_dict(self) -> dict[str, Any]:
         """What is declared, and the drops."""
-        said = {"file": self.file, **self.declared, "warnings": list(self.warnings)}
+        said = {"file": self.file, **self.declared, **notices.to_json(self.warnings)}
         found: dict[str, Any] = without_nan(said)
         return {**found, "drops": [drop.to_dict() for drop in self]}
 

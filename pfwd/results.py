@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
+from inversion.notices import Notice
 from pfwd.shown import (
     Shown,
     axes_or_new,
@@ -161,7 +162,7 @@ class Results(Shown, Sequence[Result]):
         return Results([drop for drop in self if drop.status == "measured" and drop.modulus])
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[Notice, ...]:
         """Warnings of all drops, each once."""
         return tuple(dict.fromkeys(text for drop in self for text in drop.warnings or ()))
 

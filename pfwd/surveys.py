@@ -162,7 +162,7 @@ def _stored(path: str, row: Row) -> Result | None:
         "point": row.point.title,
         "drop": row.drop.number,
         "modulus_pa": row.values["modulus_pa"],
-        "warnings": tuple(row.values["warnings"]),
+        "warnings": row.warnings,
     }
     # Values that could not be read do not come back in place of these.
     more = {key: value for key, value in record.more.items() if key not in changes}

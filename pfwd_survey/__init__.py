@@ -5,7 +5,9 @@ The names below are loaded on first use, so that the command line answers before
 
 from typing import TYPE_CHECKING
 
+from inversion import notices
 from pfwd_plugins.lazy_names import lazy_getattr
+from pfwd_survey import notice_texts
 
 if TYPE_CHECKING:
     from pfwd_survey.files.traces import read_traces, write_traces
@@ -29,5 +31,7 @@ _HOMES = {
     "record_of": "pfwd_survey.inverting.analysis",
     "write_traces": "pfwd_survey.files.traces",
 }
+
+notices.register(notice_texts.TEMPLATES, notice_texts.TERMS, notice_texts.EARLIER)
 
 __getattr__ = lazy_getattr(globals(), _HOMES)

@@ -1,9 +1,11 @@
 """Messages that say the same of several things, each once, with the numbers as ranges."""
 
 import re
-from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
+
+from inversion.notices import Notice, fill_template, other, templates
 
 Place = TypeVar("Place", bound=Hashable)
 
@@ -24,49 +26,86 @@ FEW = 2
 
 @dataclass(frozen=True, slots=True)
 class MessageGroup(Generic[Place]):
-    """One message and what it was said of."""
+    """One message and the places that it belongs to."""
 
-    pattern: str
-    """The message with ``{}`` in place of its numbers: equal for all that mean the same."""
-    numbers: tuple[str, ...]
-    """What stands at the gaps: one number, two, or a range of them."""
+    code: str
+    """That of the warning; ``other`` of any other message."""
+    patterns: Mapping[str, str]
+    """Text of each gap of the message by name, with ``{}`` in place of its numbers: equal for all
+    that mean the same."""
+    numbers: Mapping[str, tuple[str, ...]]
+    """By name of the gap, what stands at each ``{}``: one number, two, or a range of them."""
+    words: Mapping[str, tuple[str, ...]]
+    """Values that are words of a list, by name of the gap."""
     places: tuple[Place, ...]
     """Each once, in the order in which they came."""
 
     @property
+    def key(self) -> Hashable:
+        """Equal for messages that mean the same."""
+        return (self.code, *self.patterns.items())
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Return the text of each gap in full, by name."""
+        return {name: fill(text, self.numbers[name]) for name, text in self.patterns.items()}
+
+    @property
     def text(self) -> str:
-        """The message in full."""
-        return fill(self.pattern, self.numbers)
+        """The message in full, in English."""
+        return fill_template(templates()[self.code], self.texts)
 
 
-def group_messages(said: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
+def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
     """Messages that differ in nothing but their numbers as one.
 
     Parameters
     ----------
-    said : iterable of (place, message)
+    messages : iterable of (place, warning or other message)
 
     Returns
     -------
     list of MessageGroup
-        In the order in which they were said first.
+        In the order in which they came first.
 
     Examples
     --------
-    >>> found = group_messages([("A", "load 53.1 kN is low"), ("B", "load 51 kN is low")])
-    >>> [(group.text, group.places) for group in found]
+    >>> groups = group_messages([("A", "load 53.1 kN is low"), ("B", "load 51 kN is low")])
+    >>> [(group.text, group.places) for group in groups]
     [('load 51 and 53.1 kN is low', ('A', 'B'))]
     """
-    places: dict[str, dict[Place, None]] = {}
-    numbers: dict[str, list[tuple[str, ...]]] = {}
-    for place, text in said:
-        pattern, found = split_numbers(text)
-        places.setdefault(pattern, {})[place] = None
-        numbers.setdefault(pattern, []).append(found)
+    groups: dict[Hashable, MessageGroup[Place]] = {}
+    places: dict[Hashable, dict[Place, None]] = {}
+    numbers: dict[Hashable, list[Mapping[str, tuple[str, ...]]]] = {}
+    for place, message in messages:
+        group = _group_of_one(message if isinstance(message, Notice) else other(message), place)
+        groups.setdefault(group.key, group)
+        places.setdefault(group.key, {})[place] = None
+        numbers.setdefault(group.key, []).append(group.numbers)
     return [
-        MessageGroup(pattern, tuple(map(_together, zip(*numbers[pattern], strict=True))), (*where,))
-        for pattern, where in places.items()
+        replace(
+            group,
+            numbers={
+                name: tuple(
+                    map(_together, zip(*(each[name] for each in numbers[key]), strict=True))
+                )
+                for name in group.numbers
+            },
+            places=(*places[key],),
+        )
+        for key, group in groups.items()
     ]
+
+
+def _group_of_one(notice: Notice, place: Place) -> MessageGroup[Place]:
+    split = {name: split_numbers(text) for name, text in notice.texts().items()}
+    return MessageGroup(
+        notice.code,
+        {name: pattern for name, (pattern, _) in split.items()},
+        {name: found for name, (_, found) in split.items()},
+        notice.words(),
+        (place,),
+    )
 
 
 def split_numbers(text: str) -> tuple[str, tuple[str, ...]]:

@@ -11,14 +11,14 @@ import pytest
 SOURCE = Path(__file__).parents[1] / "inversion" / "result.py"
 NEW_FIELD = """
     settlement_index_m: float | None = quantity("Settlement that nobody computes yet", "m")
-    warnings: tuple[str, ...] | None = quantity("""
+    warnings: tuple[Notice, ...] | None = quantity("""
 SCRIPT = """
 import json, sys, types
 from pathlib import Path
 
 source, field, folder = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
 text = source.read_text(encoding="utf-8")
-old = "\\n    warnings: tuple[str, ...] | None = quantity("
+old = "\\n    warnings: tuple[Notice, ...] | None = quantity("
 assert text.count(old) == 1
 module = types.ModuleType("inversion.result")
 sys.modules["inversion.result"] = module

@@ -89,7 +89,7 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     names = _names(results)
     order = list(dict.fromkeys(names))
     said = [
-        (name, clean(text))
+        (name, text)
         for name, result in zip(names, results, strict=True)
         for text in result.warnings or ()
     ]
@@ -97,7 +97,7 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
     for group in group_messages(said):
         where = f", {as_ranges(group.places, order)}" if len(results) > 1 else ""
         where = ", all points" if len(group.places) == len(order) > 2 else where
-        lines.append(f"  warning{where}: {group.text}")
+        lines.append(f"  warning{where}: {clean(group.text)}")
     return lines
 
 

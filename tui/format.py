@@ -103,9 +103,9 @@ def _said_of_drops(
     """What is said of the drops of a point: each sentence once, with the drops as ranges."""
     order = list(dict.fromkeys(_text(result.drop) for result in results))
     lines = []
-    for group in group_messages((_text(result.drop), clean(text)) for result, text in said):
+    for group in group_messages((_text(result.drop), text) for result, text in said):
         drops = "drop" if len(group.places) == 1 else "drops"
-        lines.append(f"  {what}, {drops} {as_ranges(group.places, order)}: {group.text}")
+        lines.append(f"  {what}, {drops} {as_ranges(group.places, order)}: {clean(group.text)}")
     return lines
 
 

@@ -230,6 +230,7 @@ class SessionLines:
                 "effects",
                 "after",
                 "warnings",
+                "warning_codes",
             )
             diagnosis = {key: said[key] for key in kept}
             print(json_text({"point": event.point, "diagnosis": diagnosis}), flush=True)

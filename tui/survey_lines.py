@@ -212,11 +212,12 @@ def _said(
     # By their place: two drops may be called alike.
     places = {id(result): (_point(result), place) for place, result in enumerate(results)}
     lines = []
-    for group in group_messages((places[id(result)], clean(text)) for result, text in said):
+    for group in group_messages((places[id(result)], text) for result, text in said):
         names = list(dict.fromkeys(name for name, _ in group.places))
         where = f"point{'s' if len(names) > 1 else ''} {as_ranges(names, order)}"
         if len(names) == len(order) > 1:
             where = "all points"
         count = len(group.places)
-        lines.append(f"  {what}, {where} ({count} drop{'s' if count > 1 else ''}): {group.text}")
+        drops = f"{count} drop{'s' if count > 1 else ''}"
+        lines.append(f"  {what}, {where} ({drops}): {clean(group.text)}")
     return lines

@@ -9,6 +9,7 @@ from inversion.diagnosis.prediction import ground_below, residual_over_peak
 from inversion.diagnosis.problem import Point
 from inversion.diagnosis.search import EXPLAINED, Candidate, past_bounds
 from inversion.effects.base import Ground
+from inversion.notices import Notice, Value, other
 
 # So many effects at once can be told from one record or two, one more from three and from four, and
 # no more from several: more would fit anything.  A second drop tells much the same as the first.
@@ -66,8 +67,8 @@ def _distances(point: Point) -> int:
     return np.unique(point.drops[0].context.offsets).size
 
 
-def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
-    """Why a set of effects does not explain the residual, a short text each; none: it does."""
+def reasons_to_reject(point: Point, best: Candidate) -> list[Notice]:
+    """Return the objections to a set of effects as an explanation of the residual."""
     reasons = []
     # Slow noise may look large at single samples: then what its correlation leaves counts.
     most = _SLOW_BESIDE if best.effects else _SLOW_NOISE
@@ -75,37 +76,36 @@ def reasons_to_reject(point: Point, best: Candidate) -> list[str]:
         most = _SLOWEST_NOISE
     slow = best.over_noise <= most and best.fit.excess <= 1.0
     if not (best.over_noise <= EXPLAINED or slow):
-        reasons.append(f"residual not explained: {best.over_noise:.1f} times the noise is left")
+        reasons.append(Notice("noise-exceeded", {"residual_over_noise": best.over_noise}))
     elif len(best.effects) > 1 and best.over_noise > _LEFT_BY_SEVERAL and not slow:
-        reasons.append(
-            f"residual not explained: {best.over_noise:.2f} times the noise is left by "
-            f"{len(best.effects)} effects at once, where several may leave {_LEFT_BY_SEVERAL:g}"
-        )
+        values: dict[str, Value] = {
+            "residual_over_noise": best.over_noise,
+            "effects": len(best.effects),
+            "limit": _LEFT_BY_SEVERAL,
+        }
+        reasons.append(Notice("noise-exceeded-by-several", values))
     elif best.fit.problem.scope.plain:
-        reasons.append("residual not explained: what is left is small, but not like the noise")
+        reasons.append(Notice("residual-unlike-noise"))
     if not can_be_told(point, best):
-        reasons.append(
-            f"{len(best.effects)} effects at once fit this residual, but would fit almost any: "
-            "measure again, with more drops or sensors"
-        )
+        reasons.append(Notice("too-many-effects", {"effects": len(best.effects)}))
     reasons += _unusual(best)
     reasons += objections_of_effects(point, best)
     if past_bounds(best):
-        reasons.append("an effect that would go on past its bounds is no explanation")
+        reasons.append(Notice("effect-past-bounds"))
     return reasons
 
 
-def objections_of_effects(point: Point, best: Candidate) -> list[str]:
-    """What effects themselves say against their values, of the last drop."""
+def objections_of_effects(point: Point, best: Candidate) -> list[Notice]:
+    """Return the objections of effects to their own values, for the last drop."""
     found, last = best.fit, len(point.drops) - 1
     context = point.drops[last].context
     values = found.problem.values(0, found.device, found.own[0], last)
-    said = [effect.objection(numbers, context) for effect, numbers in values]
-    said.append(_nothing_below(ground_below(point, best)))
-    return [reason for reason in said if reason is not None]
+    objections = [effect.objection(numbers, context) for effect, numbers in values]
+    objections.append(_nothing_below(ground_below(point, best)))
+    return [other(reason) if isinstance(reason, str) else reason for reason in objections if reason]
 
 
-def _nothing_below(ground: Ground) -> str | None:
+def _nothing_below(ground: Ground) -> Notice | None:
     """Of layers that fill the ground down to its rock: no ground is left that is below them."""
     layers = sum(medium.thickness for medium in ground.above)
     if not layers or ground.inverse_depth == 0.0:
@@ -113,10 +113,8 @@ def _nothing_below(ground: Ground) -> str | None:
     depth = 1.0 / ground.inverse_depth
     if depth - layers >= _LEAST_BELOW * layers:
         return None
-    return (
-        f"layer: {layers:.2g} m of it leave {max(depth - layers, 0.0):.2g} m of ground above the "
-        "rock: something else is behind it, as another depth of the rock"
-    )
+    values = {"thickness_m": layers, "left_m": max(depth - layers, 0.0)}
+    return Notice("layer-fills-ground", values)
 
 
 def can_be_told(point: Point, candidate: Candidate) -> bool:
@@ -139,7 +137,7 @@ def _most_effects(records: int) -> int:
     return few + max(0, records - _MANY_RECORDS) // _RECORDS_PER_EFFECT
 
 
-def _unusual(best: Candidate) -> list[str]:
+def _unusual(best: Candidate) -> list[Notice]:
     """Parameters with values that no instrument in use has, and chance does not explain."""
     found = []
     for unknown, unit_value, deviation in zip(
@@ -151,10 +149,12 @@ def _unusual(best: Candidate) -> list[str]:
         reach = _CHANCE * unknown.parameter.deviation(unit_value, deviation)
         low, high = unknown.parameter.usual
         if value + reach < low or value - reach > high:
-            name = unknown.parameter.name.replace("_", " ")
-            unit = "" if unknown.parameter.unit == "-" else f" {unknown.parameter.unit}"
-            found.append(
-                f"{unknown.effect.name}: {value:.3g}{unit} is the {name} of no instrument in use "
-                f"({low:g} to {high:g}{unit}): it stands in for another cause"
-            )
+            values: dict[str, Value] = {
+                "effect": unknown.effect.name,
+                "parameter": unknown.parameter.name,
+                "value": value,
+                "usual": (low, high),
+                "unit": "" if unknown.parameter.unit == "-" else f" {unknown.parameter.unit}",
+            }
+            found.append(Notice("parameter-unusual", values))
     return found

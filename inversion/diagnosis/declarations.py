@@ -8,7 +8,7 @@ the residual away is said. The diagnosis itself stays with what the file declare
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -20,6 +20,7 @@ from inversion.diagnosis.findings import MOST_LEFT, PointDiagnosis
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.measured.record import SAME_DISTANCE, Record
+from inversion.notices import Notice, Value
 from inversion.records import known
 
 # Pulses of the load in which a sensor is looked at: later the ground beside a plate swings by
@@ -37,16 +38,14 @@ class Doubt:
 
     Parameters
     ----------
-    declared : str, what is doubted
-    instead : str, what is tried in its place
-    advice : str, what to look at
-    records : PointRecords, the point with that in its place
+    code : str, code of the warning if the records contradict it
+    values : mapping, values of the warning that are known before
+    records : PointRecords, the point without the declaration
     depth : float, m, of the bedrock that is doubted; NaN: another declaration is
     """
 
-    declared: str
-    instead: str
-    advice: str
+    code: str
+    values: Mapping[str, Value]
     records: PointRecords
     depth: float = math.nan
 
@@ -64,33 +63,30 @@ def doubts(point: Point) -> Iterator[Doubt]:
     for place, position in enumerate(positions):
         if abs(position) > radius and all(_goes_up(model, place) for model in point.drops):
             yield Doubt(
-                declared=f"sensor at {position:g} m",
-                instead="upside down",
-                advice="check its polarity",
+                code="sensor-upside-down",
+                values={"offset_m": float(position)},
                 records=_changed(records, partial(_upside_down, place=place)),
             )
     for near, far in combinations(range(positions.size), 2):
         if all(_moves_more(model, far, near) for model in point.drops):
             yield Doubt(
-                declared=f"sensors at {positions[near]:g} and {positions[far]:g} m",
-                instead="exchanged",
-                advice="check their order and their cables",
+                code="sensors-exchanged",
+                values={"near_m": float(positions[near]), "far_m": float(positions[far])},
                 records=_changed(records, partial(_exchanged, near=near, far=far)),
             )
     depth = records.records[0].bedrock_depth
     if depth is not None and math.isfinite(depth):
         without = tuple(replace(record, bedrock_depth=None) for record in records.records)
         yield Doubt(
-            declared=f"bedrock at {depth:g} m",
-            instead="with the depth left open",
-            advice="check the declared depth",
+            code="bedrock-contradicted",
+            values={"declared_m": depth},
             records=replace(records, records=without),
             depth=depth,
         )
 
 
-def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) -> str:
-    """What is said of a declaration; empty where the records do not contradict it.
+def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) -> Notice | None:
+    """Return the warning about a declaration; None where the records do not contradict it.
 
     Parameters
     ----------
@@ -99,22 +95,24 @@ def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) ->
     other : PointDiagnosis, of the point with the doubt's records
     """
     if other.after.modulus_pa is None:
-        return ""
+        return None
     left, left_other = (one.after.left_over_peak for one in (found, other))
     explained = other.verdict != "unexplained"
     halved = found.verdict == "unexplained" and left_other <= MOST_LEFT * left
     if not halved and not (found.after.left_open and explained):
-        return ""
+        return None
     rock = [known(e.value) for e in other.effects if e.name == "bedrock"]
     if rock and abs(rock[0] / doubt.depth - 1.0) < _SAME_DEPTH:
-        return ""
-    and_rock = f" and bedrock at {rock[0]:.2g} m" if rock and doubt.of_ground else ""
-    modulus = float(f"{other.after.modulus_pa / 1e6:.2g}")
-    return (
-        f"{doubt.declared}: {doubt.instead}, {100 * left_other:.2g} % of the peak is left in place "
-        f"of {100 * left:.2g} %, with E {modulus:g} MPa{and_rock}; "
-        f"{doubt.advice}"
-    )
+        return None
+    values = {
+        **doubt.values,
+        "residual_over_peak": left_other,
+        "residual_declared_over_peak": left,
+        "modulus_pa": other.after.modulus_pa,
+    }
+    if rock and doubt.of_ground:
+        return Notice("bedrock-elsewhere", {**values, "depth_m": rock[0]})
+    return Notice(doubt.code, values)
 
 
 def _goes_up(model: DropModel, place: int) -> bool:

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from inversion.arrays import FloatArray
 from inversion.diagnosis.acceptance import (
     can_be_told,
     is_worth_reporting,
@@ -46,6 +47,7 @@ from inversion.errors import RecordError
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
 from inversion.measured.steps import PLAIN_LOAD, PLAIN_MOTION, find_step
+from inversion.notices import Notice, Value
 from inversion.records import known
 from inversion.threads import single_threaded_blas
 
@@ -118,7 +120,7 @@ def diagnose_point(
         stepped = _steps(point)
         if stepped:
             return _told(point, by_noise, base, by_noise.base(), {}, stepped, leave_out)
-        search, best, objections = by_noise, base, [""]
+        search, best, objections = by_noise, base, list[Notice]()
         for looked, found in _looked_for(by_noise, likely, begun, plain):
             taken, against = _accepted(point, looked, base, found)
             sound = bool(taken.effects) and not past_bounds(taken)
@@ -141,8 +143,8 @@ def _contradicted(
     told: PointDiagnosis,
     library: SurrogateLibrary,
     again: Callable[[PointRecords], PointDiagnosis],
-) -> str:
-    """What the records of a point say against one of its declarations; empty: nothing."""
+) -> Notice | None:
+    """Return the warning about a declaration that the records of a point contradict, or None."""
     for doubt in doubts(point):
         if not doubt.of_ground:
             # The base model tells in no time whether a sensor fits better so.
@@ -156,9 +158,9 @@ def _contradicted(
         except RecordError:
             continue  # so it would be no record of a drop: what is declared is no worse
         said = contradiction(doubt, told, other)
-        if said:
+        if said is not None:
             return said
-    return ""
+    return None
 
 
 def _rises(model: DropModel) -> bool:
@@ -170,27 +172,24 @@ def _rises(model: DropModel) -> bool:
     return not contact.mean() > 0.0
 
 
-def _steps(point: Point) -> list[str]:
-    """What is said of records that step in the contact, where neither motion nor weight could."""
+def _steps(point: Point) -> list[Notice]:
+    """Return warnings about records that step in the contact, as no motion or weight could."""
     said = []
     for number, model in zip(point.records.numbers, point.drops, strict=True):
         time = model.record.time
         first, end = np.searchsorted(
             time, model.drop.start + np.array([0.0, model.context.contact_end])
         )
-        traces = [
-            (f"sensor at {sensor.offset:g} m", "no motion", sensor.values, PLAIN_MOTION)
+        traces: list[tuple[str, dict[str, Value], FloatArray, float]] = [
+            ("sensor-steps", {"offset_m": sensor.offset}, sensor.values, PLAIN_MOTION)
             for sensor in model.record.sensors
         ]
-        traces.append(("load", "no weight", model.record.load, PLAIN_LOAD))
-        for trace, cause, values, plain in traces:
+        traces.append(("load-steps", {}, model.record.load, PLAIN_LOAD))
+        for code, place_of, values, plain in traces:
             place = find_step(values, int(first), int(end), plain)
             if place is not None:
-                said.append(
-                    f"drop {number}, {trace}: the record steps "
-                    f"{1e3 * (time[place] - time[first]):.1f} ms into the pulse, where {cause} "
-                    "could: samples are missing, or its range was switched; measure again"
-                )
+                after = float(time[place] - time[first])
+                said.append(Notice(code, {"drop": number, **place_of, "after_s": after}))
     return said
 
 
@@ -234,7 +233,7 @@ def _report(
     search: Search,
     base: Candidate,
     best: Candidate,
-    objections: list[str],
+    objections: list[Notice],
     leave_out: bool,
 ) -> PointDiagnosis:
     others = _alternatives(point, search, best)
@@ -247,8 +246,7 @@ def _report(
         nothing = by_noise.base()
         objections = [
             *reasons_to_reject(point, nothing),
-            "not taken over, as it leaves the modulus open by more than a factor of "
-            f"{LEFT_OPEN:g}: {_names(best)} came nearest",
+            Notice("effects-leave-modulus-open", {"factor": LEFT_OPEN, "effects": _names(best)}),
         ]
         found = _told(point, by_noise, base, nothing, {}, objections, leave_out)
     return found
@@ -260,7 +258,7 @@ def _told(
     base: Candidate,
     best: Candidate,
     others: Mapping[str, Mapping[str, Candidate]],
-    objections: Sequence[str],
+    objections: Sequence[Notice],
     leave_out: bool,
     *,
     brief: bool = False,
@@ -323,7 +321,7 @@ def _told(
 
 def _accepted(
     point: Point, search: Search, base: Candidate, best: Candidate
-) -> tuple[Candidate, list[str]]:
+) -> tuple[Candidate, list[Notice]]:
     """The set of effects that is told, and what speaks against it.
 
     That is the best one, if nothing does; else the best of those that were tried against which
@@ -347,10 +345,7 @@ def _accepted(
         return candidate, reasons_to_reject(point, candidate)
     objections = reasons_to_reject(point, search.base())
     if objections:
-        objections.append(
-            "not taken over, as it leaves more than half of the residual or runs into a bound: "
-            f"{_names(best)} came nearest"
-        )
+        objections.append(Notice("effects-leave-residual", {"effects": _names(best)}))
     return search.base(), objections
 
 
@@ -601,25 +596,22 @@ def _parameter(
 
 def _warnings(
     best: Candidate, effects: Sequence[EffectResult], verdict: Verdict, after: FittedState
-) -> list[str]:
+) -> list[Notice]:
     found = []
     for effect in effects:
         for parameter in effect.numbers:
             if parameter.at_bound:
-                found.append(f"{effect.name}: {parameter.name} sits on a bound")
+                values = {"effect": effect.key, "parameter": known(parameter.name)}
+                found.append(Notice("effect-on-bound", values))
         if effect.alternatives:
-            others = ", ".join(effect.alternatives)
-            found.append(f"{effect.name} cannot be told from {others}")
+            alike: dict[str, Value] = {"effect": effect.key, "others": effect.alternatives}
+            found.append(Notice("effect-ambiguous", alike))
     low, high = after.modulus_interval_pa or (math.nan, math.nan)
     if high > _WIDE * low and verdict == "explained" and not after.left_open:
-        found.append(
-            f"the modulus is known no better than {low / 1e6:.3g} to {high / 1e6:.3g} MPa, with "
-            "the effects that cannot be told apart"
-        )
+        found.append(Notice("modulus-uncertain", {"modulus_interval_pa": (low, high)}))
     for unknown in best.fit.at_bound():
         if unknown.effect is None:
-            name = unknown.parameter.name.replace("_", " ")
-            found.append(f"{name} of the ground sits on a bound")
+            found.append(Notice("ground-on-bound", {"parameter": unknown.parameter.name}))
     return found
 
 

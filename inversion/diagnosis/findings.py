@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from inversion.notices import Notice
 from inversion.records import Interval, JsonRecord, known, not_stored, quantity
 
 if TYPE_CHECKING:
@@ -283,7 +284,7 @@ class PointDiagnosis:
     before, after : FittedState
     effects : tuple of EffectResult, strongest first
     held_out : HeldOut or None
-    warnings : tuple of str
+    warnings : tuple of Notice
     curves : tuple of DropCurves
     values : dict of all unknowns' values, from which a fit of the point may go on
     plain : bool, whether every sample counted alike, as much more than noise is left
@@ -299,7 +300,7 @@ class PointDiagnosis:
     after: FittedState
     effects: tuple[EffectResult, ...]
     held_out: HeldOut | None
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     curves: tuple[DropCurves, ...] = field(repr=False)
     values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
     plain: bool = False

@@ -29,6 +29,7 @@ from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
+from inversion.notices import Notice
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
@@ -272,8 +273,8 @@ class Effect:
             ]
         )
 
-    def objection(self, values: Values, drop: DropContext) -> str | None:
-        """Why an effect of these values cannot be told from others; None: it can."""
+    def objection(self, values: Values, drop: DropContext) -> Notice | str | None:
+        """Return the reason why an effect of these values cannot be told from others, or None."""
         return None
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
+from inversion.notices import Notice
 
 # Soils, granular fills and asphalt differ by so much in modulus, damping and density (logarithms).
 _RATIO = Parameter(
@@ -79,18 +80,15 @@ class Layer(Effect):
         """What more media than are fitted may move the modulus of the lowest one."""
         return _MORE_MEDIA
 
-    def objection(self, values: Values, drop: DropContext) -> str | None:
+    def objection(self, values: Values, drop: DropContext) -> Notice | None:
         """Of a single layer that few sensors show: whether the plate feels what is below it."""
         if _MIDDLE + "thickness" in values or np.unique(np.abs(drop.offsets)).size > _FEW_DISTANCES:
             return None
         ratio, thickness = values["modulus_ratio"], values["thickness"]
         if abs(ratio - 1.0) * drop.plate_radius >= _LEAST_FELT * thickness:
             return None
-        return (
-            f"layer: what lies under {thickness:.2g} m of {ratio:.2g} times its modulus changes "
-            f"the plate's deflection by less than {100 * _LEAST_FELT:g} %: something else is "
-            "behind it"
-        )
+        numbers = {"thickness_m": thickness, "modulus_ratio": ratio, "least": _LEAST_FELT}
+        return Notice("layer-not-felt", numbers)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Thicknesses that the plate can feel, and a second layer where the sensors tell one."""

@@ -5,6 +5,7 @@ import numpy as np
 from inversion.arrays import ComplexArray
 from inversion.effects.base import DropContext, Effect, Values
 from inversion.fitting.parameters import Parameter
+from inversion.notices import Notice
 
 # Damping of which springs no longer ring: what is damped so much is ground.
 _RINGS = 0.5
@@ -28,15 +29,12 @@ class SpringRig(Effect):
     in_full_set = False
     advice = "this is a rig on springs, no ground: there is no modulus to report"
 
-    def objection(self, values: Values, drop: DropContext) -> str | None:
+    def objection(self, values: Values, drop: DropContext) -> Notice | None:
         """Of springs that would not ring: whatever is damped so much is no rig."""
         damping = values["damping_ratio"]
         if damping < _RINGS:
             return None
-        return (
-            f"spring_rig: {damping:.2g} of the critical damping is that of ground, springs ring "
-            f"with less than {_RINGS:g}: it stands in for another cause"
-        )
+        return Notice("rig-not-ringing", {"damping_ratio": damping, "limit": _RINGS})
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext

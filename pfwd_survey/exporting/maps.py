@@ -96,7 +96,7 @@ def _write_collection(
 def _feature(row: Row) -> dict[str, Any]:
     properties = {
         name: value
-        for name, value in row.values.items()
+        for name, value in row.json_values.items()
         if name not in ("latitude", "longitude", "discarded")
     }
     return {

@@ -7,6 +7,8 @@ from functools import cached_property
 from operator import attrgetter
 from typing import Any, Protocol
 
+from inversion import notices
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, from_sentence
 from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.index import no_collections
@@ -14,7 +16,7 @@ from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
 from pfwd_device.text import clean
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.exporting.columns import COLUMNS
-from pfwd_survey.files.header import STIFFNESS_TEST, Declaration, setup_from
+from pfwd_survey.files.header import Declaration, setup_from
 from pfwd_survey.files.imported import on_rig
 from pfwd_survey.inverting.drop_facts import corrected_deflection
 from pfwd_survey.inverting.result_columns import N_LAYERS, Kind, nested_cells, result_columns
@@ -22,6 +24,7 @@ from pfwd_survey.inverting.results import DropResult
 from pfwd_survey.inverting.screening.missing import ONLY_PEAKS
 from pfwd_survey.judging import DropView, Job, PointView, job_of, point_view
 from pfwd_survey.judging.places import Place, local_of, number, place_of, utc_of
+from pfwd_survey.notice_texts import STIFFNESS_TEST
 from pfwd_survey.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
 from pfwd_survey.peaks.stiffness import stiffness_of
 from pfwd_survey.procedures import Kind as DropKind
@@ -63,6 +66,18 @@ class Row:
     """Values by the names of ``COLUMNS``; None: not known."""
     time_local: str | None = None
     """Local time, ISO 8601; None: unknown."""
+    warnings: tuple[Notice, ...] = ()
+    """Of the result; the values have their sentences."""
+
+    @property
+    def json_values(self) -> dict[str, Any]:
+        """Values as JSON has them, with the codes of the warnings behind their sentences."""
+        written: dict[str, Any] = {}
+        for name, value in self.values.items():
+            written[name] = value
+            if name == WARNINGS:
+                written[WARNING_CODES] = None if value is None else notices.codes(self.warnings)
+        return written
 
     @property
     def peaks(self) -> Peaks | None:
@@ -264,7 +279,9 @@ def _row(
             values["status"] = kind.value
         elif kind is DropKind.REJECTED and drop.discarded is None:
             values |= {"status": kind.value, "reason": reason}
-    return Row(point, drop, place, values, _text(local_of(drop, zone)))
+    warnings = tuple(values[WARNINGS])
+    values[WARNINGS] = _texts(warnings)
+    return Row(point, drop, place, values, _text(local_of(drop, zone)), warnings)
 
 
 def _obstacle(drop: DropView, declared: Mapping[str, Any]) -> str | None:
@@ -299,10 +316,10 @@ def _peak_values(
     declared_ratio = number(declared.get("poisson_ratio"))
     ratio = ASSUMED_POISSON_RATIO if declared_ratio is None else declared_ratio
     basin = basin_of(drop.peaks, radius, ratio)
-    warnings = list(values["warnings"] or [])
+    warnings = list(values[WARNINGS])
     if basin.left_out:
-        places = ", ".join(f"{offset:g} m" for offset in basin.left_out)
-        warnings.append(f"bad sensors, left out of the indices: {places}")
+        places = tuple(f"{offset:g} m" for offset in basin.left_out)
+        warnings.append(Notice("sensors-without-index", {"places": places}))
     return {
         "kind": "peaks",
         "poisson_ratio": ratio,
@@ -314,7 +331,7 @@ def _peak_values(
         "bci_m": basin.bci_m,
         "area_m": basin.area_m,
         "surface_moduli_pa": [f"{r:g}: {e:.4g}" for r, e in basin.surface_moduli_pa.items()],
-        "warnings": warnings,
+        WARNINGS: warnings,
     }
 
 
@@ -352,13 +369,13 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
-    warnings = found.get("warnings") or []
+    warnings = list(result.warnings or map(from_sentence, found.get(WARNINGS) or ()))
     warnings += _stale(result, point, drop)
     missing = missing_parts(result)
     if found.get("modulus_pa") is not None and missing:
         found["modulus_pa"] = found["peak_modulus_pa"] = None
-        warnings.append(f"modulus withheld: the result lacks {', '.join(missing)}; invert again")
-    found["warnings"] = warnings
+        warnings.append(Notice("modulus-withheld", {"missing": tuple(missing)}))
+    found[WARNINGS] = warnings
     if missing:
         nested |= dict.fromkeys(_WITHHELD)
     return found | nested
@@ -404,8 +421,8 @@ def missing_parts(result: DropResult) -> list[str]:
     return [name for name, there in parts.items() if not there]
 
 
-def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[str]:
-    """Return one sentence for each declaration that changed since the result was made."""
+def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
+    """Return one warning for each declaration that changed since the result was made."""
     now = {**(drop.declared or {})}
     for edit in point.edits:
         value = edit.get("value")
@@ -418,7 +435,8 @@ def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[str]:
         if then is None or declared is None:
             continue
         if abs(then - declared) > SAME * abs(declared):
-            found.append(f"{key} was {then:g} for this result, {declared:g} is declared by now")
+            values: dict[str, Value] = {"key": key, "then": then, "now": declared}
+            found.append(Notice("declaration-changed", values))
     return found
 
 

@@ -89,7 +89,7 @@ def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
     for row in rows:
         result = None if row.drop.last_result is None else row.drop.last_result.to_json()
         more = {"declared": row.drop.declared or {}, "result": result}
-        yield json_text({**row.values, **more}) + "\n"
+        yield json_text({**row.json_values, **more}) + "\n"
 
 
 def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:

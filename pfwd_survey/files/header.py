@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from inversion.notices import Notice, from_sentence
 from pfwd_device.text import clean
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.toml import toml_line
@@ -31,8 +32,6 @@ IMPORTED = "imported"
 """Key with what the file of another program said besides the keys of this format; its ``remarks``
 are shown as warnings."""
 
-STIFFNESS_TEST = "stiffness test: the weight fell on a rig of springs, so there is no modulus"
-
 LONGEST_REMARK = 300
 """Characters of such a remark."""
 
@@ -47,12 +46,6 @@ LARGEST_PLATE_RADIUS = 1.0
 
 LIGHTEST_PLATE = 15.0
 """kg/m2; a sheet of steel 2 mm thick. Load plates are of steel or aluminium, 15 mm and more."""
-
-GEOPHONE_NOT_DECLARED = (
-    "response of the geophone is not declared: taken as none; a geophone of 4.5 Hz reads the peak "
-    "of a 17 ms pulse up to 18 % too low and the modulus 10 to 30 % too high. Declare "
-    "geophone_natural_frequency_hz and geophone_damping, or 0 Hz where the record is corrected"
-)
 
 _KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
 """A key at the beginning of a line."""
@@ -485,7 +478,7 @@ def declared_lines(setup: PointSetup) -> Iterator[str]:
         yield toml_line(key, value)
 
 
-def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[str, ...]:
+def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Notice, ...]:
     """What a user should know about a setup before its results are believed.
 
     Parameters
@@ -496,31 +489,27 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[str
     """
     warnings = []
     if setup.is_stiffness_test:
-        warnings.append(STIFFNESS_TEST)
+        warnings.append(Notice("stiffness-test"))
     elif setup.plate_mass is None:
-        warnings.append("plate_mass_kg is not declared: taken as 0")
+        warnings.append(Notice("plate-mass-not-declared"))
     elif (
         setup.plate_radius <= LARGEST_PLATE_RADIUS
         and setup.plate_mass < LIGHTEST_PLATE * math.pi * setup.plate_radius**2
     ):
-        warnings.append(
-            f"plate_mass_kg = {setup.plate_mass:g} is less than a plate of radius "
-            f"{setup.plate_radius:g} m weighs: the modulus may be read a third too low. Declare "
-            "what moves between load cell and ground, usually 5 to 25 kg for a radius of 0.15 m"
-        )
+        values = {"plate_mass_kg": setup.plate_mass, "plate_radius_m": setup.plate_radius}
+        warnings.append(Notice("plate-mass-too-small", values))
     if setup.geophone_natural_frequency is None and any(
         channel.quantity == "velocity" for drop in drops for channel in drop.channels
     ):
-        warnings.append(GEOPHONE_NOT_DECLARED)
+        warnings.append(Notice("geophone-not-declared"))
     if setup.plate_radius > LARGEST_PLATE_RADIUS:
-        warnings.append(f"units suspect: plate_radius_m = {setup.plate_radius:g} (in metres?)")
+        warnings.append(Notice("plate-radius-suspect", {"plate_radius_m": setup.plate_radius}))
     warnings += [
-        f"header key {quote(key)} is not known to the format: kept, not used"
-        for key in setup.extra
-        if key != IMPORTED
+        Notice("header-key-unknown", {"key": quote(key)}) for key in setup.extra if key != IMPORTED
     ]
     noted = setup.extra.get(IMPORTED)
     remarks = noted.get("remarks") if isinstance(noted, Mapping) else None
     if isinstance(remarks, list):
-        warnings += [clean(text, limit=LONGEST_REMARK) for text in remarks if isinstance(text, str)]
+        texts = [clean(text, limit=LONGEST_REMARK) for text in remarks if isinstance(text, str)]
+        warnings += map(from_sentence, texts)
     return tuple(warnings)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, SurveyPoint, read_drop_file, read_survey
 from pfwd_device.recording.survey_content import SurveyContent
@@ -114,7 +115,7 @@ def _survey_points(survey: SurveyContent, said: Declarations) -> list[TracePoint
         hint = f"; damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(file, "a survey with drops", what) + hint)
     # Nothing is lost in silence.
-    lost = tuple(f"damaged survey: {text}" for text in survey.damage)
+    lost = tuple(Notice("survey-damaged", {"damage": text}) for text in survey.damage)
     points[0] = replace(points[0], warnings=(*points[0].warnings, *lost))
     return points
 

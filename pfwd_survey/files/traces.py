@@ -17,6 +17,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import SurveyDrop
 from pfwd_survey.errors import TraceError, quote, refusal
@@ -72,7 +73,7 @@ class TracePoint:
     """What is declared."""
     drops: tuple[Drop, ...]
     """The drops in the order of the file."""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     """What a user should know of the point as a whole."""
     kept: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
     """The drops as their survey keeps them; empty: they are from no survey."""

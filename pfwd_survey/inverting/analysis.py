@@ -22,6 +22,7 @@ from inversion.drop_inversion import surrogate_request
 from inversion.forward.library import BuildProgress
 from inversion.forward.model import Instrument
 from inversion.measured.record import Sensor
+from inversion.notices import Notice
 from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
 from pfwd_survey.errors import SurveyError
@@ -179,7 +180,7 @@ def _asked(
     settings: Settings,
     options: AnalysisOptions,
     screening: Screening,
-    point_warnings: Sequence[str] = (),
+    point_warnings: Sequence[Notice] = (),
 ) -> Asked:
     """What is asked of a drop, the first of the records; the others share its ground."""
     said = [screening.status, *point_warnings, *screening.warnings]

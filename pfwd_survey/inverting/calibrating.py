@@ -10,8 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from inversion import InversionError
+from inversion import InversionError, notices
 from inversion.calibration import Calibration, calibrate
+from inversion.notices import Notice
 from pfwd_survey.errors import SurveyError, refusal
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
@@ -38,7 +39,7 @@ class InstrumentCalibration:
     """Of the rigs, N/m."""
     reasons: tuple[str, ...]
     """Why it does not repeat; empty: it does."""
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
     @property
     def gain(self) -> tuple[float, float, tuple[float, float]]:
@@ -74,8 +75,7 @@ class InstrumentCalibration:
             for k, mass, ratio in rigs
         ]
         said["misfit_over_peak"] = self.found.misfit
-        said["warnings"] = list(self.warnings)
-        return said
+        return said | notices.to_json(self.warnings)
 
 
 def calibrate_files(
@@ -121,7 +121,7 @@ def calibrate_files(
             name = f"{found.setup.point or os.path.basename(file)}, drop {drop.number}"
             made = rig_drop(drop, own, rigs.index(own), name)
             if made is None:
-                warnings.append(f"{name}: no trace of a sensor in the centre, left out")
+                warnings.append(Notice("no-centre-trace", {"drop": name}))
             else:
                 drops.append(made)
     devices = {str(found.setup.device) for _, found in points if found.setup.device is not None}

@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
+from inversion.notices import Notice
 from inversion.result import InversionResult
 from pfwd_device import Drop
 from pfwd_survey.inverting.drop_facts import (
@@ -24,7 +25,7 @@ from pfwd_survey.inverting.screening.signals import remove_offset
 def drop_result(
     path: str | os.PathLike[str],
     analysis: DropAnalysis,
-    point_warnings: Sequence[str] = (),
+    point_warnings: Sequence[Notice] = (),
     point: Any = None,
 ) -> DropResult:
     """Return the result of one drop, with the keys of ``pfwd invert --json``.
@@ -34,7 +35,7 @@ def drop_result(
     path : str or path-like
         Of the file with the drop.
     analysis : DropAnalysis
-    point_warnings : sequence of str
+    point_warnings : sequence of Notice
         Warnings about the point.
     point : optional
         Name of the test point.

@@ -5,6 +5,7 @@ from dataclasses import Field
 from functools import cache
 from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
+from inversion.notices import Notice
 from inversion.records import Interval, JsonRecord, TableColumn, stored_fields
 from inversion.result import HalfSinePulse, InversionResult, LayerResult
 from pfwd_survey.inverting.options import MOST_LAYERS
@@ -31,6 +32,7 @@ _KINDS: Mapping[Any, Kind] = {
     str | None: "text",
     bool | None: "flag",
     tuple[str, ...] | None: "texts",
+    tuple[Notice, ...] | None: "texts",
 }
 
 

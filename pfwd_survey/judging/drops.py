@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_device import Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.recording.survey_content import SurveyDrop
@@ -78,7 +79,7 @@ class DropView:
         return tuple(map(str, self.metadata.get("marks") or ()))
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[Notice, ...]:
         """Warnings of the screening and of the result, each once."""
         screened = () if self.screening is None else self.screening.warnings
         found = () if self.result is None else self.result.warnings or ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from inversion.notices import Notice
 from pfwd_device.recording.survey_content import SurveyPoint
 from pfwd_survey.files.header import PointSetup
 from pfwd_survey.inverting.diagnosis.holding import holds
@@ -64,7 +65,7 @@ class PointView:
     """The stored point; None: it is measured now, or came from another process."""
     whole: "PointView | None" = None
     """The point that is judged, where this is a part of its drops; None: this is all of it."""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     """Warnings of its setup, for a report."""
 
     def __getstate__(self) -> dict[str, Any]:

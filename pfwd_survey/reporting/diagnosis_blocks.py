@@ -6,6 +6,7 @@ from functools import partial
 from pfwd_survey.digits import read_in
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult, FittedState
 from pfwd_survey.judging import PointView
+from pfwd_survey.message_groups import group_messages
 from pfwd_survey.reporting import shown
 from pfwd_survey.reporting.blocks import Block, Heading, Listing, Paragraph, Picture, Table
 from pfwd_survey.reporting.diagnosis_drawing import draw_ladder, ladder_of
@@ -49,7 +50,8 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
     warnings = found.warnings or ()
     if warnings:
-        blocks.append(Listing(tuple(map(texts.message, warnings)), "warning"))
+        groups = group_messages(("", warning) for warning in warnings)
+        blocks.append(Listing(tuple(map(texts.grouped, groups)), "warning"))
     return blocks
 
 

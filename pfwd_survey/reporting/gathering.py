@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from inversion import SurrogateLibrary
+from inversion.notices import Notice
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 from pfwd_survey.errors import OptionError, SurveyError, refusal
@@ -408,7 +409,7 @@ class _Gatherer:
         if result is not None and not rests_on(result, setup):
             options = with_layers_of(options, result)
             result = None
-            changed = "declared values were changed since: inverted anew"
+            changed = Notice("declarations-changed")
             said = replace(screening, warnings=(*screening.warnings, changed))
             drop = replace(drop, screening=said)
         if result is not None:
@@ -421,16 +422,17 @@ class _Gatherer:
         curves = curves_of(traces, setup, screening, result, self._library)
         return replace(drop.with_result(result), curves=curves)
 
-    def _warnings(self, point: PointView, traces: Sequence[Drop]) -> tuple[str, ...]:
+    def _warnings(self, point: PointView, traces: Sequence[Drop]) -> tuple[Notice, ...]:
         setup = point.setup
         warnings = list(setup_warnings(setup, traces))
         if setup.poisson_ratio is None and not setup.is_stiffness_test:
-            warnings.append(f"Poisson's ratio is not declared: taken as {ASSUMED_POISSON_RATIO:g}")
-        return (*warnings, *_said_of_layers(point, self.job.procedure_in_force))
+            values = {"poisson_ratio": ASSUMED_POISSON_RATIO}
+            warnings.append(Notice("poisson-ratio-not-declared", values))
+        return (*warnings, *_layer_warnings(point, self.job.procedure_in_force))
 
 
-def _said_of_layers(point: PointView, procedure: Procedure) -> list[str]:
-    """What a modulus means where the ground has layers; it is no modulus of homogeneous ground."""
+def _layer_warnings(point: PointView, procedure: Procedure) -> list[Notice]:
+    """Return what a modulus means where the ground has layers, unlike on homogeneous ground."""
     numbers = {
         len(drop.result.layers or ()) or 1
         for drop, facts in zip(point.drops, point.facts, strict=True)
@@ -438,13 +440,12 @@ def _said_of_layers(point: PointView, procedure: Procedure) -> list[str]:
     }
     if not numbers or max(numbers) == 1:
         return []
-    what = "modulus E is that of the lowest medium, below the layers"
-    if procedure.quantity is Quantity.MODULUS:
-        what += "; the average and a target refer to it, and drops that leave it open take no part"
+    judged = "-judged" if procedure.quantity is Quantity.MODULUS else ""
+    warnings = [Notice(f"modulus-of-lowest-medium{judged}")]
     if len(numbers) > 1:
         listed = " and ".join(map(str, sorted(numbers)))
-        what += f"; the drops of the point have {listed} media, and their moduli differ in meaning"
-    return [what]
+        warnings.append(Notice("media-differ", {"media": listed}))
+    return warnings
 
 
 def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:

@@ -1,7 +1,7 @@
 """The part of a report on one point: its facts, traces, results and diagnosis."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Hashable, Mapping
 from functools import partial
 from typing import Any
 
@@ -65,7 +65,7 @@ _HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
 
 
 def point_blocks(
-    point: PointView, report: Report, texts: Texts, common: Collection[str] = ()
+    point: PointView, report: Report, texts: Texts, common: Collection[Hashable] = ()
 ) -> list[Block]:
     """All of one point.
 
@@ -74,8 +74,8 @@ def point_blocks(
     point : PointView
     report : Report
     texts : Texts
-    common : collection of str
-        Patterns of warnings that hold for all points, and are said once in the beginning.
+    common : collection
+        Keys of messages that hold for all points, and are said once in the beginning.
     """
     blocks: list[Block] = [
         Heading(f"{texts['point']} {point.shown_name}"),
@@ -158,8 +158,7 @@ def _excluded(point: PointView, texts: Texts) -> str:
     order = [str(drop.number) for drop in point.drops]
     excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
     return "; ".join(
-        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: "
-        f"{texts.grouped_message(group.pattern, group.numbers)}"
+        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: {texts.grouped(group)}"
         for group in group_messages(excluded)
     )
 
@@ -182,13 +181,13 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
     return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
 
 
-def _remarks(point: PointView, texts: Texts, common: Collection[str]) -> list[Block]:
+def _remarks(point: PointView, texts: Texts, common: Collection[Hashable]) -> list[Block]:
     """Warnings that not all points share, and notes of drops."""
     blocks: list[Block] = []
     found = [
-        texts.grouped_message(group.pattern, group.numbers)
+        texts.grouped(group)
         for group in group_messages((point.shown_name, text) for text in all_warnings(point))
-        if group.pattern not in common
+        if group.key not in common
     ]
     drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
     if found:

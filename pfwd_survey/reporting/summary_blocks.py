@@ -1,6 +1,6 @@
 """The second part of a report: where the points are, what holds for all of them, what to know."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import partial
 
 from pfwd_survey.message_groups import as_ranges, group_messages
@@ -84,8 +84,7 @@ def _grouped(report: Report, texts: Texts) -> list[str]:
     order = [number for number, _ in places]
     lines = []
     for group in sorted(group_messages(said), key=lambda group: -len(group.places)):
-        text = texts.grouped_message(group.pattern, group.numbers)
-        lines.append(f"{text} ({_where(group.places, order, names, texts)})")
+        lines.append(f"{texts.grouped(group)} ({_where(group.places, order, names, texts)})")
     return lines
 
 
@@ -101,8 +100,8 @@ def _where(places: Sequence[str], order: Sequence[str], names: dict[str, str], t
     return texts.say(key, count=len(places), names=said)
 
 
-def common_warnings(report: Report) -> set[str]:
-    """Patterns of what holds for every point, which its own page need not say again."""
+def common_warnings(report: Report) -> set[Hashable]:
+    """Keys of the messages of what holds for every point, which its own page need not say again."""
     if len(report.points) < 2:
         return set()
     said = [
@@ -110,4 +109,4 @@ def common_warnings(report: Report) -> set[str]:
         for number, point in enumerate(report.points)
         for text in all_warnings(point)
     ]
-    return {g.pattern for g in group_messages(said) if len(g.places) == len(report.points)}
+    return {g.key for g in group_messages(said) if len(g.places) == len(report.points)}

@@ -6,10 +6,12 @@ import tomllib
 from collections.abc import Collection, Sequence
 from functools import cache
 from importlib import resources
+from typing import Any
 
+from inversion.notices import OTHER, fill_template
 from pfwd_device.text import clean
 from pfwd_survey.errors import OptionError, quote, refusal
-from pfwd_survey.message_groups import GAP, fill, split_numbers
+from pfwd_survey.message_groups import GAP, MessageGroup, fill, split_numbers
 
 LARGEST_FILE = 1_000_000
 """Bytes of a file with texts; a catalogue has under 20 000."""
@@ -36,7 +38,10 @@ class Texts:
     def __init__(self, code: str, table: dict[str, str]) -> None:
         self.code = code
         self._table = table
-        self._messages = _messages().get(code, {})
+        catalogue = _messages().get(code, {})
+        self._messages: dict[str, str] = catalogue.get("messages", {})
+        self._warnings: dict[str, str] = catalogue.get("warnings", {})
+        self._words: dict[str, str] = catalogue.get("words", {})
 
     @property
     def decimal(self) -> str:
@@ -60,9 +65,23 @@ class Texts:
         pattern, numbers = split_numbers(text)
         return fill(self._messages.get(pattern, pattern), numbers)
 
+    def grouped(self, group: MessageGroup[Any]) -> str:
+        """Return a message about several things in this language."""
+        texts = {
+            name: self.grouped_message(pattern, group.numbers[name])
+            for name, pattern in group.patterns.items()
+        }
+        template = self._warnings.get(group.code)
+        if template is None:
+            return "".join(texts.values()) if group.code == OTHER else group.text
+        for name, words in group.words.items():
+            if all(word in self._words for word in words):
+                texts[name] = ", ".join(self._words[word] for word in words)
+        return fill_template(template, texts)
+
     def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
         """As :meth:`message`, of a pattern with gaps and of the numbers that fill them."""
-        found = self._messages.get(pattern)
+        found = GAP if pattern == GAP else self._messages.get(pattern)
         if found is not None:
             to = f" {self['range_to']} "
             said = [number.replace(".", self.decimal).replace(" to ", to) for number in numbers]
@@ -99,8 +118,12 @@ def _catalogues() -> dict[str, str]:
 
 
 @cache
-def _messages() -> dict[str, dict[str, str]]:
-    """By the code of a language: what the program says in English, with its numbers as gaps."""
+def _messages() -> dict[str, dict[str, dict[str, str]]]:
+    """By the code of a language, its messages, warnings and words.
+
+    A message has its English text with ``{}`` for each number as key, a warning its code, a word
+    that of the program.
+    """
     folder = resources.files(__package__).joinpath("catalogues", "messages")
     return {
         file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8"))

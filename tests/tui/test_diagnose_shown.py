@@ -4,15 +4,16 @@ import json
 
 import pytest
 
+from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from tui.commands.diagnose import show_all
 
 
 def empty(name: str) -> Diagnosed:
-    rejected = ("drop 1: peaks only",)
+    rejected = Notice("drop-rejected", {"drop": 1, "reason": "peaks only"})
     result = DiagnosisResult(
-        file="a.F25", point=name, drops=(), rejected=rejected, warnings=rejected
+        file="a.F25", point=name, drops=(), rejected=(rejected,), warnings=(rejected,)
     )
     return Diagnosed("a.F25", result)
 
@@ -41,3 +42,4 @@ def test_json_has_a_line_for_each(capsys: pytest.CaptureFixture[str]) -> None:
     show_all([empty("1"), empty("2"), WHOLE], as_json=True)
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [record.get("point") for record in records] == ["1", "2", None]
+    assert records[0]["warning_codes"][0]["code"] == "drop-rejected"

@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
             low, high = (scale * end for end in one["interval"])
             print(f"  {name} {scale * one['value']:.4g}{unit} (95 %: {low:.4g} to {high:.4g})")
         print(f"  left over: {100 * found.found.misfit:.2g} % of the peak velocity")
-    for text in found.warnings:
-        say(f"calibrate: {text}")
+    for warning in found.warnings:
+        say(f"calibrate: {warning}")
     for text in found.reasons:
         say(f"calibrate: does not repeat: {text}")
     if args.output is not None and not found.reasons:

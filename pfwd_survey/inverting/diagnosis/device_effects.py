@@ -17,6 +17,7 @@ from inversion.diagnosis import (
 )
 from inversion.diagnosis.findings import EffectParameter, effect_result
 from inversion.effects import BY_NAME
+from inversion.notices import Notice, Value
 from inversion.records import known
 from pfwd_survey.inverting.diagnosis.points import DeviceValues
 
@@ -136,7 +137,7 @@ def _device_values(diagnosis: PointDiagnosis, findings: DeviceFindings) -> Devic
     }
 
 
-def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[str]:
+def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[Notice]:
     """Return the warnings where a point alone shows another device than the others do."""
     warnings = []
     for effect in diagnosis.effects:
@@ -149,11 +150,14 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
             shared = findings.values[effect.key][name]
             away = abs(value - shared)
             if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
-                unit = "" if p.unit == "-" else f" {p.unit}"
-                warnings.append(
-                    f"{effect.name}: {name.replace('_', ' ')} {value:.3g}{unit} by this point "
-                    f"alone, {shared:.3g}{unit} by all points of the device: it contradicts them"
-                )
+                values: dict[str, Value] = {
+                    "effect": effect.key,
+                    "parameter": name,
+                    "shared": shared,
+                    "own": value,
+                    "unit": "" if p.unit == "-" else f" {p.unit}",
+                }
+                warnings.append(Notice("device-contradicted", values))
     return warnings
 
 
@@ -217,7 +221,9 @@ def with_device(
         for name, values in findings.values.items()
     )
     said = [
-        f"{name} cannot be told from {', '.join(names)}" for name, names in told.items() if names
+        Notice("effect-ambiguous", {"effect": name, "others": names})
+        for name, names in told.items()
+        if names
     ]
     return replace(
         diagnosis,

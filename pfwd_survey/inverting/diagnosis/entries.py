@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from inversion.diagnosis import PointRecords
+from inversion.notices import Notice
 from pfwd_device.recording import SurveyDrop
 from pfwd_survey.files.reading import read_points
 from pfwd_survey.files.traces import TracePoint
@@ -29,8 +30,8 @@ class DiagnosisPoint:
     """Name of the device that measured it."""
     records: PointRecords | None
     """None: no drop of it was measured."""
-    rejected: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    rejected: tuple[Notice, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     rig: TracePoint | None = None
     """The point, where it is known that the weight fell on a rig of springs."""
     point: str | None = None
@@ -92,7 +93,8 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         if found.status == "rejected"
     }
     rejected = tuple(
-        f"drop {point.drops[index].number}: {reason}" for index, reason in sorted(reasons.items())
+        Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})
+        for index, reason in sorted(reasons.items())
     )
     # A bad sensor is the same in every drop: said once.
     every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]

@@ -22,10 +22,10 @@ from inversion.inference.instrument import (
 )
 from inversion.inference.population import PointSummary
 from inversion.inference.structures import Structure
+from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd_survey.inverting.diagnosis.points import (
     DiagnosisByPoint,
-    DiagnosisFailure,
     ProgressCounter,
     Workers,
     library_of_process,
@@ -36,7 +36,7 @@ from pfwd_survey.inverting.diagnosis.points import (
 _MAX_NEAR = 50
 # What a point cannot be fitted for.
 _FAILURES = (InversionError, np.linalg.LinAlgError)
-_Answer = HeldOutPart | DiagnosisFailure
+_Answer = HeldOutPart | Notice
 
 
 def with_predictions(
@@ -168,18 +168,19 @@ def _held_out_error(
             records, structure, others, mode, place, given, allow, library_of_process()
         )
     except _FAILURES as err:
-        return DiagnosisFailure(f"nothing is predicted without part {place + 1} ({mode}): {err}")
+        values = {"part": place + 1, "mode": mode, "reason": str(err)}
+        return Notice("held-out-failed", values)
 
 
 def _with_parts(
     diagnosis: PointDiagnosis, mode: LeaveOut, answers: Sequence[_Answer]
 ) -> PointDiagnosis:
     parts = [answer for answer in answers if isinstance(answer, HeldOutPart)]
-    failures = [answer.reason for answer in answers if isinstance(answer, DiagnosisFailure)]
+    warnings = [answer for answer in answers if isinstance(answer, Notice)]
     return replace(
         diagnosis,
         held_out=HeldOut.of(mode, parts),
-        warnings=(*diagnosis.warnings, *failures),
+        warnings=(*diagnosis.warnings, *warnings),
     )
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 from inversion.diagnosis import PointDiagnosis
 from inversion.diagnosis.findings import EffectResult, FittedState
-from pfwd_survey.digits import rounded
+from inversion.notices import Notice
+from inversion.records import known
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 
@@ -35,19 +36,19 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
             point=entry.point,
             device=entry.device,
             drops=(),
-            rejected=entry.rejected,
+            rejected=tuple(map(str, entry.rejected)),
             **conditions,
             verdict="unexplained",
             corrected=False,
             effects=(_false_trigger(),) if _nothing_fell(entry.rejected) else (),
-            warnings=(*entry.warnings, *entry.rejected, "no measured drop to diagnose"),
+            warnings=(*entry.warnings, *entry.rejected, Notice("no-measured-drop")),
         )
     return DiagnosisResult(
         file=entry.file,
         point=entry.point,
         device=entry.device,
         drops=tuple(found.numbers),
-        rejected=entry.rejected,
+        rejected=tuple(map(str, entry.rejected)),
         **conditions,
         verdict=found.verdict,
         corrected=found.corrected,
@@ -61,20 +62,17 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
     )
 
 
-def _left_open(after: FittedState) -> list[str]:
-    """Why there is ground and no modulus."""
+def _left_open(after: FittedState) -> list[Notice]:
+    """Return the warning that there is ground and no modulus."""
     if not after.left_open:
         return []
-    low, high = (rounded(end / 1e6, end / 1e6) for end in after.modulus_interval_pa or ())
-    return [
-        f"the records leave the modulus open, between {low} and {high} MPa: none is told; another "
-        "declared depth, more sensors or a longer record may fix it"
-    ]
+    low, high = known(after.modulus_interval_pa)
+    return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
 
 
-def _nothing_fell(rejected: Sequence[str]) -> bool:
-    """Whether the screening found a drop that is none, by its reasons ("drop 1: ...")."""
-    return any(text.partition(": ")[2].startswith(_NO_DROP) for text in rejected)
+def _nothing_fell(rejected: Sequence[Notice]) -> bool:
+    """Return whether the screening rejected a record because nothing fell."""
+    return any(str(drop.values["reason"]).startswith(_NO_DROP) for drop in rejected)
 
 
 def _false_trigger() -> EffectResult:

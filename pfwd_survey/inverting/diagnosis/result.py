@@ -9,6 +9,7 @@ from inversion.diagnosis.findings import EffectResult as EffectResult
 from inversion.diagnosis.findings import FittedState as FittedState
 from inversion.diagnosis.findings import HeldOut as HeldOut
 from inversion.diagnosis.findings import HeldOutPart as HeldOutPart
+from inversion.notices import Notice
 from pfwd_survey.inverting.stored import StoredRecord
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class DiagnosisResult(StoredRecord):
     """None: nothing was held out."""
     elapsed_s: float | None = None
     """s, without start-up."""
-    warnings: tuple[str, ...] | None = None
+    warnings: tuple[Notice, ...] | None = None
     software: str | None = None
     """That made it, with its version."""
     question: str | None = None

@@ -5,6 +5,7 @@ import numpy as np
 from inversion import InversionError
 from inversion.calibration import Rig, RigDrop, describe
 from inversion.effects import BY_NAME
+from inversion.notices import Notice, Value, other
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.result import (
@@ -36,14 +37,18 @@ def rig_result(entry: DiagnosisPoint, point: TracePoint) -> DiagnosisResult:
     return _told(entry, numbers, rejected, (rig, _residual(rig, drops)), None)
 
 
-def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[str, ...]]:
+def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[Notice, ...]]:
     found, rejected = [], []
     for drop in point.drops:
         name = f"drop {drop.number}"
         shown = stiffness_of(drop, point.setup)
         made = None if shown is None else rig_drop(drop, shown.secant_n_per_m, 0, name)
         if made is None:
-            rejected.append(f"{name}: no trace of a sensor in the centre")
+            values: dict[str, Value] = {
+                "drop": drop.number,
+                "reason": "no trace of a sensor in the centre",
+            }
+            rejected.append(Notice("drop-rejected", values))
         else:
             found.append(made)
     # One rig has one stiffness, which is where the search begins.
@@ -65,7 +70,7 @@ def _residual(rig: Rig, drops: list[RigDrop]) -> float:
 def _told(
     entry: DiagnosisPoint,
     numbers: tuple[int, ...],
-    rejected: tuple[str, ...],
+    rejected: tuple[Notice, ...],
     found: tuple[Rig, float] | None,
     fault: str | None,
 ) -> DiagnosisResult:
@@ -73,7 +78,7 @@ def _told(
     after, verdict = None, "unexplained"
     warnings = list(entry.warnings)
     if found is None:
-        warnings += [*rejected, fault or "no measured drop to diagnose"]
+        warnings += [*rejected, Notice("no-measured-drop") if fault is None else other(fault)]
     else:
         rig, residual = found
         numbers_of = (
@@ -100,16 +105,13 @@ def _told(
         if residual <= ENOUGH:
             verdict = "explained"
         else:
-            warnings.append(
-                f"a mass on a spring leaves {100 * residual:.1f} % of the peak displacement: "
-                "friction, a second contact, a spring that is no straight line"
-            )
+            warnings.append(Notice("rig-not-explained", {"residual_over_peak": residual}))
     return DiagnosisResult(
         file=entry.file,
         point=entry.point,
         device=entry.device,
         drops=numbers,
-        rejected=rejected,
+        rejected=tuple(map(str, rejected)),
         verdict=verdict,
         corrected=False,
         effects=effects,

@@ -25,6 +25,7 @@ from inversion.diagnosis import (
     left_out_error,
 )
 from inversion.diagnosis.findings import HeldOut
+from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis.device_effects import (
     alternatives_of,
     contradictions,
@@ -249,14 +250,11 @@ def _diagnose_without_device(
     chosen = [point for point in points if point.name in worse]
     by_itself = diagnose_all(chosen, [request] * len(chosen), workers, counter)
     for name, other in successful(by_itself).items():
-        with_device_percent, without_percent = (
-            100 * state.left_over_peak for state in (worse[name].after, worse[name].before)
-        )
-        warning = (
-            f"the device of the other points leaves {with_device_percent:.2g} % of the peak here, "
-            f"the base model alone {without_percent:.2g} %: the record contradicts them, and is "
-            "told by itself"
-        )
+        residuals = {
+            "with_device_over_peak": worse[name].after.left_over_peak,
+            "without_device_over_peak": worse[name].before.left_over_peak,
+        }
+        warning = Notice("device-left-out", residuals)
         by_itself[name] = replace(other, warnings=(*other.warnings, warning))
     return by_itself
 

@@ -6,22 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from inversion.notices import Notice
 from pfwd_device.drop import Quantity, nearest_first
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.screening.drops import Screening
 from pfwd_survey.inverting.screening.missing import whole_part
+from pfwd_survey.notice_texts import TERMS
 
 if TYPE_CHECKING:
     from inversion.measured.bad_sensors import Fault
 
 FEWEST_SENSORS = 3
 """Where two sensors contradict each other nobody knows which is right."""
-
-_SAID: dict[Fault, str] = {
-    "drift": "it ends far from rest, unlike the others",
-    "against the others": "it moves more than the sensors nearer to the plate",
-    "no contact": "it stands still between two that move: no contact with the ground?",
-}
 
 
 def leave_out_bad_sensors(
@@ -80,7 +76,7 @@ def leave_out_bad_sensors(
     )
 
 
-def _warning(offset: float, quantity: Quantity, faults: set[Fault]) -> str:
+def _warning(offset: float, quantity: Quantity, faults: set[Fault]) -> Notice:
     # Without the numbers of the drops, so that it is said once for a point, and for many points.
-    reasons = ", ".join(text for fault, text in _SAID.items() if fault in faults)
-    return f"bad sensor: {quantity} at {offset:g} m: {reasons}; left out of the inversion"
+    said = tuple(fault for fault in TERMS if fault in faults)
+    return Notice("sensor-bad", {"quantity": quantity, "offset_m": offset, "faults": said})

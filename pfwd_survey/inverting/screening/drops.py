@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice, Value
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import STIFFNESS_TEST, PointSetup
+from pfwd_survey.files.header import PointSetup
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.screening.centre_sensor import Response, centre_sensor_fault
 from pfwd_survey.inverting.screening.clipping import clipped_samples
@@ -25,6 +26,7 @@ from pfwd_survey.inverting.screening.signals import (
     quiet_samples,
     remove_offset,
 )
+from pfwd_survey.notice_texts import STIFFNESS_TEST
 
 DropStatus = Literal["measured", "seating", "rejected"]
 
@@ -102,7 +104,7 @@ class Screening:
     """What the drop counts as."""
     reason: str | None = None
     """Why it was rejected; None when it was not."""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     """What should be known of a drop that was not rejected."""
     left_out: tuple[float, ...] = ()
     """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
@@ -234,13 +236,9 @@ def rebound_reason(peak: float, largest: float) -> str | None:
     """
     if peak >= REBOUND_OVER_LARGEST * largest:
         return None
-    return f"false trigger: {_part_of_largest(peak, largest)}: a rebound or a knock"
-
-
-def _part_of_largest(peak: float, largest: float) -> str:
     return (
-        f"peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of this point "
-        f"({_kilonewton(largest)})"
+        f"false trigger: peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of "
+        f"this point ({_kilonewton(largest)}): a rebound or a knock"
     )
 
 
@@ -260,7 +258,8 @@ def compare(screening: Screening, peak: float, largest: float) -> Screening:
     if reason is not None:
         return Screening("rejected", reason)
     if peak < PARTIAL_OVER_LARGEST * largest:
-        warning = f"partial drop: {_part_of_largest(peak, largest)}"
+        values = {"peak_load_n": peak, "share": peak / largest, "largest_load_n": largest}
+        warning = Notice("partial-drop", values)
         return dataclasses.replace(screening, warnings=(*screening.warnings, warning))
     return screening
 
@@ -402,25 +401,25 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
     return None
 
 
-def _clipped(drop: Drop, dead: Sequence[float]) -> list[str]:
-    return [text for text, _, _ in _clipped_channels(drop, dead)]
+def _clipped(drop: Drop, dead: Sequence[float]) -> list[Notice]:
+    return [warning for warning, _, _ in _clipped_channels(drop, dead)]
 
 
-def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[str, str, float]]:
+def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, str, float]]:
     """Warning, name of the channel, and signed level of each channel with a flat top."""
     found = []
     load = drop.load[:-1]
     count = clipped_samples(load)
     if count:
-        text = f"clipped samples: load, {count} in a flat top"
-        found.append((text, "load", float(load.max())))
+        warning = Notice("load-clipped", {"samples": count})
+        found.append((warning, "load", float(load.max())))
     for channel in drop.channels:
         values = channel.values[:-1]
         above, below = clipped_samples(values), clipped_samples(-values)
         if above + below and channel.offset not in dead:
             name = f"{channel.quantity} at {channel.offset:g} m"
-            text = f"clipped samples: {name}, {above + below} in flat tops"
-            found.append((text, name, float(values.max() if above else values.min())))
+            warning = Notice("sensor-clipped", {**_channel(channel), "samples": above + below})
+            found.append((warning, name, float(values.max() if above else values.min())))
     return found
 
 
@@ -435,13 +434,13 @@ def _without_refuted_clipping(drops: Sequence[Drop], found: Sequence[Screening])
         if screening.clipped:
             channels = _clipped_channels(whole_part(drop)[0], screening.left_out)
             refuted = {
-                text
-                for text, name, level in channels
+                warning
+                for warning, name, level in channels
                 if any(_exceeds(other, name, level) for other in recorded if other is not drop)
             }
             screening = dataclasses.replace(
                 screening,
-                warnings=tuple(text for text in screening.warnings if text not in refuted),
+                warnings=tuple(w for w in screening.warnings if w not in refuted),
                 clipped=len(refuted) < len(channels),
             )
         result.append(screening)
@@ -458,36 +457,39 @@ def _exceeds(drop: Drop, name: str, level: float) -> bool:
     return bool(np.nanmax(signed) > (1.0 + CLIPPING_SCATTER) * abs(level))
 
 
-def _warnings(pulse: _Pulse, drop: Drop, setup: PointSetup) -> list[str]:
+def _warnings(pulse: _Pulse, drop: Drop, setup: PointSetup) -> list[Notice]:
     found = []
     impulse = float(pulse.load[pulse.start : pulse.end].sum()) / drop.sampling_rate
     duration = np.pi / 2 * impulse / pulse.peak
     if duration < SHORT_PULSE and setup.plate_radius >= SMALL_PLATE:
-        found.append(
-            f"time axis suspect: the pulse lasts {duration * 1e3:.2g} ms, on a plate of radius "
-            f"{setup.plate_radius:g} m usually 11 to 30 ms; check the sampling rate"
-        )
+        values = {"pulse_duration_s": float(duration), "plate_radius_m": setup.plate_radius}
+        found.append(Notice("time-axis-suspect", values))
     if pulse.peak > SUSPECT_LOAD:
-        found.append(f"units suspect: peak load {_kilonewton(pulse.peak)} (in N?)")
+        found.append(Notice("load-suspect", {"peak_load_n": pulse.peak}))
     for channel in drop.channels:
         found += _channel_warnings(channel, pulse, drop)
     return found
 
 
-def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[str]:
-    name = f"{channel.quantity} at {channel.offset:g} m"
+def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notice]:
     fault = _dead_extra(channel, pulse, drop)
     if fault:
-        return [f"dead extra channel: {name}, {fault}; left out"]
+        return [Notice("sensor-dead", {**_channel(channel), "fault": fault})]
     found = []
     moved = displacement_of(channel, drop.time)[: pulse.end]
     deflection = float(np.abs(moved).max())
     if deflection > SUSPECT_DEFLECTION:
         unit = "m" if channel.quantity == "displacement" else "m/s"
-        found.append(f"units suspect: {name} deflects by {deflection * 1e3:.3g} mm (in {unit}?)")
+        values = {**_channel(channel), "deflection_m": deflection, "unit": unit}
+        found.append(Notice("deflection-suspect", values))
     if _is_centre(channel) and moved[pulse.start :].mean() < 0:
-        found.append(f"polarity suspect: {name} moves upward under the load")
+        found.append(Notice("polarity-suspect", _channel(channel)))
     return found
+
+
+def _channel(channel: Channel) -> dict[str, Value]:
+    """Return quantity and place of a sensor as values of a warning."""
+    return {"quantity": channel.quantity, "offset_m": channel.offset}
 
 
 def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice
 from pfwd_device import Drop
 
 NEEDED_BEFORE = 0.003
@@ -19,7 +20,7 @@ ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic invers
 """Why a drop without traces is not inverted."""
 
 
-def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
+def whole_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     """The unbroken part of a drop around its trigger.
 
     Parameters
@@ -33,7 +34,7 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
         Without missing samples, as far as there are enough around the trigger; otherwise as it was.
     reason : str or None
         Why it cannot be used.
-    warning : str or None
+    warning : Notice or None
         What was left out.
     """
     if drop.only_peaks is not None:
@@ -43,8 +44,7 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
     if not gone.any():
         return drop, None, None
     count = int(gone.sum())
-    first_ms = drop.time[int(np.argmax(gone))] * 1e3
-    text = f"{count} of {gone.size} samples are missing, the first at {first_ms:.1f} ms"
+    first_missing = float(drop.time[int(np.argmax(gone))])
     middle = int(np.argmin(np.abs(drop.time)))
     before = np.flatnonzero(gone[: middle + 1])
     after = np.flatnonzero(gone[middle:])
@@ -55,7 +55,14 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
     first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
     last = min(NEEDED_AFTER, drop.time[-1]) - step / 2
     if end <= start or drop.time[start] > first or drop.time[end - 1] < last:
-        return drop, f"damaged record: {text}; repeat the drop", None
+        return (
+            drop,
+            (
+                f"damaged record: {count} of {gone.size} samples are missing, the first at "
+                f"{first_missing * 1e3:.1f} ms; repeat the drop"
+            ),
+            None,
+        )
     part = slice(start, end)
     whole = Drop(
         drop.number,
@@ -63,4 +70,5 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, str | None]:
         drop.load[part],
         tuple(dataclasses.replace(c, values=c.values[part]) for c in drop.channels),
     )
-    return whole, None, f"incomplete record: {text}; the unbroken part was used"
+    numbers = {"missing": count, "samples": gone.size, "first_missing_s": first_missing}
+    return whole, None, Notice("drop-incomplete", numbers)

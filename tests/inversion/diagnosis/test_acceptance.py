@@ -156,7 +156,7 @@ def test_many_effects_are_not_told_from_few_records() -> None:
 def test_values_that_no_instrument_has(unit_value: float, spread: float, rejected: bool) -> None:
     found = reasons(ONE, at(USUAL, unit_value, spread))
     assert bool(found) == rejected
-    assert all("no instrument in use (2 to 8 Hz)" in text for text in found)
+    assert all("of 2 to 8 Hz as instruments in use have" in text for text in found)
     assert reasons(ONE, at(PLAIN, unit_value, spread)) == []
 
 

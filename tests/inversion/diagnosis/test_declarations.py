@@ -16,6 +16,7 @@ from inversion.diagnosis.diagnose import _contradicted
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
+from inversion.notices import Value
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
 
@@ -123,22 +124,22 @@ def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
         raise RecordError("centre sensor: expected a downward deflection, found none")
 
     point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)
-    assert _contradicted(point, diagnosis(0.08), library, again) == ""
+    assert _contradicted(point, diagnosis(0.08), library, again) is None
     assert len(asked) == 1
 
 
-def declared(record: Record, library: SurrogateLibrary) -> list[str]:
+def declared(record: Record, library: SurrogateLibrary) -> list[tuple[Value, ...]]:
     point = Point(PointRecords("test", (record,), (1,)), library)
-    return [doubt.declared for doubt in doubts(point)]
+    return [(doubt.code, *doubt.values.values()) for doubt in doubts(point)]
 
 
 def test_only_what_looks_wrong_is_doubted(record: Record, library: SurrogateLibrary) -> None:
-    depth = f"bedrock at {DEPTH:g} m"
+    depth = ("bedrock-contradicted", DEPTH)
     assert declared(record, library) == [depth]
     assert declared(replace(record, bedrock_depth=None), library) == []
     assert declared(replace(record, bedrock_depth=math.inf), library) == []
-    assert declared(turned(record), library) == ["sensor at 0.6 m", depth]
-    assert declared(exchanged(record), library) == ["sensors at 0.3 and 0.6 m", depth]
+    assert declared(turned(record), library) == [("sensor-upside-down", 0.6), depth]
+    assert declared(exchanged(record), library) == [("sensors-exchanged", 0.3, 0.6), depth]
     # A plate may jump, and what is under it goes up with it.
     centre, near, _ = record.sensors
     under = replace(near, offset=0.15, values=-near.values)
@@ -162,25 +163,27 @@ def diagnosis(
 
 def test_half_of_the_residual_has_to_go() -> None:
     records: Any = None
-    doubt = Doubt("bedrock at 1 m", "with the depth left open", "check it", records, depth=1.0)
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0101)) == ""
+    doubt = Doubt("bedrock-contradicted", {"declared_m": 1.0}, records, depth=1.0)
+    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0101)) is None
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0099)) == (
         "bedrock at 1 m: with the depth left open, 0.99 % of the peak is left in place of 2 %, "
-        "with E 120 MPa and bedrock at 1.2 m; check it"
+        "with E 120 MPa and bedrock at 1.2 m; check the declared depth"
     )
     # Explained already: only what was left open is worth another word.
     known = diagnosis(0.02, "explained")
-    assert contradiction(doubt, known, diagnosis(0.0099, "explained")) == ""
+    assert contradiction(doubt, known, diagnosis(0.0099, "explained")) is None
     open_one = diagnosis(0.02, "explained", left_open=True)
-    assert contradiction(doubt, open_one, diagnosis(0.02, "explained")) != ""
-    assert contradiction(doubt, open_one, diagnosis(0.0099)) == ""
+    assert contradiction(doubt, open_one, diagnosis(0.02, "explained")) is not None
+    assert contradiction(doubt, open_one, diagnosis(0.0099)) is None
     # What leaves the modulus open, or has none, is no better.
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, left_open=True)) == ""
+    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, left_open=True)) is None
     rig = diagnosis(0.001)
     rig.after.modulus_pa = None  # type: ignore[misc]
-    assert contradiction(doubt, diagnosis(0.02), rig) == ""
+    assert contradiction(doubt, diagnosis(0.02), rig) is None
     # The depth that was declared is no contradiction to it.
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=1.04)) == ""
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=0.94)) != ""
-    turned_one = Doubt("sensor at 0.3 m", "upside down", "check it", records)
-    assert "bedrock" not in contradiction(turned_one, diagnosis(0.02), diagnosis(0.001))
+    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=1.04)) is None
+    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=0.94)) is not None
+    turned_one = Doubt("sensor-upside-down", {"offset_m": 0.3}, records)
+    turned = contradiction(turned_one, diagnosis(0.02), diagnosis(0.001))
+    assert turned is not None
+    assert turned.code == "sensor-upside-down"

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from inversion.diagnosis import LeaveOut
+from inversion.notices import other
 from pfwd_survey.archive.run import invert_archive
 from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
@@ -45,7 +46,7 @@ def told(point: DiagnosisPoint) -> DiagnosisResult:
         ),
         effects=(EffectResult(name="sensor_lag"), EffectResult(name="bedrock")),
         held_out=HeldOut(mode="drop", before=0.2, after=0.02),
-        warnings=("a warning",),
+        warnings=(other("a warning"),),
     )
 
 

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inversion import SurrogateLibrary
+from inversion.notices import Notice, other
 from inversion.records import is_number, stored_fields
 from pfwd_device import Channel, Drop
 from pfwd_survey.errors import SurveyError
@@ -95,6 +96,11 @@ DIAGNOSIS_DOCUMENTED = [
 
 numbers = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
 texts = st.text(max_size=5)
+warnings = texts.map(other) | st.builds(
+    lambda low, high: Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}),
+    numbers,
+    numbers,
+)
 
 
 def maybe(strategy: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
@@ -111,6 +117,7 @@ def records(kind: type[StoredRecord], **special: Any) -> st.SearchStrategy[Any]:
         bool | None: st.booleans(),
         tuple[float, float] | None: st.tuples(numbers, numbers),
         tuple[str, ...] | None: st.lists(texts, max_size=3).map(tuple),
+        tuple[Notice, ...] | None: st.lists(warnings, max_size=3).map(tuple),
         tuple[int, ...] | None: st.lists(st.integers(0, 99), max_size=3).map(tuple),
         tuple[LayerResult, ...] | None: st.lists(
             st.builds(LayerResult, modulus_pa=numbers, thickness_m=st.none() | numbers), max_size=3
@@ -230,7 +237,7 @@ def test_a_result_of_the_version_before_is_read_whole(name: str) -> None:
         "effective_depth_m",
         "priors",
     )
-    assert found.to_json() == said | dict.fromkeys(later)
+    assert found.to_json() == said | dict.fromkeys(later) | {"warning_codes": []}
 
 
 def test_a_diagnosis_of_the_version_before_is_read_whole() -> None:
@@ -241,6 +248,7 @@ def test_a_diagnosis_of_the_version_before_is_read_whole() -> None:
     again = found.to_json()
     derived = {key: again.pop(key) for key in DiagnosisResult.DERIVED}
     assert derived["use"] == found.use
+    assert again.pop("warning_codes") == []
     assert again == said
     assert list(again) == list(said)
     assert [list(effect) for effect in again["effects"]] == [list(e) for e in said["effects"]]

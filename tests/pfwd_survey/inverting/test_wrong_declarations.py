@@ -15,8 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 from inversion import SurrogateLibrary
+from inversion.notices import Notice
 from pfwd_device import Channel, Drop
-from pfwd_survey.files.header import GEOPHONE_NOT_DECLARED, PointSetup, setup_warnings
+from pfwd_survey.files.header import PointSetup, setup_warnings
 from pfwd_survey.files.traces import TracePoint
 from pfwd_survey.inverting.analysis import analyse_point
 from pfwd_survey.inverting.drop_result import drop_result
@@ -25,6 +26,8 @@ from pfwd_survey.inverting.results import DropResult
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Geophone, Recording, record_drop
+
+GEOPHONE_NOT_DECLARED = Notice("geophone-not-declared")
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "validation.md"
 SECTION = "## What one record cannot show"

@@ -225,10 +225,8 @@ def test_drops_with_other_numbers_of_media_are_told_apart(layered: Path, make_dr
         writer.save_result(
             writer.save_drop(DropRecord("L", drop, None, DECLARED, {})), result_of(3)
         )
-    (said,) = [text for text in point_of(layered).warnings if "lowest medium" in text]
-    assert said.endswith(
-        "the drops of the point have 1 and 2 media, and their moduli differ in meaning"
-    )
+    (warning,) = [one for one in point_of(layered).warnings if one.code == "media-differ"]
+    assert warning.values == {"media": "1 and 2"}
 
 
 class Asked:

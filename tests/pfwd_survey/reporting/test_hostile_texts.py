@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from inversion.notices import Notice, other
 from pfwd_device.recording import read_survey
 from pfwd_survey.errors import TraceError
 from pfwd_survey.files.editing import Edit, edit_survey
@@ -48,6 +49,9 @@ def with_text(value: Any, text: str, places: list[int]) -> Any:
     """The same with a text before each of its texts; `places` counts them."""
     if isinstance(value, Enum):
         return value
+    if isinstance(value, Notice):
+        places.append(1)
+        return other(f"{text}{value}")
     if isinstance(value, str):
         places.append(1)
         return f"{text}{value}"

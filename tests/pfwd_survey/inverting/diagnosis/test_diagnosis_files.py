@@ -192,7 +192,9 @@ def test_points_that_contradict_the_device_say_so() -> None:
     assert wide.deviations["sensor_lag"]["delay"] == pytest.approx(expected)
     assert not device_effects.contradictions(of(6.5e-4), wide)
     (said,) = device_effects.contradictions(of(7.5e-4), wide)
-    assert said.startswith("sensor_lag: delay 0.00075 s by this point alone, 0.0006 s by all")
+    assert said.startswith(
+        "sensor_lag: expected delay 0.0006 s as by all points of the device, got"
+    )
     few = device_effects.with_spread(findings, shown[:2])
     assert not few.spread
     assert not device_effects.contradictions(of(7.5e-4), few)

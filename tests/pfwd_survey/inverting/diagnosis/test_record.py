@@ -10,6 +10,7 @@ import pytest
 from inversion import InversionError
 from inversion.diagnosis import EffectResult, PointDiagnosis
 from inversion.diagnosis.findings import FittedState
+from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis import points
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.inverting.diagnosis.points import DiagnosisFailure, DiagnosisRequest
@@ -41,7 +42,7 @@ def test_a_modulus_that_is_left_open_has_a_warning() -> None:
     after = replace(STATE, modulus_pa=None, modulus_interval_pa=(1e6, 10.1e6))
     told = diagnosis_result(POINT, found(after))
     assert told.after == after
-    said = "between 1.0 and 10 MPa: none is told"
+    said = "between 1 and 10 MPa: none is told"
     assert said in " ".join(told.warnings or ())
     assert said not in " ".join(diagnosis_result(POINT, found(STATE)).warnings or ())
 
@@ -56,7 +57,8 @@ def test_a_modulus_that_is_left_open_has_a_warning() -> None:
     ],
 )
 def test_only_what_is_no_drop_is_a_false_trigger(reason: str, none: bool) -> None:
-    entry = DiagnosisPoint("A.csv", None, None, (f"drop 1: {reason}",), ())
+    rejected = Notice("drop-rejected", {"drop": 1, "reason": reason})
+    entry = DiagnosisPoint("A.csv", None, None, (rejected,), ())
     told = diagnosis_result(entry, None)
     assert [effect.name for effect in told.effects or ()] == (["false_trigger"] if none else [])
     assert told.verdict == "unexplained"

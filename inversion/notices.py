@@ -1,0 +1,342 @@
+"""Warnings as codes with values; the sentence is made when somebody reads it.
+
+A code has one template: an English sentence with named gaps, ``{plate_radius_m:g}``. Behind the
+colon stands the format, then what the value is multiplied by or divided by, from SI to the unit of
+the sentence: ``{duration_s:.2g*1000} ms``. Two numbers are an interval, ``0.5 to 1.2``. Formats
+beside those of Python: ``.2p`` is ``.2g`` without powers of ten, ``words`` a name whose underscores
+become spaces, ``terms`` registered phrases, ``list`` several texts.
+"""
+
+import math
+import re
+import string
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, lru_cache
+from types import MappingProxyType
+from typing import Any, Self
+
+from inversion.notice_texts import EARLIER, TEMPLATES
+
+Value = float | int | str | tuple[float, ...] | tuple[str, ...]
+
+WARNINGS, WARNING_CODES = "warnings", "warning_codes"
+"""Keys of the sentences of warnings in JSON, and of their codes in the same order."""
+
+OTHER = "other"
+"""Code of a sentence that has no code of its own; the sentence is its value ``text``."""
+
+_templates: dict[str, str] = {OTHER: "{text}", **TEMPLATES}
+_earlier: list[tuple[str, str]] = [*EARLIER]
+_terms: dict[str, str] = {}
+
+
+class Notice(str):
+    """One warning: its English sentence, with the code and the values that it is made of.
+
+    As a text it is that sentence, so that scripts and tables go on as with any other.
+
+    Parameters
+    ----------
+    code : str
+        Word by which programs tell warnings apart, such as ``depth-not-unique``.
+    values : mapping of name to value, SI
+
+    Raises
+    ------
+    ValueError
+        If the code is not registered, or has other values.
+
+    Examples
+    --------
+    >>> warning = Notice("depth-not-unique", {"depth_low_m": 0.484, "depth_high_m": 1.3})
+    >>> print(warning)  # doctest: +ELLIPSIS
+    depth not unique: the data allow bedrock from 0.48 m to 1.3 m; ...
+    >>> warning.code, warning.values["depth_high_m"]
+    ('depth-not-unique', 1.3)
+    """
+
+    code: str
+    values: Mapping[str, Value]
+
+    def __new__(cls, code: str, values: Mapping[str, Value] | None = None) -> Self:
+        template = _templates.get(code)
+        if template is None:
+            raise ValueError(f"expected the code of a warning, got {code!r}")
+        values = MappingProxyType(dict(values or {}))
+        forms = gaps_of(template)
+        if forms.keys() != values.keys():
+            raise ValueError(f"{code}: expected {sorted(forms)}, got {sorted(values)}")
+        texts = {name: _text_of(values[name], form) for name, form in forms.items()}
+        notice = super().__new__(cls, fill_template(template, texts))
+        notice.code, notice.values = code, values
+        return notice
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, dict[str, Value]]]:
+        return type(self), (self.code, dict(self.values))
+
+    def texts(self) -> dict[str, str]:
+        """Return the values by name as the English sentence has them."""
+        return {
+            name: _text_of(self.values[name], form)
+            for name, form in gaps_of(_templates[self.code]).items()
+        }
+
+    def words(self) -> dict[str, tuple[str, ...]]:
+        """Return the values that are names or phrases, for other languages to translate."""
+        forms = gaps_of(_templates[self.code])
+        return {
+            name: _as_words(value)
+            for name, value in self.values.items()
+            if forms[name] in ("words", "terms")
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the warning as an entry of ``warning_codes``."""
+        return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
+
+
+def other(text: str) -> Notice:
+    """Return a sentence that has no code as a warning."""
+    return Notice(OTHER, {"text": text})
+
+
+def register(
+    templates: Mapping[str, str],
+    terms: Mapping[str, str] | None = None,
+    earlier: Iterable[tuple[str, str]] = (),
+) -> None:
+    """Add the warnings of a package.
+
+    Parameters
+    ----------
+    templates : mapping of code to template
+    terms : mapping of word to phrase, optional
+        For the format ``terms``.
+    earlier : iterable of (code, template)
+        Sentences of earlier versions, which stored results have.
+
+    Raises
+    ------
+    ValueError
+        If a code or a phrase is there already.
+    """
+    for table, more in ((_templates, templates), (_terms, terms or {})):
+        twice = table.keys() & more.keys()
+        if twice:
+            raise ValueError(f"expected new codes, got {', '.join(sorted(twice))} a second time")
+        table.update(more)
+    _earlier.extend(earlier)
+    _patterns.cache_clear()
+    _parse.cache_clear()
+
+
+def templates() -> dict[str, str]:
+    """Return the templates of all registered codes."""
+    return dict(_templates)
+
+
+def terms() -> dict[str, str]:
+    """Return all registered phrases."""
+    return dict(_terms)
+
+
+def from_sentence(sentence: str) -> Notice:
+    """Return the warning that an English sentence of this or an earlier version is.
+
+    Examples
+    --------
+    >>> from_sentence("the fit did not converge").code
+    'not-converged'
+    >>> from_sentence("it rained").code
+    'other'
+    """
+    notice = _parse(sentence)
+    return notice or other(sentence)
+
+
+def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, ...]:
+    """Return stored warnings: by their codes, or by their sentences where these have none.
+
+    Parameters
+    ----------
+    sentences : sequence of str
+        ``warnings`` of a record.
+    codes : list or None
+        ``warning_codes`` of it; None: an earlier version wrote it.
+    """
+    entries = codes if isinstance(codes, list) and len(codes) == len(sentences) else []
+    notices = [_from_entry(entry) for entry in entries] or [None] * len(sentences)
+    return tuple(
+        from_sentence(sentence) if notice is None or notice.code == OTHER else notice
+        for sentence, notice in zip(sentences, notices, strict=True)
+    )
+
+
+def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
+    """Return ``warning_codes`` of a JSON, in the order of its ``warnings``."""
+    return [notice.to_json() for notice in notices]
+
+
+def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
+    """Return sentences and codes of warnings under their keys."""
+    return {WARNINGS: list(map(str, notices)), WARNING_CODES: codes(notices)}
+
+
+@cache
+def gaps_of(template: str) -> Mapping[str, str]:
+    """Return the format of each gap of a template, by name."""
+    return {name: form or "" for _, name, form, _ in _parts(template) if name is not None}
+
+
+def fill_template(template: str, texts: Mapping[str, str]) -> str:
+    """Return a template with its gaps filled by texts, whatever their formats."""
+    return "".join(
+        literal + ("" if name is None else texts[name]) for literal, name, _, _ in _parts(template)
+    )
+
+
+def _parts(template: str) -> Iterator[tuple[str, str | None, str | None, str | None]]:
+    return iter(string.Formatter().parse(template))
+
+
+def _text_of(value: Value, form: str) -> str:
+    if isinstance(value, tuple):
+        joint = ", " if form in ("list", "terms") else " to "
+        return joint.join(_text_of(item, form) for item in value)
+    if isinstance(value, str):
+        word = _terms.get(value, value) if form == "terms" else value
+        return word.replace("_", " ") if form in ("words", "terms") else word
+    number_form, scale = _scale(form)
+    shown = value if scale is None else scale(value)
+    if number_form.endswith("p"):
+        return f"{float(format(shown, number_form[:-1] + 'g')):g}"
+    return format(shown, number_form)
+
+
+def _scale(form: str) -> tuple[str, Callable[[float], float] | None]:
+    """Return the format of a number, and what makes the number in the unit of the sentence."""
+    number_form, sign, factor = re.fullmatch(r"([^*/]*)([*/]?)(.*)", form).groups()  # type: ignore[union-attr]
+    if not sign:
+        return number_form, None
+    by = float(factor)
+    return number_form, (lambda value: value * by) if sign == "*" else (lambda value: value / by)
+
+
+def _as_words(value: Value) -> tuple[str, ...]:
+    return tuple(map(str, value)) if isinstance(value, tuple) else (str(value),)
+
+
+def _plain(value: Value) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)  # JSON has no number for it
+    return value
+
+
+def _from_entry(entry: object) -> Notice | None:
+    """Return an entry of ``warning_codes``; None: this version does not know it so."""
+    if not isinstance(entry, Mapping):
+        return None
+    template, values = _templates.get(str(entry.get("code"))), entry.get("values")
+    if template is None or not isinstance(values, Mapping):
+        return None
+    forms = gaps_of(template)
+    if forms.keys() != values.keys():
+        return None
+    try:
+        return Notice(str(entry["code"]), {k: _value_of(values[k], forms[k]) for k in forms})
+    except (TypeError, ValueError):
+        return None
+
+
+def _value_of(written: Any, form: str) -> Value:
+    """Return a value of JSON.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none that this format takes.
+    """
+    if isinstance(written, list):
+        items: list[Any] = [_value_of(item, form) for item in written]
+        return tuple(items)
+    if form in _TEXT_FORMS:
+        if not isinstance(written, str):
+            raise TypeError(f"expected a text, got {type(written).__name__}")
+        return written
+    if isinstance(written, int) and not isinstance(written, bool):
+        return written
+    return float(written)
+
+
+_TEXT_FORMS = ("", "words", "terms", "list")
+
+_NUMBER = r"[+-]?(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?|inf|nan)"
+
+
+@lru_cache(maxsize=4096)
+def _parse(sentence: str) -> Notice | None:
+    for code, current, pattern, readers in _patterns():
+        match = pattern.fullmatch(sentence)
+        if match is not None:
+            texts = match.groupdict()
+            notice = Notice(code, {name: read(texts[name]) for name, read in readers.items()})
+            if not current or str(notice) == sentence:
+                return notice
+    return None
+
+
+@cache
+def _patterns() -> list[tuple[str, bool, re.Pattern[str], dict[str, Callable[[str], Value]]]]:
+    """Code, whether it is of this version, pattern of the sentence and readers of its gaps.
+
+    The longest template comes first.
+    """
+    known = [(code, True, text) for code, text in _templates.items() if code != OTHER]
+    known += [(code, False, text) for code, text in _earlier]
+    known.sort(key=lambda item: -len(item[2]))
+    return [(code, current, *_pattern_of(template)) for code, current, template in known]
+
+
+def _pattern_of(template: str) -> tuple[re.Pattern[str], dict[str, Callable[[str], Value]]]:
+    pattern, readers = "", dict[str, Callable[[str], Value]]()
+    for literal, name, form, _ in _parts(template):
+        pattern += re.escape(literal)
+        if name in readers:
+            pattern += f"(?P={name})"
+        elif name is not None:
+            gap, readers[name] = _gap_of(form or "")
+            pattern += f"(?P<{name}>{gap})"
+    return re.compile(pattern, re.DOTALL), readers
+
+
+def _gap_of(form: str) -> tuple[str, Callable[[str], Value]]:
+    """Return the pattern of a gap with this format, and what reads its text."""
+    if form == "":
+        return ".*?", str  # a unit may be empty
+    if form == "words":
+        return r"[^:;]+?", lambda text: text.replace(" ", "_")
+    if form == "terms":
+        longest = sorted(_terms, key=lambda term: -len(_terms[term]))
+        phrase = "|".join(re.escape(_terms[term]) for term in longest)
+        codes_of = {_terms[term]: term for term in longest}
+        return f"(?:{phrase})(?:, (?:{phrase}))*", lambda text: _single(
+            [codes_of[found] for found in re.findall(phrase, text)]
+        )
+    if form == "list":
+        return ".+?", lambda text: tuple(text.split(", "))
+    return f"{_NUMBER}(?: to {_NUMBER})?", lambda text: _single(
+        [_number(part, form) for part in text.split(" to ")]
+    )
+
+
+def _single(values: list[Any]) -> Value:
+    return values[0] if len(values) == 1 else tuple(values)
+
+
+def _number(text: str, form: str) -> float | int:
+    number_form, scale = _scale(form)
+    if number_form == "d":
+        return int(text)
+    return float(f"{float(text) / (scale(1.0) if scale else 1.0):.12g}")

@@ -1,0 +1,123 @@
+"""Warnings as codes with values: their sentences, their JSON, and sentences of earlier versions."""
+
+import copy
+import json
+import math
+import pickle
+
+import pytest
+
+from inversion import notices
+from inversion.notices import Notice, Value, from_json, from_sentence
+from inversion.result import InversionResult
+
+DEPTH = Notice("depth-not-unique", {"depth_low_m": 0.484, "depth_high_m": 1.3})
+
+
+def test_a_warning_is_its_sentence_with_code_and_values() -> None:
+    assert DEPTH.startswith("depth not unique: the data allow bedrock from 0.48 m to 1.3 m;")
+    assert (DEPTH.code, dict(DEPTH.values)) == (
+        "depth-not-unique",
+        {"depth_low_m": 0.484, "depth_high_m": 1.3},
+    )
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_a_copy_is_the_same_warning(copied: object) -> None:
+    other = copied(DEPTH)  # type: ignore[operator]
+    assert (other, other.code, other.values) == (DEPTH, DEPTH.code, DEPTH.values)
+
+
+def test_unknown_codes_and_other_values_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected the code of a warning, got 'rain'"):
+        Notice("rain")
+    with pytest.raises(ValueError, match=r"expected \['parameter'\], got \['depth'\]"):
+        Notice("parameter-on-bound", {"depth": 1.0})
+
+
+def test_a_code_is_registered_once() -> None:
+    before = notices.templates()
+    with pytest.raises(ValueError, match="got not-converged a second time"):
+        notices.register({"not-converged": "again"})
+    assert notices.templates() == before
+
+
+def test_numbers_are_in_the_unit_of_the_sentence() -> None:
+    interval = (4.04e6, 1.63e8)
+    warning = Notice("layer-modulus-unknown", {"layer": 1, "modulus_interval_pa": interval})
+    assert warning == "modulus of layer 1 not known: 4 to 160 MPa fit as well"
+
+
+def test_json_has_the_codes_in_the_order_of_the_sentences() -> None:
+    result = InversionResult(warnings=(Notice("not-converged"), DEPTH))
+    written = json.loads(json.dumps(result.to_json()))
+    keys = list(written)
+    assert keys[keys.index("warnings") + 1] == "warning_codes"
+    assert written["warnings"] == [str(warning) for warning in result.warnings or ()]
+    assert written["warning_codes"] == [
+        {"code": "not-converged", "values": {}},
+        {"code": "depth-not-unique", "values": {"depth_low_m": 0.484, "depth_high_m": 1.3}},
+    ]
+    again = InversionResult.from_json(written)
+    assert again == result
+    assert [w.values for w in again.warnings or ()] == [w.values for w in result.warnings or ()]
+
+
+def test_results_without_codes_are_read_by_their_sentences() -> None:
+    sentence = "density suspect: 6400 kg/m3 was fitted, soils have 800 to 3200 kg/m3; check what "
+    sentence += "is declared of load gain, plate radius, plate mass, time axis and geophone"
+    result = InversionResult.from_json({"warnings": [sentence, "it rained"]})
+    known, unknown = result.warnings or ()
+    assert known.code == "density-suspect"
+    assert known.values == {"usual_kg_m3": (800.0, 3200.0), "density_kg_m3": 6400.0}
+    assert (unknown.code, str(unknown)) == ("other", "it rained")
+
+
+@pytest.mark.parametrize(
+    "codes",
+    [
+        None,
+        [],
+        "not-converged",
+        [3],
+        [{"code": "of-a-later-version", "values": {}}],
+        [{"code": "depth-not-unique", "values": {"depth_low_m": 0.5}}],
+        [{"code": "depth-not-unique", "values": {"depth_low_m": [], "depth_high_m": "deep"}}],
+        [{"code": ["list"], "values": {}}],
+    ],
+)
+def test_codes_that_cannot_be_read_leave_the_sentence(codes: object) -> None:
+    (warning,) = from_json(["the fit did not converge"], codes)
+    assert (warning.code, str(warning)) == ("not-converged", "the fit did not converge")
+
+
+def test_warnings_of_another_type_are_written_again() -> None:
+    written = {"warnings": "one text", "warning_codes": [1]}
+    again = InversionResult.from_json(written).to_json()
+    assert {key: again[key] for key in written} == written
+
+
+def sample(form: str) -> Value:
+    """A value for a gap of a template."""
+    values: dict[str, Value] = {
+        "": "abc", "words": "bedrock_depth", "list": ("a", "b"), "d": 3,
+        "terms": tuple(notices.terms())[:2] or "abc",
+    }  # fmt: skip
+    return values.get(form, 0.5)
+
+
+def test_every_sentence_is_read_as_its_code() -> None:
+    for code, template in notices.templates().items():
+        values = {name: sample(form) for name, form in notices.gaps_of(template).items()}
+        warning = Notice(code, values)
+        assert from_sentence(str(warning)).code == code
+        (again,) = from_json([str(warning)], json.loads(json.dumps(notices.codes([warning]))))
+        assert (again.code, dict(again.values)) == (code, dict(warning.values))
+
+
+def test_numbers_that_json_does_not_know_come_back() -> None:
+    warning = Notice("depth-not-unique", {"depth_low_m": 2.0, "depth_high_m": math.inf})
+    written = json.dumps(notices.codes([warning]), allow_nan=False)
+    (again,) = from_json([str(warning)], json.loads(written))
+    assert again.values["depth_high_m"] == math.inf
+    assert from_sentence(str(warning)).values["depth_high_m"] == math.inf

@@ -1,0 +1,33 @@
+"""The page of warnings lists every code with its sentence.
+
+After a change that is meant run the test with ``PFWD_NEW_EXAMPLES=1``: the table is written anew.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import pfwd_survey  # noqa: F401  registers its warnings
+from inversion.notices import fill_template, gaps_of, templates
+
+PAGE = Path(__file__).parents[1] / "docs" / "warnings.md"
+TABLE = re.compile(
+    r"\| code \| sentence, with its values in braces \|\n.*?(?=\n\n|\n\Z|\Z)", re.DOTALL
+)
+
+
+def table() -> str:
+    """The table of all codes, sorted."""
+    lines = ["| code | sentence, with its values in braces |", "|---|---|"]
+    for code, template in sorted(templates().items()):
+        sentence = fill_template(template, {name: f"`{{{name}}}`" for name in gaps_of(template)})
+        lines.append(f"| `{code}` | {sentence.replace('``', '')} |")
+    return "\n".join(lines)
+
+
+def test_the_page_lists_every_warning() -> None:
+    page = PAGE.read_text("utf-8")
+    if os.environ.get("PFWD_NEW_EXAMPLES"):
+        PAGE.write_text(TABLE.sub(lambda _: table(), page), "utf-8")
+        page = PAGE.read_text("utf-8")
+    assert table() in page
