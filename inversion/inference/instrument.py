@@ -90,8 +90,9 @@ def drop_predictor(
         model.apply_priors(population_priors(others, model))
         fits = [PointFit(model, values).run() for values in (model.start, alone.values)]
         posterior = max(fits, key=lambda fit: fit.log_evidence)
+    points = [*others, summarise(posterior)]
     return DropPredictor(
-        posterior, learn_next_drop(others, first=True), learn_next_drop(others, first=False)
+        posterior, learn_next_drop(points, first=True), learn_next_drop(points, first=False)
     )
 
 

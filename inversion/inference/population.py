@@ -12,6 +12,7 @@ at which a plate takes off changes by a common factor.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -136,51 +137,90 @@ class NextDropLaw:
     Parameters
     ----------
     constant, slope : float, of ln of the stiffness over ln of the ratio of peak loads
+    reach : (float, float), ln of the ratios of peak loads between which the law is known
     scatter : float, standard deviation of ln of the stiffness
     speed_step : float, ln of the ratio of take-off speeds
     """
 
     constant: float
     slope: float
+    reach: tuple[float, float]
     scatter: float
     speed_step: float
 
     def stiffening(self, load_ratio: float) -> float:
-        """Return ln of the stiffness over that of the last drop, at a ratio of the peak loads."""
-        return float(self.constant + self.slope * np.log(load_ratio))
+        """Return ln of the stiffness over that of the last drop, at a ratio of the peak loads.
+
+        A ratio beyond those of the law is that of another drop height and says nothing of the
+        ground: then the end of its reach counts.
+        """
+        return self.constant + self.slope * float(np.clip(math.log(load_ratio), *self.reach))
 
 
-def learn_next_drop(others: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
-    """Return the law of the next drop after the first drops of points, or after later ones."""
-    rows, steps, speeds = [], [], []
-    for drops in others:
-        for drop in drops.stiffness:
+@dataclass(frozen=True)
+class _Steps:
+    """Steps from a drop to the next one: logarithms of load, stiffness and take-off speed."""
+
+    loads: FloatArray
+    stiffness: FloatArray
+    speeds: FloatArray
+
+
+def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
+    """Return the steps after the first drops of points, or after later ones."""
+    loads, stiffness, speeds = [], [], []
+    for point in points:
+        for drop, value in point.stiffness.items():
             following = drop + 1
-            if following not in drops.stiffness or (drop == 0) is not first:
+            if following not in point.stiffness or (drop == 0) is not first:
                 continue
-            ratio = drops.peak_loads[following] / drops.peak_loads[drop]
-            rows.append((1.0, float(np.log(ratio))))
-            steps.append(drops.stiffness[following] - drops.stiffness[drop])
-            if following in drops.take_off_speeds and drop in drops.take_off_speeds:
-                pair = drops.take_off_speeds[following], drops.take_off_speeds[drop]
-                if min(pair) > 0.0:
-                    speeds.append(float(np.log(pair[0] / pair[1])))
-    deviation = _FIRST_STEP if first else _LATER_STEP
-    precision = np.diag([deviation**-2, _SLOPE_DEVIATION**-2])
-    design = np.array(rows).reshape(-1, 2)
-    target = np.array(steps)
-    scatter, coefficients = _SCATTER, np.zeros(2)
+            loads.append(math.log(point.peak_loads[following] / point.peak_loads[drop]))
+            stiffness.append(point.stiffness[following] - value)
+            pair = [point.take_off_speeds.get(d, 0.0) for d in (following, drop)]
+            if min(pair) > 0.0:
+                speeds.append(math.log(pair[0] / pair[1]))
+    return _Steps(np.array(loads), np.array(stiffness), np.array(speeds))
+
+
+def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
+    """Return the law of the next drop after the first drops of points, or after later ones.
+
+    The prior of the slope after later drops is the ratio of stiffness to load after first ones.
+    """
+    steps = _steps(points, first=first)
+    prior: FloatArray = np.zeros(2)
+    reach = steps.loads
+    if not first:
+        after_first = _steps(points, first=True)
+        known = float(after_first.loads @ after_first.loads) + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2
+        prior[1] = float(after_first.loads @ after_first.stiffness) / known
+        if not steps.loads.size:
+            reach = after_first.loads
+    constant = _FIRST_STEP if first else _LATER_STEP
+    precision = np.diag([constant**-2, _SLOPE_DEVIATION**-2])
+    design = np.stack([np.ones_like(steps.loads), steps.loads], axis=1)
+    scatter = _SCATTER
+    coefficients: FloatArray = prior
     for _ in range(3):
         normal = precision + design.T @ design / scatter**2
-        coefficients = np.linalg.solve(normal, design.T @ target / scatter**2)
-        residual = target - design @ coefficients
+        gradient = precision @ prior + design.T @ steps.stiffness / scatter**2
+        coefficients = np.linalg.solve(normal, gradient)
+        residual = steps.stiffness - design @ coefficients
         squares = float(residual @ residual) + _SCATTER_WEIGHT * _SCATTER**2
-        scatter = float(np.sqrt(squares / (target.size + _SCATTER_WEIGHT)))
-    speed_step = 0.0
-    if speeds:
-        centre = float(np.median(speeds))
-        noise = population_spread(np.array(speeds), centre, _SPEED_STEP_DEVIATION) ** 2 / len(
-            speeds
-        )
-        speed_step = centre * _SPEED_STEP_DEVIATION**2 / (_SPEED_STEP_DEVIATION**2 + noise)
-    return NextDropLaw(float(coefficients[0]), float(coefficients[1]), scatter, speed_step)
+        scatter = math.sqrt(squares / (residual.size + _SCATTER_WEIGHT))
+    return NextDropLaw(
+        float(coefficients[0]),
+        float(coefficients[1]),
+        (float(reach.min(initial=0.0)), float(reach.max(initial=0.0))),
+        scatter,
+        _speed_step(steps.speeds),
+    )
+
+
+def _speed_step(speeds: FloatArray) -> float:
+    """Return the step of the take-off speeds that the points have in common, towards zero."""
+    if speeds.size == 0:
+        return 0.0
+    centre = float(np.median(speeds))
+    noise = population_spread(speeds, centre, _SPEED_STEP_DEVIATION) ** 2 / speeds.size
+    return centre * _SPEED_STEP_DEVIATION**2 / (_SPEED_STEP_DEVIATION**2 + noise)

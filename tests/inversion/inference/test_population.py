@@ -55,9 +55,29 @@ def test_without_other_points_nothing_hardens() -> None:
     assert law.speed_step == 0.0
 
 
+def test_another_drop_height_says_nothing_of_the_ground() -> None:
+    law = learn_next_drop(points(0.03, -4.0, 0.0, 40), first=False)
+    assert law.stiffening(1.5) == law.stiffening(1.0) == pytest.approx(0.03, abs=0.005)
+    assert law.stiffening(0.5) == pytest.approx(0.03 + 0.4, abs=0.02)
+
+
+def test_points_of_two_drops_teach_the_slope_by_their_first_step() -> None:
+    others = points(0.03, -4.0, 0.0, 20)
+    two = [
+        replace(o, stiffness={0: o.stiffness[0], 1: o.stiffness[1]}, take_off_speeds={})
+        for o in others
+    ]
+    law = learn_next_drop(two, first=False)
+    # The first step of these points is 1 at a ratio of 1 / 1.2.
+    assert law.constant == 0.0
+    assert law.slope == pytest.approx(-1.0 / math.log(1.2), rel=0.1)
+
+
 def test_few_points_are_believed_less() -> None:
-    few, many = (learn_next_drop(points(0.2, 0.0, 0.05, n), first=False) for n in (1, 50))
-    assert 0.0 < few.constant < many.constant
+    few, many = (
+        learn_next_drop([summary(0.2, 1.0) for _ in range(n)], first=False) for n in (1, 50)
+    )
+    assert 0.0 < few.constant < many.constant < 0.2
 
 
 def test_the_step_after_the_first_drop_has_a_law_of_its_own() -> None:
