@@ -47,7 +47,7 @@ _REMEMBERED = 24
 # 1/s; slow enough for the ground to be at rest.
 _STILL = 1e-3
 # The first sample is zero by construction.
-_FROM_SAMPLE = 1
+FROM_SAMPLE = 1
 # Independent samples per second and sensor: twice the band in which ground and geophone move.
 INDEPENDENT_HZ = 800.0
 # The deflection has its peak within so many contact times.
@@ -190,6 +190,7 @@ class DropModel:
         self._recorded = replace(self.context, time=drop.step * (samples - first))
         self._floor = floor
         self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}
+        self._noise_covariances: dict[tuple[int, float], FloatArray] = {}
         self.peak: FloatArray = drop.peak_displacement
         self._motions: dict[tuple[object, ...], _Motion] = {}
         self._last_displacement: FloatArray | None = None
@@ -635,20 +636,25 @@ class DropModel:
         self._whiteners[scope] = found
         return found
 
-    def noise_covariance(self, sensor: int, part: slice, floor: float) -> FloatArray:
-        """Return the covariance of the noise of a sensor, m2.
+    def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
+        """Return the covariance of the noise of a sensor, m2, at the samples that count.
+
+        Remembered, because all candidate models of a drop have the same noise.
 
         Parameters
         ----------
-        part : slice of the model's samples
         floor : float, m, error of the model itself, independent at each sample
         """
-        size = self.rows[part].size
-        quantum = float(self.drop.quantisation[sensor])
-        return self.channels[sensor].noise_covariance(
-            slice(self.before + part.start, self.before + part.stop, part.step),
-            np.full(size, np.hypot(quantum, floor)),
-        )
+        known = self._noise_covariances.get((sensor, floor))
+        if known is None:
+            window = self.window(contact_only=False)
+            steady = np.hypot(float(self.drop.quantisation[sensor]), floor)
+            known = self.channels[sensor].noise_covariance(
+                slice(self.before + window.start, self.before + window.stop),
+                np.full(window.stop - window.start, steady),
+            )
+            self._noise_covariances[sensor, floor] = known
+        return known
 
     def weighted_size(self, scope: FitScope = WHOLE) -> int:
         """Number of values that `weighted_residual` gives."""
@@ -663,9 +669,9 @@ class DropModel:
     def window(self, *, contact_only: bool) -> slice:
         """Samples that count, of the model's."""
         if not contact_only:
-            return slice(_FROM_SAMPLE, self.rows.size)
+            return slice(FROM_SAMPLE, self.rows.size)
         end = int(np.searchsorted(self.context.time, self.drop.contact_end * (1 + 1e-9)))
-        return slice(_FROM_SAMPLE, max(end, _FROM_SAMPLE + 8))
+        return slice(FROM_SAMPLE, max(end, FROM_SAMPLE + 8))
 
     def residual_over_peak(
         self, predicted: FloatArray, *, contact_only: bool, sensors: Sequence[int] | None = None

@@ -16,9 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag
+from scipy.linalg.lapack import dtrtrs
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.model import FROM_SAMPLE
 from inversion.inference.point_model import PointModel
 
 # Part of the peak: error of the forward model itself, independent from sample to sample.
@@ -59,7 +61,7 @@ class RecordedDrops:
         self.drops = model.drops
         self.sensors = model.point.drops[0].observed.shape[0]
         models = [model.point.drops[drop] for drop in self.drops]
-        self._parts = [slice(1, m.rows.size, thinning) for m in models]
+        self._parts = [slice(FROM_SAMPLE, m.rows.size, thinning) for m in models]
         self._peaks = [m.peak for m in models]
         times = [m.context.time[part] for m, part in zip(models, self._parts, strict=True)]
         self._ramps = [time / time[-1] for time in times]
@@ -71,11 +73,13 @@ class RecordedDrops:
         ]
         self._noise = [
             [
-                m.noise_covariance(row, part, FLOOR * m.peak[row]) / m.peak[row] ** 2
-                for m, part in zip(models, self._parts, strict=True)
+                m.noise_covariance(row, FLOOR * m.peak[row])[::thinning, ::thinning]
+                / m.peak[row] ** 2
+                for m in models
             ]
             for row in range(self.sensors)
         ]
+        self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
 
     def over_peak(self, traces: Sequence[FloatArray], sensor: int) -> FloatArray:
         """Return traces (..., n_sensors, n_d) of all drops over the peak, (..., n)."""
@@ -87,39 +91,36 @@ class RecordedDrops:
             axis=-1,
         )
 
-    def covariance(self, sensor: int, discrepancy: Discrepancy) -> FloatArray:
-        """Return the covariance of one sensor over all drops, (n, n)."""
-        result = self.discrepancy_covariance(discrepancy)
-        start = 0
-        for noise, ramp in zip(self._noise[sensor], self._ramps, strict=True):
-            own = slice(start, start + ramp.size)
-            result[own, own] += noise
-            basis = np.stack([ramp, ramp**2])
-            result[own, own] += discrepancy.drift**2 * basis.T @ basis
-            start += ramp.size
-        return result
+    def covariances(self, discrepancy: Discrepancy) -> list[FloatArray]:
+        """Return the covariance of each sensor over all drops, (n, n)."""
+        shared = self._shared_covariance(discrepancy)
+        return [shared + block_diag(*noise) for noise in self._noise]
 
-    def discrepancy_covariance(self, discrepancy: Discrepancy) -> FloatArray:
-        """Return the covariance of the discrepancy alone, (n, n)."""
+    def _shared_covariance(self, discrepancy: Discrepancy) -> FloatArray:
+        """Return the covariance of discrepancy and drift, which is that of all sensors, (n, n)."""
         same_drop = self._drop[:, None] == self._drop
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
         decay = np.exp(-np.abs(self._time[:, None] - self._time) / discrepancy.memory)
         result: FloatArray = (
             size[:, None] * size * decay * np.where(same_drop, 1.0, discrepancy.between_drops)
         )
+        bases = [discrepancy.drift * np.stack([ramp, ramp**2]) for ramp in self._ramps]
+        result += block_diag(*(basis.T @ basis for basis in bases))
         return result
 
     def whiteners(self, discrepancy: Discrepancy) -> list[FloatArray]:
         """Return the lower Cholesky factor of each sensor's covariance."""
-        return [
-            np.linalg.cholesky(self.covariance(sensor, discrepancy))
-            for sensor in range(self.sensors)
-        ]
+        if self._latest is None or self._latest[0] != discrepancy:
+            factors = [np.linalg.cholesky(matrix) for matrix in self.covariances(discrepancy)]
+            self._latest = discrepancy, factors
+        return self._latest[1]
 
 
 def whitened(lower: FloatArray, rows: FloatArray) -> FloatArray:
     """Return the inverse of a lower Cholesky factor times rows (k, n), (k, n)."""
-    return np.asarray(solve_triangular(lower, rows.T, lower=True, check_finite=False).T)
+    # Without the checks of scipy's own function, which take as long as the solution.
+    columns, _ = dtrtrs(lower.T, rows.T, lower=0, trans=1)
+    return np.asarray(columns.T)
 
 
 def log_determinant(lower: FloatArray) -> float:

@@ -245,7 +245,7 @@ class PointModel:
         model = self.point.drops[drop]
         start = self.ground_and_effects(values, drop)
         columns = [i for i, u in enumerate(self.unknowns) if u.drop in (None, drop)]
-        steps, moved = [], []
+        steps, moved = [], [start]
         for column in columns:
             step = self._step[column]
             if values[column] + step > self.upper[column]:
@@ -254,10 +254,9 @@ class PointModel:
             there[column] += step
             steps.append(step)
             moved.append(_sharing(start, self.ground_and_effects(there, drop)))
-        nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
-        prediction = model.predict(*start)[:, model.before :]
+        prediction, *nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
         slopes = np.zeros((values.size, *prediction.shape))
-        slopes[columns] = (nearby - prediction) / np.array(steps)[:, None, None]
+        slopes[columns] = (np.stack(nearby) - prediction) / np.array(steps)[:, None, None]
         return prediction, np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
 
     def modulus(self, values: FloatArray) -> float:

@@ -16,7 +16,7 @@ MacKay (1992), Neural Computation 4, 415.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,6 +52,9 @@ _USUAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
 _DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
 _LONGEST_STEP = 2.5
 _TOLERANCE, _FINE_TOLERANCE = 1e-3, 1e-5
+
+_Linearised = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
+"""Prediction and slopes of each fitted drop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,7 @@ class PointFit:
         self.discrepancy = _ALMOST_WHITE
         self._recorded = RecordedDrops(model)
         self._thinned = RecordedDrops(model, _THINNING)
+        self._linearised: tuple[FloatArray, _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
         """Come near to an optimum with nearly white weights."""
@@ -141,9 +145,7 @@ class PointFit:
         precision = 1.0 / model.deviation**2
         movable = np.array([unknown.effect not in held for unknown in model.unknowns])
         whiteners = self._recorded.whiteners(self.discrepancy)
-        cost = self._cost(
-            self.values, whiteners, [model.predict(self.values, drop) for drop in drops]
-        )
+        cost = self._cost(self.values, whiteners, self._linearise()[0])
         damping = _DAMPING
         for _ in range(iterations):
             normal, gradient, _ = self._normal(whiteners)
@@ -182,7 +184,7 @@ class PointFit:
         return step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
 
     def _cost(
-        self, values: FloatArray, whiteners: list[FloatArray], predictions: list[FloatArray]
+        self, values: FloatArray, whiteners: list[FloatArray], predictions: Sequence[FloatArray]
     ) -> float:
         """Return twice the negative logarithm of the posterior, without constants."""
         if not all(np.all(np.isfinite(prediction)) for prediction in predictions):
@@ -197,15 +199,17 @@ class PointFit:
             total += float(weighted @ weighted)
         return total
 
-    def _normal(
-        self, whiteners: list[FloatArray]
-    ) -> tuple[FloatArray, FloatArray, tuple[list[FloatArray], list[FloatArray], float]]:
-        """Return J^T C^-1 J, J^T C^-1 r, and predictions, slopes and r^T C^-1 r."""
-        predictions, slopes = [], []
-        for drop in self.model.drops:
-            prediction, slope = self.model.linearise(self.values, drop)
-            predictions.append(prediction)
-            slopes.append(slope)
+    def _linearise(self) -> _Linearised:
+        """Return predictions and slopes at the present values, which several fits begin at."""
+        if self._linearised is None or not np.array_equal(self._linearised[0], self.values):
+            pairs = [self.model.linearise(self.values, drop) for drop in self.model.drops]
+            predictions, slopes = zip(*pairs, strict=True)
+            self._linearised = self.values, (predictions, slopes)
+        return self._linearised[1]
+
+    def _normal(self, whiteners: list[FloatArray]) -> tuple[FloatArray, FloatArray, float]:
+        """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r."""
+        predictions, slopes = self._linearise()
         size = self.values.size
         normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
         for sensor, lower in enumerate(whiteners):
@@ -217,13 +221,13 @@ class PointFit:
             normal += weighted[1:] @ weighted[1:].T
             gradient += weighted[1:] @ weighted[0]
             misfit += float(weighted[0] @ weighted[0])
-        return normal, gradient, (predictions, slopes, misfit)
+        return normal, gradient, misfit
 
     def posterior(self) -> Posterior:
         """Return Laplace's approximation at the present values."""
         model = self.model
         whiteners = self._recorded.whiteners(self.discrepancy)
-        normal, _, (predictions, slopes, misfit) = self._normal(whiteners)
+        normal, _, misfit = self._normal(whiteners)
         hessian = normal + np.diag(1.0 / model.deviation**2)
         away = (self.values - model.mean) / model.deviation
         log_evidence = (
@@ -238,8 +242,7 @@ class PointFit:
             self.discrepancy,
             log_evidence,
             np.linalg.inv(hessian),
-            tuple(predictions),
-            tuple(slopes),
+            *self._linearise(),
         )
 
     def estimate_discrepancy(self, posterior: Posterior) -> None:
