@@ -26,10 +26,14 @@ from inversion.effects.base import DropContext, Effect, Values
 from inversion.effects.carrier_resonance import CarrierResonance
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
-from inversion.inference.instrument import structure_evidence
 from inversion.inference.point_model import PointModel
 from inversion.inference.posterior import PointFit, Posterior
-from inversion.inference.structures import Structure, effects_of
+from inversion.inference.structures import (
+    Structure,
+    candidate_structures,
+    effects_of,
+    fit_briefly,
+)
 from inversion.threads import single_threaded_blas
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.spawning import worker_pool
@@ -125,9 +129,15 @@ def _best_of_starts(point: Point, effects: Sequence[Effect]) -> Posterior:
 
 
 def candidate_evidence(records: PointRecords) -> dict[str, float]:
-    """Return the log evidence of the candidate structures by their names."""
-    found = structure_evidence(records, {}, SurrogateLibrary())
-    return {", ".join(sorted(structure)): value for structure, value in found.items()}
+    """Return the log evidence of the candidate structures by their names: all are fitted."""
+    point = Point(records, SurrogateLibrary())
+    candidates = candidate_structures([model.context for model in point.drops])
+    fits = {s: fit_briefly(point, s, len(point.drops) - 1, {}) for s in candidates}
+    return {
+        ", ".join(sorted(structure)): fit.log_evidence
+        for structure, fit in fits.items()
+        if fit is not None
+    }
 
 
 def run(arguments: list[str]) -> int:

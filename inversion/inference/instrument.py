@@ -23,10 +23,9 @@ from inversion.inference.population import (
 from inversion.inference.posterior import PointFit
 from inversion.inference.structures import (
     Structure,
-    candidate_structures,
     effects_of,
-    fit_briefly,
     fit_drops,
+    rank_structures,
 )
 from inversion.threads import single_threaded_blas
 
@@ -38,13 +37,8 @@ def structure_evidence(
     records: PointRecords, given: Mapping[str, Values], library: SurrogateLibrary
 ) -> dict[Structure, float]:
     """Return the log evidence of each candidate structure for the last drop of a point."""
-    point = Point(records, library)
-    evidence = {}
-    for structure in candidate_structures([model.context for model in point.drops]):
-        posterior = fit_briefly(point, structure, len(point.drops) - 1, given)
-        if posterior is not None:
-            evidence[structure] = posterior.log_evidence
-    return evidence
+    point = Point(records, library).coarse()
+    return rank_structures(point, len(point.drops) - 1, given)
 
 
 def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:

@@ -85,6 +85,20 @@ class Posterior:
         """Values of the unknowns by their keys."""
         return dict(zip(self.model.keys, self.values.tolist(), strict=True))
 
+    def occam_factor(self, effects: Collection[str]) -> float:
+        """Return by how much the log evidence rises at most without the unknowns of other effects.
+
+        That is the logarithm of the largest density of their posterior over that of their prior.
+        """
+        other = [
+            place
+            for place, unknown in enumerate(self.model.unknowns)
+            if unknown.effect and unknown.effect not in effects
+        ]
+        covariance = self.covariance[np.ix_(other, other)]
+        prior = float(np.log(self.model.deviation[other]).sum())
+        return prior - 0.5 * float(np.linalg.slogdet(covariance)[1])
+
 
 class PointFit:
     """One fit of a point under way.

@@ -94,6 +94,43 @@ def fit_briefly(
     return max(fits, key=lambda fit: fit.log_evidence, default=None)
 
 
+def rank_structures(point: Point, drop: int, given: Mapping[str, Values]) -> dict[Structure, float]:
+    """Return the log evidence of the candidate structures for one drop, or what it is at most.
+
+    Rich structures are fitted first. Without some of its effects a structure gains their Occam
+    factor at most. A structure is not fitted if that cannot bring any of the next richer ones to
+    the best; its evidence is then the least of these bounds. A structure that contains the best
+    one is no bound, however badly its own fit ended.
+
+    Parameters
+    ----------
+    point : Point
+    drop : int, place of the drop
+    given : values of effects that are known, by effect and parameter
+    """
+    fits: dict[Structure, Posterior] = {}
+    evidence: dict[Structure, float] = {}
+    candidates = candidate_structures([model.context for model in point.drops])
+    for structure in sorted(candidates, key=len, reverse=True):
+        best = max(fits, key=lambda s: fits[s].log_evidence, default=structure)
+        bounds = {
+            richer: fit.log_evidence + fit.occam_factor(structure)
+            for richer, fit in fits.items()
+            if structure < richer
+        }
+        next_richer = [s for s in bounds if not any(other < s for other in bounds)]
+        if bounds and all(
+            not best <= s and bounds[s] < fits[best].log_evidence for s in next_richer
+        ):
+            evidence[structure] = min(bounds.values())
+            continue
+        fit = fit_briefly(point, structure, drop, given)
+        if fit is not None:
+            fits[structure] = fit
+            evidence[structure] = fit.log_evidence
+    return evidence
+
+
 def fit_drops(
     point: Point, structure: Structure, drops: Sequence[int], given: Mapping[str, Values]
 ) -> Posterior:

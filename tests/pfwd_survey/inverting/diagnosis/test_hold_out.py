@@ -13,7 +13,7 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
-from inversion.inference import instrument
+from inversion.inference import structures
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.structures import Structure
 from pfwd_survey.inverting.diagnosis import hold_out
@@ -31,7 +31,7 @@ RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
 def one_structure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the choice of the structure out, which takes most of the time."""
     base: Structure = frozenset({"sensor_lag", "plate_inertia"})
-    monkeypatch.setattr(instrument, "candidate_structures", lambda contexts: [base])
+    monkeypatch.setattr(structures, "candidate_structures", lambda contexts: [base])
 
 
 @pytest.fixture(scope="module")

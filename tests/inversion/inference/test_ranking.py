@@ -1,0 +1,142 @@
+"""The ranking that leaves structures out chooses what a ranking of all structures chooses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor, SurrogateLibrary
+from inversion.diagnosis import PointRecords
+from inversion.diagnosis.problem import Point
+from inversion.forward.model import Instrument
+from inversion.inference import structures
+from inversion.inference.posterior import Posterior
+from inversion.inference.structures import (
+    Structure,
+    candidate_structures,
+    fit_briefly,
+    rank_structures,
+)
+from pfwd_survey.inverting.diagnosis.entries import entries_of
+from pfwd_survey.inverting.options import AnalysisOptions
+from simulators.drop import Hammer
+from simulators.effects.march import SoilLaw, strike
+from simulators.effects.response import ground_response
+from simulators.effects.soil import PowerLaw
+from simulators.mesh import Ground
+
+RADIUS, MASS = 0.15, 12.0
+BEFORE = 200
+"""Samples."""
+NOISE = 1e-3
+"""Of the peak."""
+
+
+def simulated(depth: float = np.inf, exponent: float = 0.0) -> PointRecords:
+    """Return a drop on rock at a depth, m, with a modulus that grows with stress in each instant.
+
+    The depth is not declared.
+    """
+    ground = Ground.uniform(60e6, 5e4, 1900.0, 0.35, depth)
+    response = ground_response(ground, RADIUS, (0.0,), duration=0.04)
+    samples = round(0.035 / response.time_step)
+    largest = 250e-6
+    law: SoilLaw | None = None
+    if exponent:
+        law = PowerLaw(response.static_stiffness, largest, exponent, rest=0.05 * largest)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    drop = strike(response, MASS, hammer, samples, law=law)
+    rng = np.random.default_rng(1)
+    moved = np.concatenate([np.zeros(BEFORE), drop.plate_displacement])
+    moved += NOISE * moved.max() * rng.standard_normal(moved.size)
+    record = Record(
+        response.time_step * np.arange(-BEFORE, samples),
+        np.concatenate([np.zeros(BEFORE), drop.load]),
+        (Sensor(0.0, "displacement", moved),),
+        Instrument(plate_radius=RADIUS, plate_mass=MASS),
+        poisson_ratio=0.35,
+    )
+    return PointRecords("simulated", (record,), (1,))
+
+
+@pytest.fixture(scope="module")
+def library() -> SurrogateLibrary:
+    return SurrogateLibrary()
+
+
+def fit_all(point: Point, drop: int) -> dict[Structure, float]:
+    """Return the log evidence of every candidate structure."""
+    candidates = candidate_structures([model.context for model in point.drops])
+    fits = {structure: fit_briefly(point, structure, drop, {}) for structure in candidates}
+    return {structure: fit.log_evidence for structure, fit in fits.items() if fit is not None}
+
+
+def assert_same_choice(
+    records: PointRecords, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> Structure:
+    """Return the structure that both rankings choose; fewer are fitted in one of them."""
+    last = len(records.records) - 1
+    every = fit_all(Point(records, library), last)
+    fitted: list[Structure] = []
+
+    def count(point: Point, structure: Structure, *others: object) -> Posterior | None:
+        fitted.append(structure)
+        return fit_briefly(point, structure, last, {})
+
+    monkeypatch.setattr(structures, "fit_briefly", count)
+    ranked = rank_structures(Point(records, library), last, {})
+    assert set(ranked) == set(every)
+    assert len(fitted) < len(every)
+    best = max(every, key=lambda structure: every[structure])
+    assert max(ranked, key=lambda structure: ranked[structure]) == best
+    assert best in fitted
+    for structure in fitted:
+        assert ranked[structure] == pytest.approx(every[structure], abs=0.5)
+    return best
+
+
+@pytest.mark.parametrize(
+    ("depth", "exponent", "shown", "absent"),
+    [
+        pytest.param(0.6, 0.0, {"bedrock"}, {"flight"}, id="rock"),
+        pytest.param(np.inf, 0.0, set(), {"flight", "geophone_response"}, id="half-space"),
+        pytest.param(np.inf, 0.4, {"stress_dependence"}, {"flight"}, id="stiffening"),
+    ],
+)
+def test_what_is_not_fitted_is_not_the_best(
+    depth: float,
+    exponent: float,
+    shown: set[str],
+    absent: set[str],
+    library: SurrogateLibrary,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best = assert_same_choice(simulated(depth, exponent), library, monkeypatch)
+    assert best >= shown
+    assert not best & absent
+
+
+@pytest.mark.parametrize("name", ["maxidyn_a_05", "minidyn_a_19", "minidyn_b_01"])
+def test_measured_drops_have_the_same_structure(
+    name: str, shared: Path, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (entry,) = entries_of(str(shared / "measured" / f"{name}.csv"), AnalysisOptions())
+    assert entry.records is not None
+    assert_same_choice(entry.records, library, monkeypatch)
+
+
+def test_the_occam_factor_is_that_of_the_deviations(library: SurrogateLibrary) -> None:
+    point = Point(simulated(depth=0.6), library)
+    poor: Structure = frozenset({"sensor_lag"})
+    fit = fit_briefly(point, poor | {"plate_inertia", "stress_dependence"}, 0, {})
+    assert fit is not None
+    prior = fit.model.deviation
+    as_the_prior = replace(fit, covariance=np.diag(prior**2))
+    assert as_the_prior.occam_factor(poor) == pytest.approx(0.0, abs=1e-9)
+    # The mass, the exponent and the stress at rest are known four times as well.
+    better = replace(fit, covariance=np.diag((prior / 4.0) ** 2))
+    assert better.occam_factor(poor) == pytest.approx(3.0 * np.log(4.0))
+    assert better.occam_factor(poor | {"stress_dependence"}) == pytest.approx(np.log(4.0))
