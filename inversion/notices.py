@@ -4,7 +4,8 @@ A code has one template: an English sentence with named gaps, ``{plate_radius_m:
 colon stands the format, then what the value is multiplied by or divided by, from SI to the unit of
 the sentence: ``{duration_s:.2g*1000} ms``. Two numbers are an interval, ``0.5 to 1.2``. Formats
 beside those of Python: ``.2p`` is ``.2g`` without powers of ten, ``words`` a name whose underscores
-become spaces, ``terms`` registered phrases, ``list`` several texts.
+become spaces, ``terms`` registered phrases, ``list`` several texts, ``more`` a number of further
+cases, of which 0 are not mentioned.
 """
 
 import math
@@ -203,6 +204,8 @@ def _text_of(value: Value, form: str) -> str:
     if isinstance(value, tuple):
         joint = ", " if form in ("list", "terms") else " to "
         return joint.join(_text_of(item, form) for item in value)
+    if form == "more":
+        return f"; {value} more of that kind" if value else ""
     if isinstance(value, str):
         word = _terms.get(value, value) if form == "terms" else value
         return word.replace("_", " ") if form in ("words", "terms") else word
@@ -326,6 +329,8 @@ def _gap_of(form: str) -> tuple[str, Callable[[str], Value]]:
         )
     if form == "list":
         return ".+?", lambda text: tuple(text.split(", "))
+    if form == "more":
+        return r"(?:; \d+ more of that kind)?", lambda text: int(text.split()[1]) if text else 0
     return f"{_NUMBER}(?: to {_NUMBER})?", lambda text: _single(
         [_number(part, form) for part in text.split(" to ")]
     )

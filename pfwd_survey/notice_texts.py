@@ -90,6 +90,120 @@ TEMPLATES: dict[str, str] = {
     # of a calibration
     "no-centre-trace": "{drop}: no trace of a sensor in the centre, left out",
     "survey-damaged": "damaged survey: {damage}",
+    # of an import: what a reader of another program's file did
+    "stored-traces": "load and displacement as the maker's software processed and stored them",
+    "peaks-imported": "peaks as another program recorded them; the file has no time history",
+    "sensor-at-same-place": (
+        "a second sensor at {offset_m:g} m is left out: on the other side of the plate it would be "
+        "negative"
+    ),
+    "load-from-pressure": (
+        "{file}: load from the pressure and a plate of radius {plate_radius_m:g} m"
+    ),
+    "load-from-pressure-on-plates": (
+        "{file}: load from the pressure and a plate of radius {radii} m"
+    ),
+    "plate-radius-assumed": (
+        "{file}, line {line:d}: the plate is 0 there, {plate_radius_m:g} m in radius was assumed; "
+        "plate_radius_m in --header says another"
+    ),
+    "plate-diameter-taken": (
+        "{file}, line {line:d}: LoadPlateRadius {diameter_m:.3g} is the diameter in m, not a "
+        "radius in mm, and loads are pressures in kPa, not kN, as this viewer writes them"
+    ),
+    "sensors-without-position": (
+        "{file}, line {line:d}: positions of {positions:d} sensors, deflections of "
+        "{deflections:d}: the largest was taken for the centre, {left_out:d} without a position "
+        "were left out; sensor_offsets_m in --header says where all stand"
+    ),
+    "positions-not-declared": (
+        "the first sensor was taken as the centre, the others were left out: sensor_offsets_m in "
+        "--header says where they stand (the file says Sensors: {sensors})"
+    ),
+    "thousands-joined": (
+        "{file}, line {line:d}: numbers with a comma between the thousands; they were read as one "
+        "number each{more:more}"
+    ),
+    "drop-columns-suspect": (
+        "{file}, line {line:d}: {deflections:d} deflections, {positions:d} positions in line 5020, "
+        "and the largest deflection is not at the plate: it was left out{more:more}"
+    ),
+    "deflections-without-position": (
+        "{file}, line {line:d}: {deflections:d} deflections, {positions:d} positions in line 5020: "
+        "deflection {columns:list} was left out{more:more}"
+    ),
+    "deflections-missing": (
+        "{file}, line {line:d}: {deflections:d} deflections, {positions:d} positions in line 5020: "
+        "the last sensors are missing{more:more}"
+    ),
+    "drop-cut-off": (
+        "{file}, line {line:d}: the file is cut off within this drop: it was left out{more:more}"
+    ),
+    "line-not-read": (
+        "{file}, line {line:d}: no number at its beginning, it was not read{more:more}"
+    ),
+    "time-histories-not-read": "{file}: {lines:d} lines with time histories were not read",
+    "text-not-utf-8": ("{file}, line {line:d}: it is not UTF-8, and was read as Windows-1252"),
+    "json-not-utf-8": "{file}: it is not UTF-8, as JSON is, and was read as Windows-1252",
+    "sign-not-escaped": "{file}, line {line:d}: {sign} is not escaped, and was read as text",
+    "signs-not-escaped": (
+        "{file}, line {line:d}: {sign} is not escaped, as at {more_places:d} more places, and was "
+        "read as text"
+    ),
+    "raw-accelerations": ("the raw channels are accelerations, so the stored traces were taken"),
+    "traces-without-point": (
+        "{file}: the database has no point with these traces, so it has no name"
+    ),
+    "drop-without-peaks": "{file}, drop {drop:d}: no peaks, left out",
+    "rate-of-database": (
+        "{file}: {samples:d} samples, in the database {database_samples:d} at {rate_hz:g} Hz; the "
+        "traces say no rate, and that one was taken: declare sampling_rate_hz if it is another"
+    ),
+    "rate-of-traces": (
+        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz; "
+        "the traces' own were taken"
+    ),
+    "rate-and-samples-of-traces": (
+        "{file}: {rate_hz:g} Hz and {samples:d} samples, in {database} {database_rate_hz:g} Hz and "
+        "{database_samples:d} samples; the traces' own were taken"
+    ),
+    # of an import: peaks that another program stored, against those of the traces
+    "stored-drops-differ": (
+        "{file}: peaks of {stored_drops:d} drops, {drops:d} drops in the {traces:words}"
+    ),
+    "traces-identical": (
+        "{file}: the {traces:words} of all {drops:d} drops are the same, number for number: one "
+        "drop was stored in place of each"
+    ),
+    "stored-load-differs": (
+        "{file}: peak load of the {traces:words} is {deviation:+.1f*100} % off what the maker's "
+        "software stored"
+    ),
+    "stored-deflection-differs": (
+        "{file}: peak deflection of the {traces:words} is {deviation:+.1f*100} % off what the "
+        "maker's software stored"
+    ),
+    "stored-deflection-earlier": (
+        "{file}: the peak deflection that the maker's software stored is a maximum of the "
+        "{traces:words}, which are larger later: they drift"
+    ),
+    "stored-peaks-smoothed": (
+        "{file}: peaks that the maker's software stored are those of smoothed channels (low-pass "
+        "of {cutoff_hz:g} Hz, {poles:d} poles); smoothed alike these agree within "
+        "{tolerance:g*100} %, as recorded they do not"
+    ),
+    "peaks-file-not-read": "{file}: not read: {reason}",
+    "peaks-file-without-station": "{file}: no drops of this station",
+    "peaks-file-drops-differ": (
+        "{file}: {file_drops:d} drops of this station, {drops:d} in the .THY"
+    ),
+    "peaks-file-load-differs": (
+        "{file}, line {line:d}: load {file_load_n:.2f/1000} kN, in the .THY {load_n:.2f/1000}"
+    ),
+    "peaks-file-deflection-differs": (
+        "{file}, line {line:d}: peak of sensor {sensor:d} is up to {difference_m:.0f*1e6} um off "
+        "that of the time history"
+    ),
 }
 
 TERMS: dict[str, str] = {

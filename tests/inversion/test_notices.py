@@ -100,7 +100,7 @@ def test_warnings_of_another_type_are_written_again() -> None:
 def sample(form: str) -> Value:
     """A value for a gap of a template."""
     values: dict[str, Value] = {
-        "": "abc", "words": "bedrock_depth", "list": ("a", "b"), "d": 3,
+        "": "abc", "words": "bedrock_depth", "list": ("a", "b"), "d": 3, "more": 2,
         "terms": tuple(notices.terms())[:2] or "abc",
     }  # fmt: skip
     return values.get(form, 0.5)
@@ -113,6 +113,16 @@ def test_every_sentence_is_read_as_its_code() -> None:
         assert from_sentence(str(warning)).code == code
         (again,) = from_json([str(warning)], json.loads(json.dumps(notices.codes([warning]))))
         assert (again.code, dict(again.values)) == (code, dict(warning.values))
+
+
+def test_further_cases_are_mentioned_where_there_are_any() -> None:
+    values: dict[str, Value] = {"file": "a.F25", "line": 7, "more": 0}
+    once, often = Notice("drop-cut-off", values), Notice("drop-cut-off", {**values, "more": 2})
+    assert str(often) == f"{once}; 2 more of that kind"
+    assert [dict(from_sentence(str(w)).values) for w in (once, often)] == [
+        dict(once.values),
+        dict(often.values),
+    ]
 
 
 def test_numbers_that_json_does_not_know_come_back() -> None:

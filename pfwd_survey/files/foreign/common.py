@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from inversion.notices import Notice
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks, Quantity
 from pfwd_device.text import LONGEST_TEXT, clean
@@ -165,7 +166,7 @@ def refuse_infinite(values: Values, name: str, where: str) -> None:
         raise TraceError(refusal(where, f"finite numbers in {name}", came))
 
 
-def one_a_place(offsets: Sequence[float]) -> tuple[list[int], list[str]]:
+def one_a_place(offsets: Sequence[float]) -> tuple[list[int], list[Notice]]:
     """Which sensors are taken where two are said to stand at one place: the first.
 
     Two sides of the plate at one distance are two places.
@@ -178,15 +179,14 @@ def one_a_place(offsets: Sequence[float]) -> tuple[list[int], list[str]]:
     -------
     indices : list of int
         Of the sensors that are taken, in their order.
-    remarks : list of str
+    remarks : list of Notice
         What was left out.
     """
     taken: list[int] = []
     remarks = []
     for index, offset in enumerate(offsets):
         if any(abs(offsets[other] - offset) < SAME_PLACE for other in taken):
-            meant = "on the other side of the plate it would be negative"
-            remarks.append(f"a second sensor at {offset:g} m is left out: {meant}")
+            remarks.append(Notice("sensor-at-same-place", {"offset_m": offset}))
         else:
             taken.append(index)
     return taken, remarks
@@ -199,7 +199,7 @@ def point_of(
     request: Request,
     *,
     noted: Mapping[str, Any] | None = None,
-    remarks: Sequence[str] = (),
+    remarks: Sequence[Notice] = (),
 ) -> TracePoint:
     """A test point from what a file says and what the caller says over it.
 
@@ -212,7 +212,7 @@ def point_of(
     request : Request
     noted : mapping, optional
         What else is kept of the file, with units in the names.
-    remarks : sequence of str
+    remarks : sequence of Notice
         What a user should know of how it was read; shown with every result.
 
     Raises

@@ -15,6 +15,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from inversion.notices import Notice, Value
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
@@ -74,10 +75,8 @@ def read(file: str, request: Request) -> list[TracePoint]:
     radius = plate_radius(request, said_radius)
     if radius == 0:
         radius = USUAL_RADIUS
-        remarks.append(
-            f"{name}, line 3: the plate is 0 there, {radius:g} m in radius was assumed; "
-            "plate_radius_m in --header says another"
-        )
+        assumed: dict[str, Value] = {"file": name, "line": 3, "plate_radius_m": radius}
+        remarks.append(Notice("plate-radius-assumed", assumed))
     if radius is None or not PLATES[0] <= radius <= PLATES[1]:
         raise TraceError(refusal(where, "a plate radius of 20 to 1000 mm", f"{radius}"))
     stations = _stations(file, lines, radius)
@@ -88,14 +87,21 @@ def read(file: str, request: Request) -> list[TracePoint]:
     if declared is not None:
         offsets = _declared(declared.value, count, declared.where)
     elif count != len(offsets):
-        offsets, remark = _placed(stations, offsets, count, where)
-        remarks.append(f"{name}, line 3: {remark}")
+        values: dict[str, Value] = {
+            "file": name,
+            "line": 3,
+            "positions": len(offsets),
+            "deflections": count,
+            "left_out": count - len(offsets),
+        }
+        offsets = _placed(stations, offsets, count, where)
+        remarks.append(Notice("sensors-without-position", values))
     common = {
         "source": "Dynatest .fwd (R80), as a viewer writes it",
         "site": short_text(lines[0][1][14:]),
         "plate_radius_m": radius,
     }
-    remarks.append(f"{name}: load from the pressure and a plate of radius {radius:g} m")
+    remarks.append(Notice("load-from-pressure", {"file": name, "plate_radius_m": radius}))
     return points_of_stations(file, stations, offsets, common, request, remarks)
 
 
@@ -134,7 +140,7 @@ def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> lis
 
 def _placed(
     stations: Sequence[Station], offsets: list[float], count: int, where: str
-) -> tuple[list[float], str]:
+) -> list[float]:
     """Positions of all columns, NaN where the head has none: the largest deflection is at 0.
 
     Raises
@@ -151,11 +157,7 @@ def _placed(
         raise TraceError(refusal(where, expected, f"{count}", f"declare {OFFSETS}"))
     found = [float("nan")] * count
     found[first : first + len(offsets)] = offsets
-    return found, (
-        f"positions of {len(offsets)} sensors, deflections of {count}: the largest was "
-        f"taken for the centre, {count - len(offsets)} without a position were left out; "
-        f"{OFFSETS} in --header says where all stand"
-    )
+    return found
 
 
 def _declared(value: object, count: int, where: str) -> list[float]:

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 
+from inversion.notices import Notice, Value
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
@@ -109,7 +110,7 @@ class _Reader:
         self._strange: list[int] = []
         """Lines that do not say what they are."""
         self._drops: list[_DropLine] = []
-        self._remarks: dict[str, list[str]] = {}
+        self._remarks: dict[str, list[dict[str, Value]]] = {}
         """Remarks on drop lines by kind."""
         self._last_line = 0
 
@@ -206,8 +207,7 @@ class _Reader:
         surplus = len(_without_empty_end(cells[2:])) - width
         joined = _with_joined_thousands(fields, surplus)
         if joined is not None and self._largest_is_at_plate(joined[2:]):
-            text = "numbers with a comma between the thousands; they were read as one number each"
-            self._remark("thousands", line, text)
+            self._remark("thousands-joined", line)
             cells, surplus = joined, 0
         values = cells[2:]
         deflections = {
@@ -221,17 +221,16 @@ class _Reader:
             for number, cell in enumerate(values)
             if cell not in (NONE, "") and (number >= width or self._columns[number] is None)
         ]
-        count = f"{len(_without_empty_end(values))} deflections, {sensors} positions in line 5020"
+        counts = {"deflections": len(_without_empty_end(values)), "positions": sensors}
         if without_position and not self._largest_is_at_plate(values):
-            text = f"{count}, and the largest deflection is not at the plate: it was left out"
-            self._remark("left out", line, text)
+            self._remark("drop-columns-suspect", line, **counts)
             return
         if without_position:
-            columns = ", ".join(str(number + 1) for number in without_position)
-            self._remark("surplus", line, f"{count}: deflection {columns} was left out")
+            columns = tuple(str(number + 1) for number in without_position)
+            self._remark("deflections-without-position", line, **counts, columns=columns)
         too_short = len(values) < width
         if too_short:
-            self._remark("short", line, f"{count}: the last sensors are missing")
+            self._remark("deflections-missing", line, **counts)
         load = force_of(1e3 * pressure, self._radius)
         self._drops.append(_DropLine(station, line, load, deflections, len(values), too_short))
 
@@ -253,9 +252,9 @@ class _Reader:
         )
         return largest is not None and largest == nearest
 
-    def _remark(self, kind: str, line: int, text: str) -> None:
+    def _remark(self, code: str, line: int, **values: Value) -> None:
         name = os.path.basename(self._file)
-        self._remarks.setdefault(kind, []).append(f"{name}, line {line}: {text}")
+        self._remarks.setdefault(code, []).append({"file": name, "line": line, **values})
 
     def _drop_lines(self) -> list[_DropLine]:
         """Lines with drops, without a last one that is cut off."""
@@ -266,7 +265,7 @@ class _Reader:
             return self._drops
         if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
             return self._drops  # as few sensors as in the drop before
-        self._remark("cut off", last.line, "the file is cut off within this drop: it was left out")
+        self._remark("drop-cut-off", last.line)
         return self._drops[:-1]
 
     def points(self) -> list[TracePoint]:
@@ -281,18 +280,18 @@ class _Reader:
         for drop in self._drop_lines():
             moved = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
             drop.station.drops.append((drop.load, moved, drop.line))
-        radii = " or ".join(f"{radius:g}" for radius in self._radii)
-        remarks = [f"{name}: load from the pressure and a plate of radius {radii} m"]
+        if len(self._radii) == 1:
+            (radius,) = self._radii
+            remarks = [Notice("load-from-pressure", {"file": name, "plate_radius_m": radius})]
+        else:
+            radii = " or ".join(f"{radius:g}" for radius in self._radii)
+            remarks = [Notice("load-from-pressure-on-plates", {"file": name, "radii": radii})]
+        for line in self._strange:
+            self._remark("line-not-read", line)
         remarks += [
-            texts[0] + (f"; {len(texts) - 1} more of that kind" if len(texts) > 1 else "")
-            for texts in self._remarks.values()
+            Notice(code, {**first, "more": len(more)})
+            for code, (first, *more) in self._remarks.items()
         ]
-        if self._strange:
-            count = len(self._strange)
-            remarks.append(
-                f"{name}, line {self._strange[0]}: no number at its beginning, it was not read"
-                + (f"; {count - 1} more of that kind" if count > 1 else "")
-            )
         return points_of_stations(
             self._file, self._stations, self._offsets, common, self._request, remarks
         )

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from inversion.notices import Notice
 from pfwd_device import Drop
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
@@ -109,13 +110,13 @@ def read(file: str, request: Request) -> list[TracePoint]:
             noted |= beside_it.noted
             texts += compared([_block_peaks(block) for block in of_station], beside_it, other)
         elif other:
-            texts.append(f"{other}: no drops of this station")
+            texts.append(Notice("peaks-file-without-station", {"file": other}))
         found.append(point_of(file, known, drops, request, noted=noted, remarks=texts))
     return found
 
 
 def _peaks_beside(
-    file: str, remarks: list[str]
+    file: str, remarks: list[Notice]
 ) -> tuple[str, dict[tuple[str, str, str], PeaksStation]]:
     """Name and stations of the .DAT beside a file; a damaged one is a remark."""
     path = beside(file)
@@ -125,7 +126,8 @@ def _peaks_beside(
     try:
         stations = parse(path)[1]
     except (TraceError, OSError) as err:
-        remarks.append(f"{name}: not read: {str(err).removeprefix(path).lstrip(', :')}")
+        reason = str(err).removeprefix(path).lstrip(", :")
+        remarks.append(Notice("peaks-file-not-read", {"file": name, "reason": reason}))
         return "", {}
     return name, {station.key: station for station in stations}
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from math import isinf, isnan, nan
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import one_a_place, short_text, temperature_of
 from pfwd_survey.files.foreign.units import celsius
@@ -17,14 +18,11 @@ out."""
 
 def sensor_offsets(
     file: str, declared: object, count: int, headings: Mapping[str, str]
-) -> tuple[list[float], list[str]]:
+) -> tuple[list[float], list[Notice]]:
     """Distance of each sensor, m, NaN for those that are left out; and what to say of it."""
     if declared is None:
-        said = short_text(headings.get("Sensors"))
-        remark = (
-            f"the first sensor was taken as the centre, the others were left out: {OFFSETS} in "
-        )
-        remark += f"--header says where they stand (the file says Sensors: {said or 'nothing'})"
+        sensors = short_text(headings.get("Sensors")) or "nothing"
+        remark = Notice("positions-not-declared", {"sensors": sensors})
         return [0.0] + [nan] * (count - 1), [remark] if count > 1 else []
     values = declared if isinstance(declared, list) else [None]
     numbers = [

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from inversion.notices import Notice, Value
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
@@ -175,7 +176,7 @@ PEAK_ROUNDING = 0.011 * DISPLACEMENT["mil"]
 
 def compared(
     traced: Sequence[tuple[float, Sequence[float]]], station: PeaksStation, name: str
-) -> list[str]:
+) -> list[Notice]:
     """What the peaks of a .DAT differ in from those of the traces.
 
     Parameters
@@ -187,24 +188,35 @@ def compared(
 
     Returns
     -------
-    list of str
+    list of Notice
     """
     if len(traced) != len(station.drops):
-        return [f"{name}: {len(station.drops)} drops of this station, {len(traced)} in the .THY"]
+        counts: dict[str, Value] = {
+            "file": name,
+            "file_drops": len(station.drops),
+            "drops": len(traced),
+        }
+        return [Notice("peaks-file-drops-differ", counts)]
     found = []
     worst: dict[int, tuple[float, int]] = {}
     for (load, moved), (said_load, said, line) in zip(traced, station.drops, strict=True):
         if abs(load - said_load) > LOAD_ROUNDING:
-            found.append(
-                f"{name}, line {line}: load {said_load / 1e3:.2f} kN, in the .THY {load / 1e3:.2f}"
-            )
+            values: dict[str, Value] = {
+                "file": name,
+                "line": line,
+                "file_load_n": said_load,
+                "load_n": load,
+            }
+            found.append(Notice("peaks-file-load-differs", values))
         for index, (ours, theirs) in enumerate(zip(moved, said, strict=False), start=1):
             off = abs(ours - theirs)
             if not np.isnan(off) and off > PEAK_ROUNDING and off > worst.get(index, (0.0, 0))[0]:
                 worst[index] = (off, line)
     found += [
-        f"{name}, line {line}: peak of sensor {index} is up to {1e6 * off:.0f} um off that of the "
-        "time history"
+        Notice(
+            "peaks-file-deflection-differs",
+            {"file": name, "line": line, "sensor": index, "difference_m": off},
+        )
         for index, (off, line) in sorted(worst.items())
     ]
     return found

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from inversion.notices import Notice, Value
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
@@ -121,7 +122,7 @@ class _Reader:
             raise TraceError(refusal(file, f"a section {BEGIN.decode()}", "none", hint))
         self._delimiter = begin.get("DelimiterSymbol", (",", 0))[0] or ","
         self._decimal = begin.get("DecimalSymbol", (".", 0))[0] or "."
-        self._remarks: list[str] = []
+        self._remarks: list[Notice] = []
         self._viewer = "rincent" in self._get("Device Information", "DeviceDesignationName").lower()
         """Written by a viewer that has its own way with units."""
 
@@ -172,10 +173,8 @@ class _Reader:
             # Metres, and the whole width: no plate has a radius of half a millimetre.
             radius = plate_radius(self._request, round(said / 2, 6)) or 0.0
             per_load = force_of(1e3, radius)
-            self._remarks.append(
-                f"{name}, line {line}: {key} {said:.3g} is the diameter in m, not a radius in mm, "
-                "and loads are pressures in kPa, not kN, as this viewer writes them"
-            )
+            values: dict[str, Value] = {"file": name, "line": line, "diameter_m": said}
+            self._remarks.append(Notice("plate-diameter-taken", values))
         if radius is None or not PLATES[0] <= radius <= PLATES[1]:
             came = "none" if radius is None else f"{1e3 * radius:g} mm"
             hint = "declare plate_radius_m with --header"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from math import isnan, pi
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_device import Drop
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
@@ -24,7 +25,7 @@ from pfwd_survey.files.traces import LONGEST_LINE, MOST_DROPS, TracePoint
 LARGEST_TEXT = 32_000_000
 """Bytes of a file with peaks; a line is a drop, and 10,000 drops have 1 MB."""
 
-PEAKS_REMARK = "peaks as another program recorded them; the file has no time history"
+PEAKS_REMARK = Notice("peaks-imported")
 
 PLATES = (0.02, 1.0)
 """m; the smallest plate is that of a light deflectometer for trenches, 0.05 m in radius, and load
@@ -108,7 +109,7 @@ def points_of_stations(
     offsets: Sequence[float],
     common: Mapping[str, Any],
     request: Request,
-    remarks: Sequence[str] = (),
+    remarks: Sequence[Notice] = (),
 ) -> list[TracePoint]:
     """Test points with drops of kind peaks.
 
@@ -122,7 +123,7 @@ def points_of_stations(
     common : mapping
         Header keys of all stations.
     request : Request
-    remarks : sequence of str
+    remarks : sequence of Notice
 
     Raises
     ------

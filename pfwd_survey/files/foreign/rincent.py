@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inversion.notices import Notice, Value
 from pfwd_device import Channel, Drop
 from pfwd_device.peaks import trace_peaks
 from pfwd_device.signals import displacement_of, remove_offset
@@ -69,7 +70,10 @@ SMOOTHING_HZ, SMOOTHING_POLES = 320.0, 6
 """Of the filter of Minidyn's software: with it 45 drops of a rig have its peak loads within 0.01 %
 and its peak deflections within 0.03 %; without, both are up to 1.6 % off."""
 
-STORED_REMARK = "load and displacement as the maker's software processed and stored them"
+STORED_REMARK = Notice("stored-traces")
+
+_DEVIATIONS = {"stored-load-differs", "stored-deflection-differs"}
+"""Codes of remarks on stored peaks that are not those of the traces."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -109,7 +113,7 @@ class _Source:
     facts: Facts
     request: Request
     channels: Channels
-    remarks: tuple[str, ...]
+    remarks: tuple[Notice, ...]
     rate: float | None = None
     """As it was declared, Hz."""
 
@@ -121,7 +125,7 @@ class _Project:
         self.archive = archive
         self.rate = rate
         """As it was declared, Hz."""
-        self.remarks: tuple[str, ...] = ()
+        self.remarks: tuple[Notice, ...] = ()
         self.file = archive.file
         names = archive.names
         self.json = next((n for n in names if n.rpartition("/")[2] == JSON), None)
@@ -167,8 +171,7 @@ def _short(where: str) -> str:
 def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
     if any(drop.quantity is None for drop in project.drops):
         if request.channels is None and project.stored:
-            remark = "the raw channels are accelerations, so the stored traces were taken"
-            return _stored_points(project, request, remark)
+            return _stored_points(project, request, Notice("raw-accelerations"))
         expected = "raw velocities or displacements"
         hint = "give --channels stored"
         raise TraceError(refusal(project.file, expected, "accelerations", hint))
@@ -207,7 +210,7 @@ def _refuse_twins(drops: list[Drop], where: str) -> None:
         raise TraceError(refusal(where, "every drop once", f"drops {numbers}"))
 
 
-def _stored_points(project: _Project, request: Request, *remarks: str) -> list[TracePoint]:
+def _stored_points(project: _Project, request: Request, *remarks: Notice) -> list[TracePoint]:
     facts = project.facts()  # first: a damaged database is the better message
     if not project.stored:
         if request.channels == "stored" and project.drops:
@@ -244,8 +247,7 @@ def _stored_points(project: _Project, request: Request, *remarks: str) -> list[T
     taken = {point.name for point in facts.points}
     free = (name for n in itertools.count(1) if (name := f"point {n}") not in taken)
     for (member, stored), name in zip(left.items(), free, strict=False):
-        where = _short(f"{project.file}, {member}")
-        remark = f"{where}: the database has no point with these traces, so it has no name"
+        remark = Notice("traces-without-point", {"file": _short(f"{project.file}, {member}")})
         alone = replace(source, remarks=(*source.remarks, remark))
         found.append(_stored_point(alone, PointFacts("", name), stored, member))
     return found
@@ -278,7 +280,7 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
         drops.append(
             make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )
-    remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored traces")
+    remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored_traces")
     point = _with_deviations(point, peak_deviations(drops, point.peaks))
     return _point(source, point, drops, *remarks)
 
@@ -289,7 +291,7 @@ def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
     remarks, drops = [PEAKS_REMARK], []
     for number, one in enumerate(point.peaks, start=1):
         if one.load is None or not one.deflections:
-            remarks.append(f"{_short(where)}, drop {number}: no peaks, left out")
+            remarks.append(Notice("drop-without-peaks", {"file": _short(where), "drop": number}))
             continue
         offsets = source.facts.offsets or point.labels or (0.0,)
         if len(offsets) != len(one.deflections):
@@ -308,28 +310,37 @@ def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
     return [_point(source, point, drops, *remarks)]
 
 
-def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[str]:
+def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
     """Where database and traces do not say the same rate; who sampled wrote the traces."""
     facts, rate = source.facts, stored.rate
     said, samples = finite(facts.said_rate[0]), stored.drops[0].load.size
     if source.rate is not None or said is None:
         return []
     if rate is None and facts.samples not in (None, samples):
-        return [
-            f"{_short(where)}: {samples} samples, in the database {facts.samples} at {said:g} Hz; "
-            f"the traces say no rate, and that one was taken: declare {RATE} if it is another"
-        ]
+        rate_of_database: dict[str, Value] = {
+            "file": _short(where),
+            "samples": samples,
+            "database_samples": facts.samples,
+            "rate_hz": said,
+        }
+        return [Notice("rate-of-database", rate_of_database)]
     if rate is None:
         return []
     if abs(rate - said) <= RATE_TOLERANCE * rate:
         return []
-    count = "" if facts.samples is None else f" and {facts.samples} samples"
     file, _, database = _short(facts.where).rpartition(", ")
-    # Without the member of the archive, which is another for every point: it is said once.
-    return [
-        f"{file}: {rate:g} Hz and {samples} samples, in {database} {said:g} Hz{count}; "
-        "the traces' own were taken"
-    ]
+    # Without the member of the archive, which is another for every point: one remark for all.
+    values: dict[str, Value] = {
+        "file": file,
+        "rate_hz": rate,
+        "samples": samples,
+        "database": database,
+        "database_rate_hz": said,
+    }
+    if facts.samples is None:
+        return [Notice("rate-of-traces", values)]
+    values["database_samples"] = facts.samples
+    return [Notice("rate-and-samples-of-traces", values)]
 
 
 def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Mapping[str, float]:
@@ -369,9 +380,9 @@ def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Map
 
 
 def compare_peaks(
-    drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str, what: str
-) -> list[str]:
-    """What the maker's software found, where it differs from what the traces have.
+    drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str, traces: str
+) -> list[Notice]:
+    """Return the differences between the peaks that the maker's software stored and the traces.
 
     Its deflection is a maximum within the pulse, not always the largest value of a trace that
     drifts: a maximum of the trace that is the same is agreement.
@@ -383,25 +394,23 @@ def compare_peaks(
         In the same order.
     where : str
         Where they are stored.
-    what : str
-        Name of the traces.
+    traces : "stored_traces" or "raw_channels"
 
     Returns
     -------
-    list of str
-        Texts for the number of drops, for drops that are one, for the load, for the deflections;
+    list of Notice
+        For the number of drops, for drops that are one, for the load, for the deflections;
         none where all is the same.
     """
     if not stored:
         return []
+    about: dict[str, Value] = {"file": where, "traces": traces}
     if len(drops) != len(stored):
-        return [f"{where}: peaks of {len(stored)} drops, {len(drops)} drops in the {what}"]
+        counts = {"stored_drops": len(stored), "drops": len(drops)}
+        return [Notice("stored-drops-differ", about | counts)]
     found = []
     if len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:]):
-        found.append(
-            f"{where}: the {what} of all {len(drops)} drops are the same, number for number: one "
-            "drop was stored in place of each"
-        )
+        found.append(Notice("traces-identical", about | {"drops": len(drops)}))
         drops, stored = drops[:1], stored[:1]
     loads, moved, rising = [], [], False
     for drop, one in zip(drops, stored, strict=True):
@@ -416,39 +425,35 @@ def compare_peaks(
                 same = abs(nearest / theirs - 1) <= PEAK_TOLERANCE
                 moved.append((nearest if same else largest) / theirs - 1)
                 rising = rising or (same and largest > (1 + PEAK_TOLERANCE) * nearest)
-    for name, parts in (("peak load", loads), ("peak deflection", moved)):
+    for code, parts in (("stored-load-differs", loads), ("stored-deflection-differs", moved)):
         if parts and max(map(abs, parts)) > PEAK_TOLERANCE:
-            ends = dict.fromkeys(f"{100 * part:+.1f}" for part in (min(parts), max(parts)))
-            span = f"{' to '.join(ends)} %"
-            found.append(
-                f"{where}: {name} of the {what} is {span} off what the maker's software stored"
-            )
+            ends = (min(parts), max(parts))
+            alike = f"{100 * ends[0]:+.1f}" == f"{100 * ends[1]:+.1f}"
+            found.append(Notice(code, about | {"deviation": ends[0] if alike else ends}))
             rising = False
     if rising:
-        found.append(
-            f"{where}: the peak deflection that the maker's software stored is a maximum of the "
-            f"{what}, which are larger later: they drift"
-        )
+        found.append(Notice("stored-deflection-earlier", about))
     return found
 
 
 def compare_raw_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str
-) -> list[str]:
+) -> list[Notice]:
     """As :func:`compare_peaks`, of raw channels: the maker's software smooths them first."""
-    as_recorded = compare_peaks(drops, stored, where, "raw channels")
-    if not any(" % off " in text for text in as_recorded):
+    as_recorded = compare_peaks(drops, stored, where, "raw_channels")
+    if not _DEVIATIONS & {remark.code for remark in as_recorded}:
         return as_recorded
     smoothed = [smoothed_as_stored(drop) for drop in drops]
-    left = compare_peaks(smoothed, stored, where, "raw channels")
-    if any(" % off " in text for text in left):
+    remarks = compare_peaks(smoothed, stored, where, "raw_channels")
+    if _DEVIATIONS & {remark.code for remark in remarks}:
         return as_recorded
-    return [
-        *left,
-        f"{where}: peaks that the maker's software stored are those of smoothed channels (low-pass "
-        f"of {SMOOTHING_HZ:g} Hz, {SMOOTHING_POLES} poles); smoothed alike these agree within "
-        f"{100 * PEAK_TOLERANCE:g} %, as recorded they do not",
-    ]
+    values: dict[str, Value] = {
+        "file": where,
+        "cutoff_hz": SMOOTHING_HZ,
+        "poles": SMOOTHING_POLES,
+        "tolerance": PEAK_TOLERANCE,
+    }
+    return [*remarks, Notice("stored-peaks-smoothed", values)]
 
 
 def smoothed_as_stored(drop: Drop) -> Drop:
@@ -494,7 +499,7 @@ def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> Poin
     return replace(point, noted={**point.noted, PEAK_DEVIATIONS: dict(deviations)})
 
 
-def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: str) -> TracePoint:
+def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: Notice) -> TracePoint:
     suffix = source.file.rpartition(".")[2].lower()
     known = {**source.facts.known, **{k: v for k, v in point.known.items() if v is not None}}
     known["point"] = point.name

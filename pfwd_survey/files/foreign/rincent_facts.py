@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_survey.files.foreign.common import (
     distinct,
     finite,
@@ -83,7 +84,7 @@ class Facts:
     """Positions of the sensors, m, negative on the other side; None: one in the centre."""
     samples: int | None = None
     """Samples of a trace, as the database has it."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Notice, ...] = ()
     """What had to be made up for when the database was read."""
 
     @property
@@ -114,7 +115,7 @@ def project_facts(
     site: str | None = None,
     offsets: tuple[float, ...] | None = None,
     samples: object = None,
-    remarks: Sequence[str] = (),
+    remarks: Sequence[Notice] = (),
 ) -> Facts:
     """What a database says of a project, checked.
 
@@ -130,7 +131,7 @@ def project_facts(
     device, site : str
     offsets : of the sensors, m
     samples : as it is written
-    remarks : sequence of str
+    remarks : sequence of Notice
     """
     width, drops = finite(diameter), finite(seating)
     known = {

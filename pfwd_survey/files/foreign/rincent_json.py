@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from inversion.notices import Notice
 from pfwd_device.recording.payload import json_excess
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import finite, short_text, temperature_of
@@ -45,12 +46,12 @@ def read_json(data: bytes, where: str) -> Facts:
     """
     if (problem := json_excess(data)) is not None:  # the largest one seen has under 1 MB
         raise TraceError(f"{where}: {problem}")
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Notice, ...] = ()
     try:
         text = data.decode("utf-8-sig")  # .NET writes a byte order mark
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
-        remarks = (f"{where}: it is not UTF-8, as JSON is, and was read as Windows-1252",)
+        remarks = (Notice("json-not-utf-8", {"file": where}),)
     try:
         # Not strict: a comment may hold the end of a line as it was typed.
         database = json.loads(text, strict=False)
@@ -67,7 +68,7 @@ def read_json(data: bytes, where: str) -> Facts:
     raise TraceError(refusal(where, "a database with ParamsAcqu, project or base", quote(came)))
 
 
-def _acquisition(database: Table, where: str, remarks: tuple[str, ...]) -> Facts:
+def _acquisition(database: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
     acquired = _table(database, "ParamsAcqu")
     bearing, calibrated = _table(database, "ParamsBearing"), _table(database, "Calibrations")
     hardware = _table(database, "Hardware", "Machines")
@@ -125,7 +126,7 @@ def _acquired_peaks(drop: Table) -> StoredPeaks:
     )
 
 
-def _viewer(project: Table, where: str, remarks: tuple[str, ...]) -> Facts:
+def _viewer(project: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
     base, distinct = _table(project, "base"), _table(project, "distinct")
     acquired = _table(base, "acquisitionParameters")
     bearing, calibrated = _table(distinct, "bearingParameters"), _table(distinct, "calibrations")

@@ -14,6 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from inversion.notices import Notice, Value
 from pfwd_device.drop import Quantity
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
@@ -75,13 +76,13 @@ class RawDrop:
     """(n,), m/s or m, with its offset."""
 
 
-def mended(data: bytes, where: str) -> tuple[bytes, list[str]]:
+def mended(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
     """A data set as XML where its writer did not keep to it, and what was done.
 
     Returns
     -------
     data : bytes
-    remarks : list of str
+    remarks : list of Notice
         With file, member and line.
     """
     remarks = []
@@ -90,14 +91,17 @@ def mended(data: bytes, where: str) -> tuple[bytes, list[str]]:
             data.decode("utf-8")
         except UnicodeDecodeError as err:
             line = data.count(b"\n", 0, err.start) + 1
-            remarks.append(f"{where}, line {line}: it is not UTF-8, and was read as Windows-1252")
+            remarks.append(Notice("text-not-utf-8", {"file": where, "line": line}))
             data = data.decode("cp1252", errors="replace").encode()
     bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_BARE + 1)]
     if 0 < len(bare) <= MOST_BARE:  # else it is refused as what it is: no XML
         line = data.count(b"\n", 0, bare[0]) + 1
-        sign = chr(data[bare[0]])
-        more = "" if len(bare) == 1 else f", as at {len(bare) - 1} more places"
-        remarks.append(f"{where}, line {line}: {sign} is not escaped{more}, and was read as text")
+        values: dict[str, Value] = {"file": where, "line": line, "sign": chr(data[bare[0]])}
+        if len(bare) == 1:
+            remarks.append(Notice("sign-not-escaped", values))
+        else:
+            values["more_places"] = len(bare) - 1
+            remarks.append(Notice("signs-not-escaped", values))
         data = _BARE.sub(_escaped, data)
     return data, remarks
 

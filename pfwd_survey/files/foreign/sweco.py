@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from inversion.notices import Notice, Value
 from pfwd_survey.errors import TraceError, quote, refusal
 from pfwd_survey.files.foreign.common import (
     Request,
@@ -100,8 +101,8 @@ def read(file: str, request: Request) -> list[TracePoint]:
                 stations[-1].noted["comment"] = short_text(value)
     remarks = []
     if histories:
-        base = os.path.basename(file)
-        remarks.append(f"{base}: {histories} lines with time histories were not read")
+        values: dict[str, Value] = {"file": os.path.basename(file), "lines": histories}
+        remarks.append(Notice("time-histories-not-read", values))
     if not offsets:
         expected = "a line Radial offset [cm]"
         raise TraceError(refusal(file, expected, "none", "is it a Sweco .fwd?"))

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from inversion.notices import OTHER, from_sentence
-from pfwd_survey.files.reading import survey_content
+from pfwd_survey.files.reading import read_points, survey_content
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
 from pfwd_survey.inverting.results import DropResult
 
@@ -46,6 +46,18 @@ def test_numbers_that_are_written_otherwise_now_are_read() -> None:
     sentence = "the records leave the modulus open, between 1.0 and 10 MPa: none is told; another "
     warning = from_sentence(sentence + "declared depth, more sensors or a longer record may fix it")
     assert (warning.code, warning.values["low_pa"]) == ("modulus-left-open", 1e6)
+
+
+def test_warnings_of_imported_files_have_codes(shared: Path) -> None:
+    """The header of an imported point keeps sentences; they are read back as their codes."""
+    warnings = [
+        warning
+        for file in sorted((shared / "originals").glob("*/*.*"))
+        for point in read_points(file, overrides={"plate_radius_m": 0.15})
+        for warning in point.warnings
+    ]
+    assert {"stored-traces", "peaks-imported"} <= {warning.code for warning in warnings}
+    assert [warning for warning in warnings if warning.code == OTHER] == []
 
 
 @pytest.mark.parametrize(
