@@ -67,10 +67,10 @@ def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> Point
 def held_out_error(
     records: PointRecords,
     structure: Structure | None,
-    others: Sequence[PointSummary],
+    other_points: Sequence[PointSummary],
     mode: LeaveOut,
     place: int,
-    given: Mapping[str, Values] | None = None,
+    declared_effects: Mapping[str, Values] | None = None,
     allow: Allow | None = None,
     library: SurrogateLibrary | None = None,
 ) -> HeldOutPart:
@@ -80,21 +80,24 @@ def held_out_error(
     ----------
     records : PointRecords, with the held-out part
     structure : Structure that the other points show; None: the one that the rest of the point shows
-    others : summaries of the other points of the instrument
+    other_points : summaries of the other points of the instrument
     mode : "next", "drop" or "sensor"
     place : int, which of the parts that `count_held_out` counts
-    given : values of effects that are known, by effect and parameter
+    declared_effects : values of effects that are known, by effect and parameter
     allow : "stiffness": one number, that of the held-out drop, is fitted to it
     library : SurrogateLibrary
     """
-    library, given = library or SurrogateLibrary(), given or {}
+    library, declared_effects = library or SurrogateLibrary(), declared_effects or {}
     reduced = without_held_out(records, mode, place)
     with single_threaded_blas():
         if structure is None:
-            structure = choose_structure([structure_evidence(reduced, given, library)])
+            structure = choose_structure([structure_evidence(reduced, declared_effects, library)])
         predictors = [
             drop_predictor(reduced, of, summaries, known, library)
-            for of, summaries, known in ((_BASE, (), {}), (structure, others, given))
+            for of, summaries, known in (
+                (_BASE, (), {}),
+                (structure, other_points, declared_effects),
+            )
         ]
         if mode == "sensor":
             return _sensor_error(records, predictors, _position(records, place), library)

@@ -34,11 +34,11 @@ MAX_RANKED_POINTS = 5
 
 
 def structure_evidence(
-    records: PointRecords, given: Mapping[str, Values], library: SurrogateLibrary
+    records: PointRecords, declared_effects: Mapping[str, Values], library: SurrogateLibrary
 ) -> dict[Structure, float]:
     """Return the log evidence of each candidate structure for the last drop of a point."""
     point = Point(records, library).coarse()
-    return rank_structures(point, len(point.drops) - 1, given)
+    return rank_structures(point, len(point.drops) - 1, declared_effects)
 
 
 def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:
@@ -50,19 +50,19 @@ def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure
 def summarise_point(
     records: PointRecords,
     structure: Structure,
-    given: Mapping[str, Values],
+    declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> PointSummary:
     """Return the summary of a point that is fitted by itself."""
     point = Point(records, library)
-    return summarise(fit_drops(point, structure, range(len(point.drops)), given))
+    return summarise(fit_drops(point, structure, range(len(point.drops)), declared_effects))
 
 
 def drop_predictor(
     records: PointRecords,
     structure: Structure,
-    others: Sequence[PointSummary],
-    given: Mapping[str, Values],
+    other_points: Sequence[PointSummary],
+    declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> DropPredictor:
     """Return the predictor of drops of a point.
@@ -71,20 +71,20 @@ def drop_predictor(
     ----------
     records : PointRecords, of the point
     structure : Structure
-    others : summaries of the other points of the instrument
-    given : values of effects that are known, by effect and parameter
+    other_points : summaries of the other points of the instrument
+    declared_effects : values of effects that are known, by effect and parameter
     library : SurrogateLibrary
     """
     point = Point(records, library)
     drops = range(len(point.drops))
-    alone = fit_drops(point, structure, drops, given)
+    alone = fit_drops(point, structure, drops, declared_effects)
     posterior = alone
-    if others:
-        model = PointModel(point, effects_of(structure, given), drops, given)
-        model.apply_priors(population_priors(others, model))
+    if other_points:
+        model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
+        model.apply_priors(population_priors(other_points, model))
         fits = [PointFit(model, values).run() for values in (model.start, alone.values)]
         posterior = max(fits, key=lambda fit: fit.log_evidence)
-    points = [*others, summarise(posterior)]
+    points = [*other_points, summarise(posterior)]
     return DropPredictor(
         posterior, learn_next_drop(points, first=True), learn_next_drop(points, first=False)
     )
@@ -96,14 +96,14 @@ class Instrument:
     Parameters
     ----------
     points : sequence of PointRecords
-    given : values of effects that are known, by effect and parameter
+    declared_effects : values of effects that are known, by effect and parameter
     """
 
     def __init__(
-        self, points: Sequence[PointRecords], given: Mapping[str, Values] | None = None
+        self, points: Sequence[PointRecords], declared_effects: Mapping[str, Values] | None = None
     ) -> None:
         self._points = tuple(points)
-        self._given = given or {}
+        self._declared_effects = declared_effects or {}
         self._library = SurrogateLibrary()
         self._predictors: dict[int, DropPredictor] = {}
         self._structure: Structure | None = None
@@ -126,18 +126,22 @@ class Instrument:
     def _predictor(self, place: int) -> DropPredictor:
         if self._structure is None:
             evidence = [
-                structure_evidence(records, self._given, self._library)
+                structure_evidence(records, self._declared_effects, self._library)
                 for records in self._points[:MAX_RANKED_POINTS]
             ]
             self._structure = choose_structure(evidence)
             if len(self._points) > 1:
                 self._summaries = [
-                    summarise_point(records, self._structure, self._given, self._library)
+                    summarise_point(records, self._structure, self._declared_effects, self._library)
                     for records in self._points
                 ]
         if place not in self._predictors:
-            others = [s for i, s in enumerate(self._summaries) if i != place]
+            other_points = [s for i, s in enumerate(self._summaries) if i != place]
             self._predictors[place] = drop_predictor(
-                self._points[place], self._structure, others, self._given, self._library
+                self._points[place],
+                self._structure,
+                other_points,
+                self._declared_effects,
+                self._library,
             )
         return self._predictors[place]

@@ -35,7 +35,7 @@ _SEATING_DEVIATION, _LATER_DEVIATION = 0.5, 0.1
 _DENSITY_DEVIATIONS = 4.0
 # Logarithms of stiffness ratios between which fits begin, and the part of the ratio of the peaks
 # that later drops begin with.
-_LIKELY_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
+_STARTING_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
 # Step of the derivatives, in deviations of the coordinate's own prior.
 _STEP = 3e-4
 
@@ -71,7 +71,7 @@ class PointModel:
     point : Point
     effects : sequence of Effect, in the order in which they act
     drops : sequence of int, places of the drops that are fitted
-    given : values of effects that are known, by effect and parameter
+    declared_effects : values of effects that are known, by effect and parameter
     variant : int, which of the starting points of the coordinates is used
     """
 
@@ -80,13 +80,13 @@ class PointModel:
         point: Point,
         effects: Sequence[Effect],
         drops: Sequence[int],
-        given: Mapping[str, Values] | None = None,
+        declared_effects: Mapping[str, Values] | None = None,
         variant: int = 0,
     ) -> None:
         self.point = point
         self.effects = tuple(effects)
         self.drops = tuple(drops)
-        self._given = given or {}
+        self._declared_effects = declared_effects or {}
         self._has_ground = not any(effect.replaces_ground for effect in effects)
         self.unknowns = (*self._of_point(), *self._of_drops())
         self.keys = [unknown.key for unknown in self.unknowns]
@@ -130,7 +130,7 @@ class PointModel:
         if self._has_ground:
             shared += [(GROUND, coordinate) for coordinate in self._soil()]
         for effect in self.effects:
-            if effect.name not in self._given:
+            if effect.name not in self._declared_effects:
                 shared += [(effect.name, c) for c in effect.coordinates(context)]
         return [
             Unknown(effect, coordinate, None, (effect, coordinate.name, None))
@@ -200,7 +200,7 @@ class PointModel:
                     by_effect[owner][coordinate] += value
         active: ActiveEffects = []
         for effect in self.effects:
-            known = self._given.get(effect.name)
+            known = self._declared_effects.get(effect.name)
             parameters = effect.values_at(by_effect[effect.name]) if known is None else dict(known)
             if effect.replaces_ground:
                 parameters["stiffness"] *= math.exp(change)
@@ -223,12 +223,12 @@ class PointModel:
             plate_mass=record.instrument.plate_mass,
         )
 
-    def likely_deviation(self, drop: int | None) -> float:
+    def starting_deviation(self, drop: int | None) -> float:
         """Return where the deviation of a drop's modulus begins: near that of the peaks."""
         if drop is None:
             return 0.0
         share = 1.0 if self.is_seating(drop) else _LATER_SHARE
-        return share * float(np.clip(self.peak_ratio(drop), *_LIKELY_RATIOS))
+        return share * float(np.clip(self.peak_ratio(drop), *_STARTING_RATIOS))
 
     def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
         """Return the speed at which the plate leaves the ground, upward, m/s; None: it stays."""

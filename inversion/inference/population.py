@@ -76,23 +76,25 @@ def summarise(posterior: Posterior) -> PointSummary:
     return PointSummary(values, deviations, stiffness, loads, speeds)
 
 
-def population_priors(others: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
+def population_priors(other_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
     """Return priors for the unknowns of a point from the fits of other points."""
     priors: dict[Key, Prior] = {}
     for unknown in model.unknowns:
         name, drop = unknown.name, unknown.drop
         centre: float | None = None
         if drop is None:
-            sample = [o.values[name] for o in others if name in o.values and name != STIFFNESS]
+            sample = [
+                o.values[name] for o in other_points if name in o.values and name != STIFFNESS
+            ]
         elif name == STIFFNESS:
             sample = [
                 o.stiffness[drop] - o.stiffness[model.last]
-                for o in others
+                for o in other_points
                 if drop in o.stiffness and model.last in o.stiffness
             ]
         else:
             seating = model.is_seating(drop)
-            sample = [d for o in others for d in _deviations(o, name, seating=seating)]
+            sample = [d for o in other_points for d in _deviations(o, name, seating=seating)]
             centre = None if seating else 0.0
         if sample:
             centre = float(np.median(sample)) if centre is None else centre

@@ -44,10 +44,10 @@ _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
-_LEAST_SCALE = 1.5e-3
-_USUAL_SCALE, _USUAL_DRIFT = 5e-3, 1e-2
-_USUAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
-_USUAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
+_MIN_SCALE = 1.5e-3
+_TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
+_TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
+_TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
 # Levenberg-Marquardt: damping at the start, its change, and the longest step in deviations.
 _DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
 _LONGEST_STEP = 2.5
@@ -267,7 +267,7 @@ class PointFit:
         most = marginal(best)
         for round_ in (1, 2):
             candidates = [
-                *(("scale", max(best.scale * f, _LEAST_SCALE)) for f in _SCALE_FACTORS),
+                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in _SCALE_FACTORS),
                 *(("memory", memory) for memory in _MEMORIES_S),
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
@@ -315,11 +315,11 @@ class _Marginal:
 
 def _log_prior(discrepancy: Discrepancy) -> float:
     """Return the logarithm of the prior of a discrepancy, without constants."""
-    memory = math.log(discrepancy.memory / _USUAL_MEMORY_S) / _MEMORY_DEVIATION
-    first = math.log(discrepancy.first / _USUAL_FIRST) / _FIRST_DEVIATION
+    memory = math.log(discrepancy.memory / _TYPICAL_MEMORY_S) / _MEMORY_DEVIATION
+    first = math.log(discrepancy.first / _TYPICAL_FIRST) / _FIRST_DEVIATION
     return (
-        -math.log1p((discrepancy.scale / _USUAL_SCALE) ** 2)
-        - math.log1p((discrepancy.drift / _USUAL_DRIFT) ** 2)
+        -math.log1p((discrepancy.scale / _TYPICAL_SCALE) ** 2)
+        - math.log1p((discrepancy.drift / _TYPICAL_DRIFT) ** 2)
         - 0.5 * memory**2
         - 0.5 * first**2
     )

@@ -36,15 +36,15 @@ _ORDERED: tuple[Effect, ...] = (
 _BY_NAME = {effect.name: effect for effect in _ORDERED}
 
 
-def effects_of(structure: Structure, given: Collection[str] = ()) -> tuple[Effect, ...]:
+def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> tuple[Effect, ...]:
     """Return the effects of a structure in the order in which they act.
 
     Parameters
     ----------
     structure : Structure
-    given : names of effects of known values, which are in every model
+    declared_effects : names of effects of known values, which are in every model
     """
-    names = structure | frozenset(given)
+    names = structure | frozenset(declared_effects)
     return tuple(effect for effect in _ORDERED if effect.name in names)
 
 
@@ -73,20 +73,20 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
 
 
 def fit_briefly(
-    point: Point, structure: Structure, drop: int, given: Mapping[str, Values]
+    point: Point, structure: Structure, drop: int, declared_effects: Mapping[str, Values]
 ) -> Posterior | None:
     """Return a short fit of one drop from the best of its starting points.
 
     None: no starting point gives a finite prediction.
     """
-    effects = effects_of(structure, given)
+    effects = effects_of(structure, declared_effects)
     context = point.drops[drop].context
     n_starts = max(
         (len(c.starts) for effect in effects for c in effect.coordinates(context)), default=1
     )
     fits = []
     for variant in range(n_starts):
-        model = PointModel(point, effects, [drop], given, variant)
+        model = PointModel(point, effects, [drop], declared_effects, variant)
         try:
             fits.append(PointFit(model).run_briefly(_BRIEF_ITERATIONS))
         except np.linalg.LinAlgError:
@@ -94,7 +94,9 @@ def fit_briefly(
     return max(fits, key=lambda fit: fit.log_evidence, default=None)
 
 
-def rank_structures(point: Point, drop: int, given: Mapping[str, Values]) -> dict[Structure, float]:
+def rank_structures(
+    point: Point, drop: int, declared_effects: Mapping[str, Values]
+) -> dict[Structure, float]:
     """Return the log evidence of the candidate structures for one drop, or what it is at most.
 
     Rich structures are fitted first. Without some of its effects a structure gains their Occam
@@ -106,7 +108,7 @@ def rank_structures(point: Point, drop: int, given: Mapping[str, Values]) -> dic
     ----------
     point : Point
     drop : int, place of the drop
-    given : values of effects that are known, by effect and parameter
+    declared_effects : values of effects that are known, by effect and parameter
     """
     fits: dict[Structure, Posterior] = {}
     evidence: dict[Structure, float] = {}
@@ -124,7 +126,7 @@ def rank_structures(point: Point, drop: int, given: Mapping[str, Values]) -> dic
         ):
             evidence[structure] = min(bounds.values())
             continue
-        fit = fit_briefly(point, structure, drop, given)
+        fit = fit_briefly(point, structure, drop, declared_effects)
         if fit is not None:
             fits[structure] = fit
             evidence[structure] = fit.log_evidence
@@ -132,16 +134,16 @@ def rank_structures(point: Point, drop: int, given: Mapping[str, Values]) -> dic
 
 
 def fit_drops(
-    point: Point, structure: Structure, drops: Sequence[int], given: Mapping[str, Values]
+    point: Point, structure: Structure, drops: Sequence[int], declared_effects: Mapping[str, Values]
 ) -> Posterior:
     """Return the fit of drops by the effects' own priors, begun at a fit of the last one."""
-    model = PointModel(point, effects_of(structure, given), drops, given)
-    last = fit_briefly(point, structure, drops[-1], given)
+    model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
+    last = fit_briefly(point, structure, drops[-1], declared_effects)
     values = model.start.copy()
     for place, unknown in enumerate(model.unknowns):
         if unknown.drop is not None:
             if unknown.name == STIFFNESS:
-                values[place] = model.likely_deviation(unknown.drop)
+                values[place] = model.starting_deviation(unknown.drop)
         elif last is not None:
             values[place] = last.by_key[unknown.key]
     return PointFit(model, values).run()

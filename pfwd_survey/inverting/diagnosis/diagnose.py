@@ -163,7 +163,7 @@ def diagnose_entries(
                 outcomes,
                 leave_out,
                 workers,
-                given=device,
+                declared_effects=device,
                 allow=allow,
                 progress=partial(ProgressCounter, progress),
             )

@@ -45,7 +45,7 @@ def with_predictions(
     mode: LeaveOut,
     workers: Workers,
     *,
-    given: Mapping[str, Values] | None = None,
+    declared_effects: Mapping[str, Values] | None = None,
     allow: Allow | None = None,
     progress: Callable[[str, int], ProgressCounter] | None = None,
 ) -> DiagnosisByPoint:
@@ -59,7 +59,7 @@ def with_predictions(
     diagnoses : diagnoses of the points with all their records
     mode : "next", "drop" or "sensor"
     workers : Workers
-    given : values of device effects that are known, by effect and parameter
+    declared_effects : values of device effects that are known, by effect and parameter
     allow : what may be fitted to a held-out drop
     progress : returns a counter of a kind of work on a number of points
     """
@@ -74,15 +74,17 @@ def with_predictions(
         counts = [count_held_out(of_point, mode) for of_point in records]
         if not any(counts):
             continue
-        survey = _Survey(records, given or {}, workers, counter)
+        survey = _Survey(records, declared_effects or {}, workers, counter)
         tasks = [(place, part) for place, count in enumerate(counts) for part in range(count)]
         columns: list[Sequence[Any]] = [
             [records[place] for place, _ in tasks],
             [survey.structure_without(place) for place, _ in tasks],
-            [survey.others(place) for place, _ in tasks],
+            [survey.other_points(place) for place, _ in tasks],
             [part for _, part in tasks],
         ]
-        predict = partial(_held_out_error, mode=mode, given=given, allow=allow)
+        predict = partial(
+            _held_out_error, mode=mode, declared_effects=declared_effects, allow=allow
+        )
         counted = counter("held-out parts", len(tasks)).counted(workers.map(predict, *columns))
         parts: dict[str, list[_Answer]] = {}
         for (place, _), answer in zip(tasks, counted, strict=True):
@@ -100,18 +102,18 @@ class _Survey:
     def __init__(
         self,
         records: Sequence[PointRecords],
-        given: Mapping[str, Values],
+        declared_effects: Mapping[str, Values],
         workers: Workers,
         counter: Callable[[str, int], ProgressCounter],
     ) -> None:
         self._records = records
-        self._given = given
+        self._declared_effects = declared_effects
         self._workers = workers
         self._counter = counter
         self._summaries: dict[Structure, list[PointSummary | None]] = {}
         # One more than is needed, because a point has no part in the choice for itself.
         ranked = records[: MAX_RANKED_POINTS + 1] if len(records) > 1 else []
-        work = workers.map(partial(_evidence, given=given), ranked)
+        work = workers.map(partial(_evidence, declared_effects=declared_effects), ranked)
         self._evidence = list(counter("candidate models", len(ranked)).counted(work))
 
     def structure_without(self, place: int) -> Structure | None:
@@ -119,13 +121,15 @@ class _Survey:
         evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
         return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None
 
-    def others(self, place: int) -> list[PointSummary]:
+    def other_points(self, place: int) -> list[PointSummary]:
         """Return the summaries of the other points."""
         structure = self.structure_without(place)
         if structure is None:
             return []
         if structure not in self._summaries:
-            summarise = partial(_summary, structure=structure, given=self._given)
+            summarise = partial(
+                _summary, structure=structure, declared_effects=self._declared_effects
+            )
             work = self._workers.map(summarise, self._records)
             counted = self._counter("points by themselves", len(self._records)).counted(work)
             self._summaries[structure] = list(counted)
@@ -134,20 +138,22 @@ class _Survey:
         return [s for i in near if i != place and (s := summaries[i]) is not None]
 
 
-def _evidence(records: PointRecords, given: Mapping[str, Values]) -> dict[Structure, float]:
+def _evidence(
+    records: PointRecords, declared_effects: Mapping[str, Values]
+) -> dict[Structure, float]:
     """Return the log evidence of each structure; empty: the point cannot be fitted."""
     try:
-        return structure_evidence(records, given, library_of_process())
+        return structure_evidence(records, declared_effects, library_of_process())
     except _FAILURES:
         return {}
 
 
 def _summary(
-    records: PointRecords, structure: Structure, given: Mapping[str, Values]
+    records: PointRecords, structure: Structure, declared_effects: Mapping[str, Values]
 ) -> PointSummary | None:
     """Return the summary of a point; None: it cannot be fitted."""
     try:
-        return summarise_point(records, structure, given, library_of_process())
+        return summarise_point(records, structure, declared_effects, library_of_process())
     except _FAILURES:
         return None
 
@@ -155,17 +161,24 @@ def _summary(
 def _held_out_error(
     records: PointRecords,
     structure: Structure | None,
-    others: Sequence[PointSummary],
+    other_points: Sequence[PointSummary],
     place: int,
     *,
     mode: LeaveOut,
-    given: Mapping[str, Values] | None,
+    declared_effects: Mapping[str, Values] | None,
     allow: Allow | None,
 ) -> _Answer:
     """Return the errors of a held-out part, or why it cannot be predicted."""
     try:
         return held_out_error(
-            records, structure, others, mode, place, given, allow, library_of_process()
+            records,
+            structure,
+            other_points,
+            mode,
+            place,
+            declared_effects,
+            allow,
+            library_of_process(),
         )
     except _FAILURES as err:
         values = {"part": place + 1, "mode": mode, "reason": str(err)}
