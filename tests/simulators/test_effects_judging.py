@@ -56,6 +56,7 @@ def said(
         "effects": [{"name": name, "alternatives": list(alternatives)} for name in names],
         "rejected": [],
         "warnings": [],
+        "warning_codes": [],
     }
 
 
@@ -175,7 +176,10 @@ def test_wilson_limits_are_those_of_the_tables() -> None:
 def test_rejected_drops_and_clipped_samples_count_as_named() -> None:
     record = said("clean", 40, 40) | {"rejected": ["drop 2: false trigger"]}
     assert "false_trigger" in Judged(CASE, record).named
-    record = said("clean", 40, 40) | {"warnings": ["load clipped at 8 kN"]}
+    record = said("clean", 40, 40) | {
+        "warnings": ["load clipped at 8 kN"],
+        "warning_codes": [{"code": "load-clipped", "values": {}}],
+    }
     assert "saturation" in Judged(CASE, record).named
 
 
