@@ -26,12 +26,22 @@ from inversion.forward.layered import (
     layered_transfer,
     layered_transfer_slopes,
 )
-from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
-from inversion.forward.surrogate import Surrogate
+from inversion.forward.library import SurrogateLibrary
+from inversion.forward.model import (
+    REFERENCE_RAD_S,
+    Grounds,
+    Instrument,
+    transfer_function,
+    transfer_slopes,
+)
+from inversion.forward.surrogate import PlateResponse, Surrogate
 
 # Grounds: those of the drops of a point, and a few before them.
 _REMEMBERED = 24
-_HOMOGENEOUS = ("modulus", "viscosity", "density", "inverse_depth")
+_SOIL = ("modulus", "viscosity", "density")
+_HOMOGENEOUS = (*_SOIL, "inverse_depth", "inverse_growth_depth", "loss_exponent")
+# 1/s; Laplace variables below it stand for the ground at rest.
+_AT_REST = 0.1
 _OF_MEDIUM: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
 _Key = tuple[int, complex, Ground]
 _K = TypeVar("_K")
@@ -45,12 +55,18 @@ class GroundResponse:
     surrogate : Surrogate, of homogeneous ground, for offset 0 and every sensor
     instrument : Instrument, whose plate mass the ground's own replaces
     offsets : sequence of float, m, of the sensors
+    library : SurrogateLibrary, for surrogates of ground whose modulus grows with depth
     """
 
     def __init__(
-        self, surrogate: Surrogate, instrument: Instrument, offsets: Sequence[float] | FloatArray
+        self,
+        surrogate: Surrogate,
+        instrument: Instrument,
+        offsets: Sequence[float] | FloatArray,
+        library: SurrogateLibrary | None = None,
     ) -> None:
         self.surrogate = surrogate
+        self._library = library or SurrogateLibrary()
         self._instrument = instrument
         self._sensors = len(offsets)
         self._setup = PlateSetup(
@@ -73,9 +89,7 @@ class GroundResponse:
                 grounds = LayeredGrounds.of([self._layered(ground)])
                 found = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
             else:
-                instrument = self._with_mass(ground.plate_mass)
-                every = transfer_function(self.surrogate, instrument, s, _homogeneous([ground]))[0]
-                found = every[-self._sensors :]
+                found = self._solved([ground], s)[0]
             _keep(self._known, key, found)
         return found
 
@@ -89,34 +103,59 @@ class GroundResponse:
         nearby : bool, whether grounds a small step from them are going to be asked for, too
         """
         new = [g for g in dict.fromkeys(grounds) if not g.above and g.contact_share == 1.0]
-        for mass, rock in dict.fromkeys((g.plate_mass, g.inverse_depth > 0.0) for g in new):
-            alike = [g for g in new if (g.plate_mass, g.inverse_depth > 0.0) == (mass, rock)]
+        for kind in dict.fromkeys(map(_kind, new)):
+            alike = [g for g in new if _kind(g) == kind]
             if nearby:
-                columns = tuple(range(self._moving(alike[0])))
+                columns = self._moving(alike[0])
                 keys = [(_key(s, ground), columns) for ground in alike]
                 if any(key not in self._known_slopes for key in keys):
                     slopes = self._solved_slopes(alike, s, columns)
                     for key, slope in zip(keys, slopes, strict=True):
                         _keep(self._known_slopes, key, slope)
             elif any(_key(s, ground) not in self._known for ground in alike):
-                instrument = self._with_mass(mass)
-                found = transfer_function(self.surrogate, instrument, s, _homogeneous(alike))
-                for ground, value in zip(alike, found[:, -self._sensors :], strict=True):
+                for ground, value in zip(alike, self._solved(alike, s), strict=True):
                     _keep(self._known, _key(s, ground), value)
+
+    def _solved(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
+        """Responses (m, n_sensors, n) of grounds without layers and of one kind, m/N."""
+        first = grounds[0]
+        instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
+        parameters = _homogeneous(grounds)
+        found = transfer_function(surrogate, instrument, s, parameters)[:, -self._sensors :]
+        if parameters.loss_exponent is None:
+            return found
+        return found * _stiffness_at_rest(parameters.loss_exponent, s)[:, None]
 
     def _solved_slopes(
         self, grounds: Sequence[Ground], s: ComplexArray, columns: Sequence[int]
     ) -> ComplexArray:
-        """Derivatives of homogeneous grounds under plates of one mass, (m, fields, ...)."""
-        instrument = self._with_mass(grounds[0].plate_mass)
-        names = [_HOMOGENEOUS[column] for column in columns]
-        _, slopes = transfer_slopes(self.surrogate, instrument, s, _homogeneous(grounds), names)
-        return slopes[:, :, -self._sensors :]
+        """Derivatives of the responses of such grounds, (m, fields, ...)."""
+        first = grounds[0]
+        instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
+        names = [_HOMOGENEOUS[c].replace("inverse_growth", "inverse") for c in columns]
+        parameters = _homogeneous(grounds)
+        _, slopes = transfer_slopes(surrogate, instrument, s, parameters, names)
+        slopes = slopes[:, :, -self._sensors :]
+        if parameters.loss_exponent is not None:
+            slopes *= _stiffness_at_rest(parameters.loss_exponent, s)[:, None, None]
+            slopes[:, names.index("loss_exponent"), :, np.abs(s) < _AT_REST] = 0.0
+        return slopes
 
-    def _moving(self, ground: Ground) -> int:
-        """Number of the fields that a small step may move: the depth of rock if it is not given."""
-        given = ground.inverse_depth == 0.0 or self.surrogate.inverse_depths.size == 1
-        return len(_HOMOGENEOUS) - 1 if given else len(_HOMOGENEOUS)
+    def _surrogate(self, ground: Ground) -> PlateResponse:
+        if ground.growth_exponent == 0.0:
+            return self.surrogate
+        return self._library.growth(self.surrogate.problem, ground.growth_exponent)
+
+    def _moving(self, ground: Ground) -> tuple[int, ...]:
+        """Columns of the fields that a small step may move; a depth of rock that is given stays."""
+        names = set(_SOIL)
+        if ground.growth_exponent > 0.0:
+            names.add("inverse_growth_depth")
+        elif ground.inverse_depth > 0.0 and self.surrogate.inverse_depths.size > 1:
+            names.add("inverse_depth")
+        if ground.loss_exponent > 0.0:
+            names.add("loss_exponent")
+        return tuple(i for i, name in enumerate(_HOMOGENEOUS) if name in names)
 
     def _with_mass(self, mass: float) -> Instrument:
         """The instrument with a plate of this mass."""
@@ -129,7 +168,7 @@ class GroundResponse:
     def nearby(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> ComplexArray:
         """Responses of a ground and of others a small step from it, (1 + m, n_sensors, n), m/N.
 
-        By its derivatives; steps of the mass, and into or out of rock, are solved for.
+        By its derivatives; steps of the mass, and into or out of rock or loss, are solved for.
         """
         if ground.contact_share != 1.0 and all(other.contact_share != 1.0 for other in moved):
             return self._under_part_of_plate([ground, *moved], s)
@@ -140,12 +179,7 @@ class GroundResponse:
         for place, other in enumerate(moved, 1):
             if other == ground:
                 continue
-            if (
-                other.plate_mass == ground.plate_mass
-                and (other.inverse_depth > 0.0) == (ground.inverse_depth > 0.0)
-                and len(other.above) == len(ground.above)
-                and other.contact_share == ground.contact_share
-            ):
+            if _kind(other) == _kind(ground):
                 alike.append(place)
             else:
                 result[place] = self.compliance(other, s)
@@ -155,7 +189,7 @@ class GroundResponse:
             columns = np.flatnonzero(steps.any(axis=0))
             if not ground.above:
                 # As `look_ahead` has them.
-                columns = np.arange(self._moving(ground))
+                columns = np.array(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
             result[alike] += changes.reshape(len(alike), *here.shape)
@@ -232,6 +266,28 @@ class GroundResponse:
         return LayeredGround((*ground.above, below), rock)
 
 
+def _kind(ground: Ground) -> tuple[object, ...]:
+    """What a ground has in common with those that its derivatives reach."""
+    return (
+        ground.plate_mass,
+        ground.inverse_depth > 0.0,
+        len(ground.above),
+        ground.contact_share,
+        ground.loss_exponent > 0.0,
+        ground.growth_exponent,
+    )
+
+
+def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray:
+    """Factors (m, n) on responses, by which ground at rest has the modulus of the reference.
+
+    Constant-Q ground at rest would have none.
+    """
+    still = np.where(np.abs(s) < _AT_REST, np.abs(s) / REFERENCE_RAD_S, 1.0)
+    result: FloatArray = still ** loss_exponent[:, None]
+    return result
+
+
 def _key(s: ComplexArray, ground: Ground) -> _Key:
     return s.size, complex(s[0]), ground
 
@@ -243,5 +299,10 @@ def _keep(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
 
 
 def _homogeneous(grounds: Sequence[Ground]) -> Grounds:
-    fields = [[getattr(ground, name) for name in _HOMOGENEOUS] for ground in grounds]
-    return Grounds(*np.array(fields).T)
+    """Parameters of grounds without layers and of one kind."""
+    growing = grounds[0].growth_exponent > 0.0
+    names = (*_SOIL, "inverse_growth_depth" if growing else "inverse_depth", "loss_exponent")
+    fields = np.array([[getattr(ground, name) for name in names] for ground in grounds]).T
+    modulus, viscosity, density, inverse_depth, loss = fields
+    loss_exponent = loss if grounds[0].loss_exponent > 0.0 else None
+    return Grounds(modulus, viscosity, density, inverse_depth, loss_exponent)

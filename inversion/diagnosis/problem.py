@@ -90,7 +90,7 @@ class Point:
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
         layers = _first_look(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
-        response = response_of(first, surrogate)
+        response = response_of(first, surrogate, library)
         self.drops = tuple(
             DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
             for index, (record, rest) in enumerate(
@@ -209,11 +209,11 @@ def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
     return library.get(problem, ratio)
 
 
-def response_of(record: Record, surrogate: Surrogate) -> GroundResponse:
+def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary) -> GroundResponse:
     """Return the response of the ground at the sensors of a record, without their geophones."""
     instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
     offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
-    return GroundResponse(surrogate, instrument, offsets)
+    return GroundResponse(surrogate, instrument, offsets, library)
 
 
 def _first_look(records: PointRecords) -> FirstLook:

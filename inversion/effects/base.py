@@ -24,6 +24,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from inversion.arrays import ComplexArray, FloatArray
+from inversion.errors import ModelError
 from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_value
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.parameters import Parameter
@@ -114,6 +115,12 @@ class Ground:
     modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
     above : tuple of Medium, from the surface down, on top of that ground
     contact_share : float, of the plate's radius, out to which it touches homogeneous ground
+    loss_exponent : float, of constant-Q damping beside the dashpot, in ground without `above`; see
+        :class:`inversion.forward.model.Grounds`
+    growth_exponent : float, by which the modulus grows with depth, in ground without rock and
+        `above`; the modulus then is the effective one of
+        :class:`inversion.forward.growth.GrowthSurrogate`. 0: no growth
+    inverse_growth_depth : float, 1/m, one over the depth z0 of that growth
     """
 
     modulus: float
@@ -123,6 +130,19 @@ class Ground:
     plate_mass: float
     above: tuple[Medium, ...] = ()
     contact_share: float = 1.0
+    loss_exponent: float = 0.0
+    growth_exponent: float = 0.0
+    inverse_growth_depth: float = 0.0
+
+    def __post_init__(self) -> None:
+        growing = self.growth_exponent > 0.0
+        if (self.above and (growing or self.loss_exponent > 0.0)) or (
+            growing and self.inverse_depth > 0.0
+        ):
+            raise ModelError(
+                "ground: expected growth without layers and rock, constant-Q damping without "
+                f"layers, got {self}"
+            )
 
 
 class Effect:

@@ -124,7 +124,7 @@ class DropPredictor:
             fitted.context.index,
             records,
             fitted.context.layers,
-            response_of(record, surrogate),
+            response_of(record, surrogate, library),
             max(drop.tail_end, float(fitted.drop.tail_end)),
             DropAtRest(drop, (), (), 0.0),
         )

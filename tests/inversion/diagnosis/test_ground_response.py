@@ -10,8 +10,11 @@ from inversion.arrays import ComplexArray
 from inversion.diagnosis import ground_response as module
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.effects.base import Ground
+from inversion.errors import ModelError
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import Medium
+from inversion.forward.model import Grounds, transfer_function
+from inversion.forward.surrogate import PlateResponse
 
 RADIUS, OFFSETS = 0.15, (0.0, 0.3)
 S = DampedTransform(0.05, 500.0).s
@@ -19,6 +22,8 @@ BELOW = Ground(4e7, 5e4, 1900.0, 0.0, 6.0)
 TOP = Medium(1.2e8, 8e4, 2000.0, 0.35, 0.25)
 LAYERED = replace(BELOW, above=(TOP,))
 ON_ROCK = replace(LAYERED, inverse_depth=1.0 / 1.5)
+CONSTANT_Q = replace(BELOW, loss_exponent=0.06)
+GROWING = replace(BELOW, growth_exponent=1.0, inverse_growth_depth=2.5)
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +44,80 @@ def moved(ground: Ground, step: float) -> list[Ground]:
         replace(ground, viscosity=ground.viscosity * (1 + step)),
         replace(ground, density=ground.density * (1 + step)),
     ]
-    if ground.inverse_depth > 0.0:
-        found.append(replace(ground, inverse_depth=ground.inverse_depth * (1 + step)))
+    for name in ("inverse_depth", "loss_exponent", "inverse_growth_depth"):
+        if (value := getattr(ground, name)) > 0.0:
+            found.append(replace(ground, **{name: value * (1 + step)}))
     for name in ("modulus", "viscosity", "density", "thickness"):
         for medium in ground.above:
             value = getattr(medium, name) * (1 + step)
             found.append(replace(ground, above=(replace(medium, **{name: value}),)))
     return found
+
+
+@pytest.fixture
+def under_plate(library: SurrogateLibrary) -> GroundResponse:
+    """The plate alone, for which surrogates of growing ground ship."""
+    surrogate = library.get(PlateProblem("rigid-rough", 0.35), None)
+    return GroundResponse(surrogate, Instrument(RADIUS), (0.0,), library)
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [
+        CONSTANT_Q,
+        replace(CONSTANT_Q, inverse_depth=1.0),
+        GROWING,
+        replace(GROWING, growth_exponent=0.5, loss_exponent=0.1),
+    ],
+)
+def test_other_soils_are_those_of_the_forward_model(
+    under_plate: GroundResponse, library: SurrogateLibrary, ground: Ground
+) -> None:
+    surrogate: PlateResponse = under_plate.surrogate
+    depth = ground.inverse_depth
+    if ground.growth_exponent > 0.0:
+        surrogate = library.growth(surrogate.problem, ground.growth_exponent)
+        depth = ground.inverse_growth_depth
+    fields = (ground.modulus, ground.viscosity, ground.density, depth, ground.loss_exponent)
+    grounds = Grounds(*np.array(fields)[:, None])
+    instrument = Instrument(RADIUS, plate_mass=ground.plate_mass)
+    expected = transfer_function(surrogate, instrument, S, grounds)[0]
+    np.testing.assert_allclose(under_plate.compliance(ground, S), expected, rtol=1e-12)
+    steps = moved(ground, 1e-4)
+    under_plate.look_ahead([ground], S, nearby=True)
+    here, *others = under_plate.nearby(ground, steps, S)
+    for other, step in zip(others, steps, strict=True):
+        change = GroundResponse.compliance(under_plate, step, S) - here
+        assert np.abs(other - here - change).max() < 1e-3 * np.abs(change).max()
+
+
+def test_steps_into_loss_are_solved_for(under_plate: GroundResponse) -> None:
+    _, lossy = under_plate.nearby(BELOW, [CONSTANT_Q], S)
+    np.testing.assert_array_equal(lossy, under_plate.compliance(CONSTANT_Q, S))
+
+
+@pytest.mark.parametrize("ground", [CONSTANT_Q, replace(GROWING, loss_exponent=0.06)])
+def test_lossy_ground_at_rest_is_as_stiff_as_its_modulus(
+    under_plate: GroundResponse, ground: Ground
+) -> None:
+    at_rest = np.append(S, 1e-3)
+    without_loss = replace(ground, viscosity=0.0, loss_exponent=0.0)
+    expected = under_plate.compliance(without_loss, at_rest)[0, -1].real
+    found = under_plate.compliance(replace(ground, viscosity=0.0), at_rest)[0]
+    assert found[-1].real == pytest.approx(expected, rel=1e-3)
+    # And so in derivatives: a stiffness that no exponent changes.
+    more = replace(ground, loss_exponent=2.0 * ground.loss_exponent)
+    here, there = under_plate.nearby(ground, [more], at_rest)
+    assert there[0, -1] == here[0, -1]
+    assert np.all(there[0, :-1] != here[0, :-1])
+
+
+def test_grounds_that_no_solver_has_are_refused() -> None:
+    for ground in (LAYERED, replace(BELOW, inverse_depth=1.0)):
+        with pytest.raises(ModelError, match="growth without layers and rock"):
+            replace(ground, growth_exponent=0.5)
+    with pytest.raises(ModelError, match="constant-Q damping without layers"):
+        replace(LAYERED, loss_exponent=0.1)
 
 
 @pytest.mark.parametrize("ground", [BELOW, replace(BELOW, inverse_depth=1.0), LAYERED, ON_ROCK])
