@@ -9,6 +9,10 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import INVERSE_DEPTH_PRIOR, Parameter, depth_parameter
 
+# Starts of the inference, in plate radii: from one alone, rock at other depths ends in half-spaces
+# or in rock right below the plate.
+_STARTS_RADII = (6.0, 14.0)
+
 
 class Bedrock(Effect):
     """The base model's half-space becomes a layer."""
@@ -39,8 +43,8 @@ class Bedrock(Effect):
         """Return one over the depth, 1/m: a half-space is zero."""
         depth = depth_parameter(drop.plate_radius)
         nearest, farthest = 1.0 / depth.lower, 1.0 / depth.upper
-        start = 1.0 / self.present_for(drop)[0]["depth"]
-        return (Coordinate("depth", 0.0, INVERSE_DEPTH_PRIOR, farthest, nearest, (start,)),)
+        starts = tuple(1.0 / (start * drop.plate_radius) for start in _STARTS_RADII)
+        return (Coordinate("depth", 0.0, INVERSE_DEPTH_PRIOR, farthest, nearest, starts),)
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
         """Return the depth."""
