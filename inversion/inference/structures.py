@@ -15,7 +15,9 @@ from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Values
 from inversion.effects.carrier_resonance import CarrierResonance
 from inversion.effects.catalogue import CATALOGUE
+from inversion.effects.constant_q import ConstantQ
 from inversion.effects.flight import Flight
+from inversion.effects.growth import LinearGrowth, RootGrowth
 from inversion.inference.point_model import STIFFNESS, PointModel
 from inversion.inference.posterior import PointFit, Posterior
 
@@ -28,8 +30,11 @@ _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
 
 # Flight takes the place of the catalogue's rebound, whose times are fitted. The search of the
-# catalogue knows neither flight nor the carrier's resonance.
+# catalogue knows neither flight nor the carrier's resonance nor these soils.
 _ORDERED: tuple[Effect, ...] = (
+    ConstantQ(),
+    RootGrowth(),
+    LinearGrowth(),
     *(Flight() if effect.name == "rebound" else effect for effect in CATALOGUE),
     CarrierResonance(),
 )

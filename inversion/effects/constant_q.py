@@ -1,0 +1,54 @@
+r"""Damping of the soil that does not depend on the frequency.
+
+.. math:: E^*(s) = E_p (s/\omega_p)^\alpha + \eta s, \qquad \omega_p = \pi/T_0
+
+with the modulus :math:`E_p` at the pulse's frequency and :math:`T_0` the duration of the half-sine
+of the load's peak and impulse. Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.parameters import Parameter
+from inversion.forward.model import REFERENCE_RAD_S
+
+# Deviation of the exponent: that of a Q of 10. Soils under such loads have a Q of 5 to 20.
+_DEVIATION = 0.06
+
+
+class ConstantQ(Effect):
+    """The ground loses the same part of its energy in each cycle, be it slow or fast."""
+
+    name = "constant_q"
+    scope = "point"
+    parameters = (Parameter("loss_exponent", "-", 0.0, 0.3, (0.05,), prior=(0.0, _DEVIATION)),)
+    # Layered ground has dashpots alone, and a rig is no ground.
+    excludes = frozenset({"layer", "spring_rig"})
+    advice = (
+        "the ground damps slow and fast motions alike: its modulus belongs to the duration of the "
+        "pulse; compare devices of alike pulses"
+    )
+
+    def offered(self, drops: tuple[DropContext, ...]) -> bool:
+        """Not in ground that is declared elastic."""
+        return not drops[0].elastic
+
+    def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
+        """The ground with its loss, and with its modulus at the reference frequency."""
+        exponent = values["loss_exponent"]
+        modulus = ground.modulus / _stiffer_in_pulse(exponent, drop)
+        return replace(ground, modulus=modulus, loss_exponent=exponent)
+
+    def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
+        """Modulus at the pulse's frequency over that at the reference."""
+        return _stiffer_in_pulse(values["loss_exponent"], drop)
+
+
+def _stiffer_in_pulse(exponent: float, drop: DropContext) -> float:
+    impulse = drop.step * float(np.sum(drop.load[drop.time <= drop.contact_end]))
+    duration = 0.5 * math.pi * impulse / drop.peak_load
+    stiffer: float = (math.pi / duration / REFERENCE_RAD_S) ** exponent
+    return stiffer

@@ -1,0 +1,80 @@
+"""Soil that damps all frequencies alike, and soil whose modulus grows with depth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inversion.effects.base import DropContext, Effect, Ground
+from inversion.effects.bedrock import Bedrock
+from inversion.effects.constant_q import ConstantQ
+from inversion.effects.growth import LinearGrowth, RootGrowth
+from inversion.effects.layer import Layer
+from inversion.forward.growth import MOST_GROWTH
+from inversion.forward.model import REFERENCE_RAD_S, loss_exponent
+
+PULSE_S, RADIUS = 0.02, 0.15
+TIME = 1e-4 * np.arange(600)
+GROUND = Ground(5e7, 5e4, 1900.0, 0.0, 12.0)
+GROWTHS = (RootGrowth(), LinearGrowth())
+
+
+def context(**changes: object) -> DropContext:
+    load = np.where(TIME < PULSE_S, 7e3 * np.sin(math.pi * TIME / PULSE_S), 0.0)
+    drop = DropContext(
+        time=TIME,
+        offsets=np.array([0.0]),
+        load=load,
+        peak_load=float(load.max()),
+        largest_load=float(load.max()),
+        plate_radius=RADIUS,
+        poisson_ratio=0.35,
+        quantities=("displacement",),
+        contact_end=PULSE_S,
+        index=0,
+        count=1,
+    )
+    return replace(drop, **changes)  # type: ignore[arg-type]
+
+
+def test_the_modulus_of_constant_q_ground_is_that_at_the_frequency_of_the_pulse() -> None:
+    values = {"loss_exponent": loss_exponent(5.0)}
+    ground = ConstantQ().ground(GROUND, values, context())
+    assert ground.loss_exponent == values["loss_exponent"]
+    in_pulse = ground.modulus * (math.pi / PULSE_S / REFERENCE_RAD_S) ** ground.loss_exponent
+    assert in_pulse == pytest.approx(GROUND.modulus, rel=1e-3)
+    ratio = ConstantQ().modulus_at(1e5, values, context())
+    assert ground.modulus * ratio == pytest.approx(GROUND.modulus, rel=1e-12)
+
+
+def test_without_an_exponent_there_is_no_constant_q() -> None:
+    assert ConstantQ().ground(GROUND, {"loss_exponent": 0.0}, context()) == GROUND
+    (coordinate,) = ConstantQ().coordinates(context())
+    assert (coordinate.mean, coordinate.lower) == (0.0, 0.0)
+    assert coordinate.start(0) > 0.0
+    assert not ConstantQ().offered((context(elastic=True),))
+
+
+@pytest.mark.parametrize("growth", GROWTHS)
+def test_growth_is_a_ground_of_its_own(growth: Effect) -> None:
+    (coordinate,) = growth.coordinates(context())
+    assert (coordinate.mean, coordinate.lower) == (0.0, 0.0)
+    assert coordinate.upper * RADIUS == MOST_GROWTH
+    values = growth.values_at({coordinate.name: 2.5})
+    grown = growth.ground(GROUND, values, context())
+    assert grown.inverse_growth_depth == 2.5
+    # The modulus is the effective one.
+    assert grown == replace(GROUND, growth_exponent=grown.growth_exponent, inverse_growth_depth=2.5)
+    others = (Bedrock(), Layer(), *(other for other in GROWTHS if other is not growth))
+    assert all(growth.conflicts_with(other) for other in others)
+    assert not growth.conflicts_with(ConstantQ())
+    assert growth.offered((context(),))
+    assert not growth.offered((context(has_bedrock=True),))
+
+
+def test_exponents_of_growth() -> None:
+    ground = [growth.ground(GROUND, {"inverse_growth_depth": 1.0}, context()) for growth in GROWTHS]
+    assert [g.growth_exponent for g in ground] == [0.5, 1.0]
