@@ -183,6 +183,8 @@ class Effect:
     drop_deviations: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Prior deviations by which single drops differ from the point, by coordinate: of the first of
     several drops, and of later ones."""
+    least_gain: ClassVar[float] = 0.0
+    """Log evidence by which a model with it must exceed those without, for what it imitates."""
     told_sets: ClassVar[tuple[frozenset[str], ...]] = ()
     """Sets of effects, it among them, for which `set_starts` tells where a fit begins: they are
     tried before anything is combined."""

@@ -8,19 +8,18 @@ from dataclasses import replace
 from typing import ClassVar
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
-from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.growth import MOST_GROWTH
 
-# Starts of a/z0: a modulus that grows slowly, and one that has grown within half a radius.
-_STARTS_RADII = (0.2, 1.5)
+# Start of a/z0: from there fits find values of 0.1 to 1.
+_START_RADII = 0.5
 
 
 class _Growth(Effect):
     """The modulus grows with depth by a known exponent."""
 
     scope = "point"
-    parameters = (Parameter("inverse_growth_depth", "1/m", 0.0, 600.0, (2.0,)),)
+    parameters = (Parameter("inverse_growth_depth", "1/m", 0.0, 600.0, (3.0,)),)
     excludes = frozenset(
         {"bedrock", "layer", "rough_contact", "spring_rig", "root_growth", "linear_growth"}
     )
@@ -28,6 +27,8 @@ class _Growth(Effect):
         "the modulus grows with depth: the stated one is that of uniform ground as stiff under "
         "this plate, and a wider plate finds a larger one"
     )
+    # What rock sends back, and how plate and sensor err, looks like growth to some ten units.
+    least_gain = 30.0
     exponent: ClassVar[float]
     deviation: ClassVar[float]
     """Of the prior of one over z0, 1/m."""
@@ -36,11 +37,12 @@ class _Growth(Effect):
         """Only where no rock is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
-    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return one over z0, 1/m: uniform ground is zero."""
-        starts = tuple(start / drop.plate_radius for start in _STARTS_RADII)
-        most = MOST_GROWTH / drop.plate_radius
-        return (Coordinate("inverse_growth_depth", 0.0, self.deviation, 0.0, most, starts),)
+    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
+        """Return one over z0 within what the surrogate holds; uniform ground is zero."""
+        a = drop.plate_radius
+        (own,) = self.parameters
+        prior = 0.0, self.deviation
+        return (replace(own, upper=MOST_GROWTH / a, starts=(_START_RADII / a,), prior=prior),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with its growth."""

@@ -62,6 +62,8 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
     beside_plate = bool((drops[0].offsets >= drops[0].plate_radius).any())
     if beside_plate and _BY_NAME["layer"].offered(drops):
         grounds += [ground | {"layer"} for ground in grounds]
+    growths = ("root_growth", "linear_growth") if beside_plate else ("root_growth",)
+    grounds += [frozenset({name}) for name in growths if _BY_NAME[name].offered(drops)]
     motions: list[Structure] = [frozenset(), _BEND, _BEND | {"flight"}]
     sensors: list[Structure] = [
         frozenset(),
@@ -72,6 +74,10 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
         ground | motion | sensor | _ALWAYS
         for ground, motion, sensor in itertools.product(grounds, motions, sensors)
     ]
+    if _BY_NAME["constant_q"].offered(drops):
+        # Not with the bend, which takes energy from each cycle too.
+        damped = [ground | {"constant_q"} for ground in grounds if "layer" not in ground]
+        structures += [g | s | _ALWAYS for g, s in itertools.product(damped, sensors)]
     if not beside_plate:
         structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors[:2]]
     return structures
@@ -104,6 +110,8 @@ def rank_structures(
 ) -> dict[Structure, float]:
     """Return the log evidence of the candidate structures for one drop, or what it is at most.
 
+    What effects have to gain at least is taken off (`Effect.least_gain`).
+
     Rich structures are fitted first. Without some of its effects a structure gains their Occam
     factor at most. A structure is not fitted if that cannot bring any of the next richer ones to
     the best; its evidence is then the least of these bounds. A structure that contains the best
@@ -119,23 +127,27 @@ def rank_structures(
     evidence: dict[Structure, float] = {}
     candidates = candidate_structures([model.context for model in point.drops])
     for structure in sorted(candidates, key=len, reverse=True):
-        best = max(fits, key=lambda s: fits[s].log_evidence, default=structure)
+        best = max(fits, key=lambda s: evidence[s], default=structure)
+        needed = least_gain(structure)
         bounds = {
-            richer: fit.log_evidence + fit.occam_factor(structure)
+            richer: fit.log_evidence + fit.occam_factor(structure) - needed
             for richer, fit in fits.items()
             if structure < richer
         }
         next_richer = [s for s in bounds if not any(other < s for other in bounds)]
-        if bounds and all(
-            not best <= s and bounds[s] < fits[best].log_evidence for s in next_richer
-        ):
+        if bounds and all(not best <= s and bounds[s] < evidence[best] for s in next_richer):
             evidence[structure] = min(bounds.values())
             continue
         fit = fit_briefly(point, structure, drop, declared_effects)
         if fit is not None:
             fits[structure] = fit
-            evidence[structure] = fit.log_evidence
+            evidence[structure] = fit.log_evidence - needed
     return evidence
+
+
+def least_gain(structure: Structure) -> float:
+    """Return the log evidence by which a structure must exceed others to be preferred."""
+    return sum(effect.least_gain for effect in effects_of(structure))
 
 
 def fit_drops(
