@@ -63,6 +63,7 @@ class RecordedDrops:
         models = [model.point.drops[drop] for drop in self.drops]
         self._parts = [slice(FROM_SAMPLE, m.rows.size, thinning) for m in models]
         self._peaks = [m.peak for m in models]
+        self._models = models
         times = [m.context.time[part] for m, part in zip(models, self._parts, strict=True)]
         self._ramps = [time / time[-1] for time in times]
         self._time = np.concatenate(times)
@@ -114,6 +115,30 @@ class RecordedDrops:
             factors = [np.linalg.cholesky(matrix) for matrix in self.covariances(discrepancy)]
             self._latest = discrepancy, factors
         return self._latest[1]
+
+    def drifts(
+        self, discrepancy: Discrepancy, predictions: Sequence[FloatArray]
+    ) -> tuple[FloatArray, ...]:
+        """Return the posterior mean of the drift of each drop, (n_sensors, n_d), m.
+
+        Parameters
+        ----------
+        discrepancy : Discrepancy
+        predictions : of each drop, (n_sensors, n_d), m
+        """
+        models = self._models
+        ramps = [m.context.time / m.context.time[-1] for m in models]
+        bases = [np.stack([ramp, ramp**2]) for ramp in ramps]
+        rows = block_diag(*(b[:, part] for b, part in zip(bases, self._parts, strict=True)))
+        drifts = [np.zeros_like(m.observed) for m in models]
+        for sensor, lower in enumerate(self.whiteners(discrepancy)):
+            residual = self.observed[sensor] - self.over_peak(predictions, sensor)
+            weighted = whitened(lower, np.vstack([residual[None], rows]))
+            slopes = discrepancy.drift**2 * (weighted[1:] @ weighted[0])
+            for place, (drift, basis) in enumerate(zip(drifts, bases, strict=True)):
+                of_drop = slopes[2 * place : 2 * place + 2] @ basis
+                drift[sensor] = of_drop * self._peaks[place][sensor]
+        return tuple(drifts)
 
 
 def whitened(lower: FloatArray, rows: FloatArray) -> FloatArray:

@@ -99,6 +99,21 @@ class Posterior:
         prior = float(np.log(self.model.deviation[other]).sum())
         return prior - 0.5 * float(np.linalg.slogdet(covariance)[1])
 
+    def drifts(self) -> tuple[FloatArray, ...]:
+        """Return the posterior mean of the drift of each fitted drop, (n_sensors, n), m."""
+        return RecordedDrops(self.model).drifts(self.discrepancy, self.predictions)
+
+    def residuals_over_peak(self, *, contact_only: bool = False) -> tuple[float, ...]:
+        """Return the rms of each fitted drop over the peak, after prediction and drift."""
+        return tuple(
+            self.model.point.drops[drop].residual_over_peak(
+                prediction + drift, contact_only=contact_only
+            )
+            for drop, prediction, drift in zip(
+                self.model.drops, self.predictions, self.drifts(), strict=True
+            )
+        )
+
 
 class PointFit:
     """One fit of a point under way.
