@@ -44,6 +44,8 @@ _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
+# With one sensor, drift of this size takes what ground and flight explain in the tail.
+_DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
 _MIN_SCALE = 1.5e-3
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
@@ -278,6 +280,7 @@ class PointFit:
         """Set the discrepancy to the one of the largest marginal likelihood about a posterior."""
         marginal = _Marginal(self._thinned, posterior)
         several = len(self.model.drops) > 1
+        drifts = _DRIFTS_OF_SEVERAL if self._recorded.sensors > 1 else _DRIFTS
         best = self.discrepancy
         most = marginal(best)
         for round_ in (1, 2):
@@ -288,7 +291,7 @@ class PointFit:
             ]
             if round_ == 2:
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
-                candidates += [("drift", drift) for drift in _DRIFTS]
+                candidates += [("drift", drift) for drift in drifts]
             for name, value in candidates:
                 trial = replace(best, **{name: value})
                 likelihood = marginal(trial)
