@@ -23,7 +23,7 @@ class CarrierResonance(Effect):
     parameters = (
         Parameter("strength", "-", -0.5, 0.5, (-0.04, 0.04), prior=(0.0, 0.1), absent=0.0),
         Parameter("frequency", "Hz", 15.0, 200.0, (45.0,), logarithmic=True),
-        Parameter("damping", "-", 0.005, 1.0, (0.05,), logarithmic=True),
+        Parameter("damping", "-", 0.005, 0.3, (0.05,), logarithmic=True),
     )
     advice = "look at the carrier of the sensor: it swings on the plate"
 

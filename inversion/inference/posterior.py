@@ -39,12 +39,18 @@ _NEARER = replace(_ALMOST_WHITE, scale=0.01)
 _HELD_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
 _THINNING = 3
 # Discrepancy: what is tried for each of its numbers, and priors on scale, memory (s) and drift.
-_SCALE_FACTORS = (0.4, 0.6, 0.8, 1.25, 1.7)
+_SCALE_FACTORS = (0.3, 0.5, 0.7, 1.0 / 0.7, 2.0)
+_NEAR_FACTORS, _LARGE_STEP = (0.85, 1.0 / 0.85), 0.5
 _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
 _MIN_SCALE = 1.5e-3
+_MAX_ROUNDS = 6
+# Half of the 95 % quantile of chi-square with one degree of freedom; steps to where the
+# likelihood has fallen by it.
+_HALF_CHI_SQUARE_95 = 1.92
+_SCALE_STEP, _MOST_SCALE_STEPS = 1.1, 40
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
@@ -67,6 +73,7 @@ class Posterior:
     values : (k,) ndarray of float, of the unknowns
     discrepancy : Discrepancy
     log_evidence : float
+    cost : float, :math:`r^T C^{-1} r` and the squares of the priors
     covariance : (k, k) ndarray of float
     predictions : tuple of (n_sensors, n) ndarray of float, m, of the fitted drops
     slopes : tuple of (k, n_sensors, n) ndarray of float, their derivatives
@@ -76,6 +83,7 @@ class Posterior:
     values: FloatArray
     discrepancy: Discrepancy
     log_evidence: float
+    cost: float
     covariance: FloatArray
     predictions: tuple[FloatArray, ...] = field(repr=False)
     slopes: tuple[FloatArray, ...] = field(repr=False)
@@ -116,7 +124,7 @@ class PointFit:
         self.discrepancy = _ALMOST_WHITE
         self._recorded = RecordedDrops(model)
         self._thinned = RecordedDrops(model, _THINNING)
-        self._linearised: tuple[FloatArray, _Linearised] | None = None
+        self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
         """Come near to an optimum with nearly white weights."""
@@ -146,6 +154,21 @@ class PointFit:
         self.maximise(iterations, _TOLERANCE)
         return self.posterior()
 
+    def run_nearby(self, iterations: int, discrepancy: Discrepancy | None = None) -> Posterior:
+        """Return the posterior of a fit that begins near its optimum.
+
+        Parameters
+        ----------
+        iterations : int, with each discrepancy, at most
+        discrepancy : Discrepancy, of a fit nearby; None: not known
+        """
+        self.discrepancy = discrepancy or _NEARER
+        for _ in range(1 if discrepancy else 2):
+            self.maximise(iterations, _TOLERANCE)
+            self.estimate_discrepancy(self.posterior())
+        self.maximise(iterations, _TOLERANCE)
+        return self.posterior()
+
     def maximise(self, iterations: int, tolerance: float, held: Collection[str] = ()) -> None:
         """Move the values to the optimum with the present discrepancy.
 
@@ -159,10 +182,10 @@ class PointFit:
         precision = 1.0 / model.deviation**2
         movable = np.array([unknown.effect not in held for unknown in model.unknowns])
         whiteners = self._recorded.whiteners(self.discrepancy)
-        cost = self._cost(self.values, whiteners, self._linearise()[0])
+        cost = self._cost(self.values, whiteners, self._linearise(held)[0])
         damping = _DAMPING
         for _ in range(iterations):
-            normal, gradient, _ = self._normal(whiteners)
+            normal, gradient, _ = self._normal(whiteners, held)
             normal += np.diag(precision)
             gradient -= precision * (self.values - model.mean)
             for _ in range(_MAX_TRIALS):
@@ -213,17 +236,24 @@ class PointFit:
             total += float(weighted @ weighted)
         return total
 
-    def _linearise(self) -> _Linearised:
+    def _linearise(self, held: Collection[str] = ()) -> _Linearised:
         """Return predictions and slopes at the present values, which several fits begin at."""
-        if self._linearised is None or not np.array_equal(self._linearised[0], self.values):
-            pairs = [self.model.linearise(self.values, drop) for drop in self.model.drops]
+        known = self._linearised
+        if (
+            known is None
+            or not np.array_equal(known[0], self.values)
+            or not known[1] <= frozenset(held)
+        ):
+            pairs = [self.model.linearise(self.values, d, held) for d in self.model.drops]
             predictions, slopes = zip(*pairs, strict=True)
-            self._linearised = self.values, (predictions, slopes)
-        return self._linearised[1]
+            self._linearised = known = self.values, frozenset(held), (predictions, slopes)
+        return known[2]
 
-    def _normal(self, whiteners: list[FloatArray]) -> tuple[FloatArray, FloatArray, float]:
+    def _normal(
+        self, whiteners: list[FloatArray], held: Collection[str] = ()
+    ) -> tuple[FloatArray, FloatArray, float]:
         """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r."""
-        predictions, slopes = self._linearise()
+        predictions, slopes = self._linearise(held)
         size = self.values.size
         normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
         for sensor, lower in enumerate(whiteners):
@@ -244,8 +274,9 @@ class PointFit:
         normal, _, misfit = self._normal(whiteners)
         hessian = normal + np.diag(1.0 / model.deviation**2)
         away = (self.values - model.mean) / model.deviation
+        cost = misfit + float(away @ away)
         log_evidence = (
-            -0.5 * (misfit + float(away @ away))
+            -0.5 * cost
             - sum(map(log_determinant, whiteners))
             - float(np.log(model.deviation).sum())
             - 0.5 * float(np.linalg.slogdet(hessian)[1])
@@ -255,9 +286,20 @@ class PointFit:
             self.values.copy(),
             self.discrepancy,
             log_evidence,
+            cost,
             np.linalg.inv(hessian),
             *self._linearise(),
         )
+
+    def expected_cost(self) -> float:
+        """Return the cost at the optimum of the linearised model, see `Posterior.cost`."""
+        model = self.model
+        normal, gradient, misfit = self._normal(self._recorded.whiteners(self.discrepancy))
+        precision = 1.0 / model.deviation**2
+        away = self.values - model.mean
+        step = np.linalg.solve(normal + np.diag(precision), gradient - precision * away)
+        gain = float((gradient - precision * away) @ step)
+        return misfit + float(precision @ away**2) - gain
 
     def estimate_discrepancy(self, posterior: Posterior) -> None:
         """Set the discrepancy to the one of the largest marginal likelihood about a posterior."""
@@ -265,21 +307,45 @@ class PointFit:
         several = len(self.model.drops) > 1
         best = self.discrepancy
         most = marginal(best)
-        for round_ in (1, 2):
+        factors: tuple[float, ...] = _SCALE_FACTORS
+        for round_ in range(_MAX_ROUNDS):
+            before = best
             candidates = [
-                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in _SCALE_FACTORS),
+                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in factors),
                 *(("memory", memory) for memory in _MEMORIES_S),
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
-            if round_ == 2:
+            if round_:
+                # Drift must not take what is memory.
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
                 candidates += [("drift", drift) for drift in _DRIFTS]
             for name, value in candidates:
                 trial = replace(best, **{name: value})
+                if trial in (before, best):
+                    continue
                 likelihood = marginal(trial)
                 if likelihood > most:
                     best, most = trial, likelihood
+            if round_ and best == before:
+                break
+            if abs(math.log(best.scale / before.scale)) < _LARGE_STEP:
+                factors = _NEAR_FACTORS
         self.discrepancy = best
+
+    def scale_interval(self, posterior: Posterior) -> tuple[float, float]:
+        """Return the 95 % interval of the discrepancy's scale about a posterior, over the peak."""
+        marginal = _Marginal(self._thinned, posterior)
+        best = posterior.discrepancy
+        least = marginal(best) - _HALF_CHI_SQUARE_95
+        ends = []
+        for factor in (1.0 / _SCALE_STEP, _SCALE_STEP):
+            scale = best.scale
+            for _ in range(_MOST_SCALE_STEPS):
+                if marginal(replace(best, scale=scale * factor)) < least:
+                    break
+                scale *= factor
+            ends.append(scale)
+        return ends[0], ends[1]
 
 
 class _Marginal:

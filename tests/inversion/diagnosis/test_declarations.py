@@ -12,10 +12,11 @@ import pytest
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
 from inversion.diagnosis.declarations import Doubt, contradiction, doubts
-from inversion.diagnosis.diagnose import _contradicted
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
+from inversion.inference import diagnose as module
+from inversion.inference.population import InstrumentKnowledge
 from inversion.notices import Value
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -115,17 +116,19 @@ def test_what_nobody_knows_is_not_blamed_on_a_declaration(
 
 
 def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
-    record: Record, library: SurrogateLibrary
+    record: Record, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
 
-    def again(records: PointRecords) -> PointDiagnosis:
-        asked.append(records)
+    def again(records: PointRecords, *_: Any, compare_declarations: bool) -> PointDiagnosis:
+        asked.append(compare_declarations)
         raise RecordError("centre sensor: expected a downward deflection, found none")
 
+    monkeypatch.setattr(module, "diagnose_point", again)
     point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)
-    assert _contradicted(point, diagnosis(0.08), library, again) is None
-    assert len(asked) == 1
+    known = InstrumentKnowledge()
+    assert module._contradicted(point, diagnosis(0.08), library, known) is None
+    assert asked == [False]
 
 
 def declared(record: Record, library: SurrogateLibrary) -> list[tuple[Value, ...]]:

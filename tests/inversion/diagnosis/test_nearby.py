@@ -153,7 +153,7 @@ def test_each_stage_is_gone_through_for_what_has_moved_in_it(
         kind = type(effect)
         monkeypatch.setattr(kind, stage, counted(effect.name, getattr(kind, stage)))
     values: Any = {
-        rebound: {"lift_off": 0.002, "mass": 20.0, "kick": 0.0},
+        rebound: {"level": 0.02, "mass": 20.0, "kick": -0.05},
         geophone: {"natural_frequency": 6.0, "damping": 0.5},
         lag: {"delay": 1e-4},
     }
@@ -164,11 +164,11 @@ def test_each_stage_is_gone_through_for_what_has_moved_in_it(
             other = {**own, name: 1.0001 * value}
             moved.append((GROUND, [(e, other if e is effect else v) for e, v in there]))
     model.predict_nearby(GROUND, there, moved)
-    # As it is, on two other grounds, and with two numbers of the effect's own.
-    assert rows["rebound"] == [5]
-    # These five together, then the moved numbers one by one.
-    assert rows["geophone_response"] == [5, 1, 1]
-    assert rows["sensor_lag"] == [7, 1]
+    # As it is, on two other grounds, and with three numbers of the effect's own.
+    assert rows["rebound"] == [6]
+    # These six together, then the moved numbers one by one.
+    assert rows["geophone_response"] == [6, 1, 1]
+    assert rows["sensor_lag"] == [8, 1]
 
 
 def test_without_a_step_nothing_moves(library: SurrogateLibrary) -> None:
@@ -328,12 +328,3 @@ def test_a_stack_of_predictions_is_read_one_by_one(quantity: Any) -> None:
             assert found[i, j] == pytest.approx(channel.read(stack[i, j]), abs=1e-12)
     # It is a reading: not what went in.
     assert np.abs(found - stack).max() > 0.1
-
-
-def test_many_predictions_are_weighted_one_by_one(library: SurrogateLibrary) -> None:
-    model = made(library, (0.0, 0.3, 0.6), BY_NAME["rebound"])
-    stack = np.stack([k * model.predict(GROUND, []) for k in (0.9, 1.0, 1.2)])
-    found = model.weighted_residuals(stack)
-    assert found.shape == (3, model.weighted_size())
-    for row, predicted in zip(found, stack, strict=True):
-        assert row == pytest.approx(model.weighted_residual(predicted))

@@ -21,13 +21,13 @@ class _Growth(Effect):
 
     scope = "point"
     parameters = (Parameter("inverse_growth_depth", "1/m", 0.0, 600.0, (2.0,)),)
-    excludes = frozenset(
-        {"bedrock", "layer", "rough_contact", "spring_rig", "root_growth", "linear_growth"}
-    )
+    excludes = frozenset({"bedrock", "layer", "rough_contact", "spring_rig"})
     advice = (
         "the modulus grows with depth: the stated one is that of uniform ground as stiff under "
         "this plate, and a wider plate finds a larger one"
     )
+    # What rock sends back, and how plate and sensor err, looks like growth to some ten units.
+    least_gain = 30.0
     exponent: ClassVar[float]
     deviation: ClassVar[float]
     """Of the prior of one over z0, 1/m."""
@@ -42,6 +42,10 @@ class _Growth(Effect):
         most = MOST_GROWTH / drop.plate_radius
         return (Coordinate("inverse_growth_depth", 0.0, self.deviation, 0.0, most, starts),)
 
+    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the exponent."""
+        return (("exponent", "-", self.exponent),)
+
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with its growth."""
         return replace(
@@ -51,17 +55,19 @@ class _Growth(Effect):
         )
 
 
-class RootGrowth(_Growth):
+class RootGradient(_Growth):
     """The modulus grows with the root of depth, as that of sand does with the pressure on it."""
 
-    name = "root_growth"
+    name = "modulus_gradient_root"
+    told_as = "modulus_gradient"
+    excludes = _Growth.excludes | {"modulus_gradient"}
     exponent = 0.5
     deviation = 10.0
 
 
-class LinearGrowth(_Growth):
+class LinearGradient(_Growth):
     """The modulus grows in proportion to depth: Gibson (1967), Geotechnique 17, 58-67."""
 
-    name = "linear_growth"
+    name = "modulus_gradient"
     exponent = 1.0
     deviation = 2.5
