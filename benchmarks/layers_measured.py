@@ -1,8 +1,8 @@
 """Measured drops of several sensors: from homogeneous ground over layers to the instrument's terms.
 
 The fits are those that ``pfwd diagnose`` makes, with sets of effects that are given instead of
-searched; ``pfwd diagnose`` itself may go on from there.  Residuals in % of each sensor's own peak,
-root mean square over all sensors and drops of a point.
+searched; ``pfwd diagnose`` itself may go on from there. Residuals, after the drift of each sensor,
+in % of its own peak, root mean square over all sensors and drops of a point.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.output import Reporter
 from inversion import SurrogateLibrary
 from inversion.diagnosis.model import PointRecords
-from inversion.diagnosis.prediction import residual_over_peak
 from inversion.diagnosis.problem import Point
-from inversion.diagnosis.search import Candidate, Search
 from inversion.fitting.layered.number import left_out_errors
+from inversion.inference.posterior import Posterior
+from inversion.inference.structures import fit_drops
 from inversion.threads import single_threaded_blas
 from pfwd_survey.inverting.diagnosis.entries import entries_of
 from pfwd_survey.inverting.options import AnalysisOptions
@@ -90,12 +90,12 @@ def _ladder(records: PointRecords) -> tuple[list[Step], np.ndarray, float]:
     begun = time.process_time()
     with single_threaded_blas():
         point = Point(records, SurrogateLibrary())
-        search = Search([point])
-        search.base()
+        every = range(len(point.drops))
         steps = []
         for step, sets in LADDER:
-            best = min((search.named(names) for names in sets), key=lambda c: c.score)
-            steps.append(_step(step, point, best))
+            fits = [(names, fit_drops(point, frozenset(names), every, {})) for names in sets]
+            names, best = max(fits, key=lambda one: one[1].log_evidence)
+            steps.append(_step(step, names, best))
         spent = time.process_time() - begun
         look = point.drops[0].context.layers
         assert look is not None
@@ -106,13 +106,9 @@ def _ladder(records: PointRecords) -> tuple[list[Step], np.ndarray, float]:
     return steps, errors, spent
 
 
-def _step(step: str, point: Point, candidate: Candidate) -> Step:
-    fit = candidate.fit
-    ground = point.ground(fit.problem.own[0], fit.own[0])
-    return (
-        step,
-        residual_over_peak(point, candidate),
-        residual_over_peak(point, candidate, contact_only=True),
-        ground.modulus,
-        tuple(sorted(candidate.names)),
+def _step(step: str, names: tuple[str, ...], fit: Posterior) -> Step:
+    whole, contact = (
+        float(np.sqrt(np.mean(np.square(fit.residuals_over_peak(contact_only=only)))))
+        for only in (False, True)
     )
+    return step, whole, contact, fit.model.modulus(fit.values), tuple(sorted(names))

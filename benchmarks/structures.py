@@ -41,7 +41,7 @@ from pfwd_survey.spawning import worker_pool
 # What the drops of the published survey show beside the question.
 _BESIDE: Structure = frozenset(
     {"sensor_lag", "plate_inertia", "stress_dependence", "hysteretic_unloading"}
-    | {"geophone_response", "flight"}
+    | {"geophone_response", "rebound"}
 )
 _ROCK: Structure = frozenset({"bedrock"})
 _ITERATIONS = 8

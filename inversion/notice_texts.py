@@ -56,11 +56,45 @@ TEMPLATES: dict[str, str] = {
         "the modulus is known no better than {modulus_interval_pa:.3g/1e6} MPa, with the effects "
         "that cannot be told apart"
     ),
-    "ground-on-bound": "{parameter:words} of the ground sits on a bound",
+    "discrepancy-remains": (
+        "residual not explained: {discrepancy_over_peak:.2g*100} % of the peak is left that no "
+        "effect tells, at most {limit:.2g*100} % is allowed"
+    ),
     "noise-exceeded": (
         "residual not explained: expected noise alone, got {residual_over_noise:.1f} times the "
         "noise"
     ),
+    "load-steps": (
+        "drop {drop:d}, load: the record steps {after_s:.1f*1000} ms into the pulse, where no "
+        "weight could: samples are missing, or its range was switched; measure again"
+    ),
+    "sensor-steps": (
+        "drop {drop:d}, sensor at {offset_m:g} m: the record steps {after_s:.1f*1000} ms into the "
+        "pulse, where no motion could: samples are missing, or its range was switched; measure "
+        "again"
+    ),
+    "sensor-upside-down": (
+        "sensor at {offset_m:g} m: upside down, {residual_over_peak:.2g*100} % of the peak is left "
+        "in place of {residual_declared_over_peak:.2g*100} %, with E {modulus_pa:.2p/1e6} MPa; "
+        "check its polarity"
+    ),
+    "sensors-exchanged": (
+        "sensors at {near_m:g} and {far_m:g} m: exchanged, {residual_over_peak:.2g*100} % of the "
+        "peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
+        "{modulus_pa:.2p/1e6} MPa; check their order and their cables"
+    ),
+    "bedrock-contradicted": (
+        "bedrock at {declared_m:g} m: with the depth left open, {residual_over_peak:.2g*100} % of "
+        "the peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
+        "{modulus_pa:.2p/1e6} MPa; check the declared depth"
+    ),
+    "bedrock-elsewhere": (
+        "bedrock at {declared_m:g} m: with the depth left open, {residual_over_peak:.2g*100} % of "
+        "the peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
+        "{modulus_pa:.2p/1e6} MPa and bedrock at {depth_m:.2g} m; check the declared depth"
+    ),
+    # of a diagnosis by earlier versions: stored results have them
+    "ground-on-bound": "{parameter:words} of the ground sits on a bound",
     "noise-exceeded-by-several": (
         "residual not explained: expected at most {limit:g} times the noise of several effects, "
         "got {residual_over_noise:.2f} times with {effects:d} effects at once"
@@ -96,35 +130,6 @@ TEMPLATES: dict[str, str] = {
     "effects-leave-residual": (
         "not taken over, as it leaves more than half of the residual or runs into a bound: "
         "{effects} came nearest"
-    ),
-    "load-steps": (
-        "drop {drop:d}, load: the record steps {after_s:.1f*1000} ms into the pulse, where no "
-        "weight could: samples are missing, or its range was switched; measure again"
-    ),
-    "sensor-steps": (
-        "drop {drop:d}, sensor at {offset_m:g} m: the record steps {after_s:.1f*1000} ms into the "
-        "pulse, where no motion could: samples are missing, or its range was switched; measure "
-        "again"
-    ),
-    "sensor-upside-down": (
-        "sensor at {offset_m:g} m: upside down, {residual_over_peak:.2g*100} % of the peak is left "
-        "in place of {residual_declared_over_peak:.2g*100} %, with E {modulus_pa:.2p/1e6} MPa; "
-        "check its polarity"
-    ),
-    "sensors-exchanged": (
-        "sensors at {near_m:g} and {far_m:g} m: exchanged, {residual_over_peak:.2g*100} % of the "
-        "peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
-        "{modulus_pa:.2p/1e6} MPa; check their order and their cables"
-    ),
-    "bedrock-contradicted": (
-        "bedrock at {declared_m:g} m: with the depth left open, {residual_over_peak:.2g*100} % of "
-        "the peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
-        "{modulus_pa:.2p/1e6} MPa; check the declared depth"
-    ),
-    "bedrock-elsewhere": (
-        "bedrock at {declared_m:g} m: with the depth left open, {residual_over_peak:.2g*100} % of "
-        "the peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
-        "{modulus_pa:.2p/1e6} MPa and bedrock at {depth_m:.2g} m; check the declared depth"
     ),
 }
 

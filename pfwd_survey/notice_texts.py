@@ -82,6 +82,7 @@ TEMPLATES: dict[str, str] = {
         "{effect}: expected {parameter:words} {shared:.3g}{unit} as by all points of the device, "
         "got {own:.3g}{unit} by this point alone: it contradicts them"
     ),
+    # of a diagnosis by earlier versions: stored results have it
     "device-left-out": (
         "the device of the other points leaves {with_device_over_peak:.2g*100} % of the peak here, "
         "the base model alone {without_device_over_peak:.2g*100} %: the record contradicts them, "

@@ -233,7 +233,8 @@ def test_an_export_format_is_written(folder: Path, survey: Path) -> None:
 CLICK = """
 import numpy as np
 from inversion import Instrument, Record, Sensor
-from inversion.diagnosis import PointRecords, diagnose_point
+from inversion.diagnosis import PointRecords
+from inversion.inference.diagnose import diagnose_point
 from inversion.effects import BY_NAME
 from simulators.demo import PLATE, demo_simulations
 

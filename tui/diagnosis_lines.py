@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from pfwd_survey.procedures import PointModulus
 
 _VERDICT = {
-    "clean": "CLEAN: the base model leaves only noise",
-    "explained": "EXPLAINED: the effects below bring the residual to the noise",
-    "unexplained": "NOT EXPLAINED: more than noise is left, the warnings say why",
+    "clean": "CLEAN: no effect is asked for",
+    "explained": "EXPLAINED: the effects below leave next to nothing",
+    "unexplained": "NOT EXPLAINED: more is left than the effects tell, the warnings say why",
 }
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
 # Moduli that differ by less than this part need not both be told.

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
-    from inversion.diagnosis.device import cost_of_sharing, fit_device
-    from inversion.diagnosis.diagnose import diagnose_point
     from inversion.diagnosis.findings import (
         NEARLY_EXPLAINED,
         DeviceFindings,
@@ -21,11 +19,9 @@ if TYPE_CHECKING:
         HeldOutPart,
         LeaveOut,
         PointDiagnosis,
-        UnknownKey,
     )
     from inversion.diagnosis.flat_tops import Channel, largest_values
     from inversion.diagnosis.model import PointRecords
-    from inversion.diagnosis.prediction import left_out_error
 
 __all__ = [
     "NEARLY_EXPLAINED",
@@ -40,12 +36,7 @@ __all__ = [
     "LeaveOut",
     "PointDiagnosis",
     "PointRecords",
-    "UnknownKey",
-    "cost_of_sharing",
-    "diagnose_point",
-    "fit_device",
     "largest_values",
-    "left_out_error",
 ]
 
 _HOMES = {
@@ -61,12 +52,7 @@ _HOMES = {
     "NEARLY_EXPLAINED": "inversion.diagnosis.findings",
     "PointDiagnosis": "inversion.diagnosis.findings",
     "PointRecords": "inversion.diagnosis.model",
-    "UnknownKey": "inversion.diagnosis.findings",
-    "cost_of_sharing": "inversion.diagnosis.device",
-    "diagnose_point": "inversion.diagnosis.diagnose",
-    "fit_device": "inversion.diagnosis.device",
     "largest_values": "inversion.diagnosis.flat_tops",
-    "left_out_error": "inversion.diagnosis.prediction",
 }
 
 __getattr__ = lazy_getattr(globals(), _HOMES)

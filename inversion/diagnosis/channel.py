@@ -9,13 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from inversion.arrays import FloatArray
 from inversion.measured.record import ChannelNoise, Sensor
-
-# Part of the mean variance that keeps a covariance positive.
-_JITTER = 1e-6
 
 
 class MotionChannel:
@@ -78,22 +74,14 @@ class MotionChannel:
             weights += [share * part for share in shares]
         return np.array(samples), np.stack(weights)
 
-    def whitener(self, part: slice, steady: FloatArray) -> FloatArray:
-        """Inverse of the lower Cholesky factor of the covariance of some samples, 1/m.
+    def noise_covariance(self, part: slice, steady: FloatArray) -> FloatArray:
+        """Return the covariance of the noise and of the model's error at some samples, m2.
 
         Parameters
         ----------
         part : slice of the samples
-        steady : (n,) ndarray, m: rms of what is added to the noise, independent at each
+        steady : (n,) ndarray, m: rms of the model's error, independent at each sample
         """
-        covariance = self.noise_covariance(part, steady)
-        size = steady.size
-        covariance += _JITTER * float(np.trace(covariance)) / size * np.eye(size)
-        lower = np.linalg.cholesky(covariance)
-        return np.asarray(solve_triangular(lower, np.eye(size), lower=True))
-
-    def noise_covariance(self, part: slice, steady: FloatArray) -> FloatArray:
-        """Return the covariance of the noise at some samples and of what `whitener` adds, m2."""
         covariance: FloatArray = np.diag(steady**2)
         if self._noise.model.samples:
             covariance += self._noise.model.quadratic_form(self._weights[part])

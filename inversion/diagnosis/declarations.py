@@ -1,8 +1,9 @@
 """What a file declares and its own records contradict: a depth, a polarity, an order of sensors.
 
 A diagnosis believes what is declared. Where it cannot explain the records, or they leave the
-modulus open, it is asked once more without a declaration that looks doubtful; what takes half of
-the residual away is said. The diagnosis itself stays with what the file declares.
+modulus open, or need effects above declared rock, it is asked once more without a declaration that
+looks doubtful; what takes half of the residual away, or is far likelier, is said, and the point is
+not explained. The diagnosis itself stays with what the file declares.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from inversion.records import known
 _PULSES = 2.0
 # Times as far as a nearer sensor that a farther one has to move to be doubted.
 _FARTHER = 1.05
+# Log evidence that the records have to gain without a declared depth.
+_LIKELIER = 10.0
 # Depths that differ by no more than this part are the same.
 _SAME_DEPTH = 0.05
 
@@ -99,7 +102,8 @@ def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) ->
     left, left_other = (one.after.left_over_peak for one in (found, other))
     explained = other.verdict != "unexplained"
     halved = found.verdict == "unexplained" and left_other <= MOST_LEFT * left
-    if not halved and not (found.after.left_open and explained):
+    likelier = doubt.of_ground and other.score > found.score + _LIKELIER
+    if not halved and not (explained and (found.after.left_open or likelier)):
         return None
     rock = [known(e.value) for e in other.effects if e.name == "bedrock"]
     if rock and abs(rock[0] / doubt.depth - 1.0) < _SAME_DEPTH:

@@ -16,14 +16,10 @@ if TYPE_CHECKING:
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
-UnknownKey = tuple[int, str, str, int | None]
-"""Number of the point, effect ("": the ground), parameter, place of the drop (None: all)."""
 # Of the peak: a point of which no more is left may be corrected, though it is not explained.
 NEARLY_EXPLAINED = 0.02
 # Of the residual: effects that leave more of it are not what is behind it.
 MOST_LEFT = 0.5
-# Of the peak: less than any record can tell.
-_NOTHING_LEFT = 1e-9
 # Relative error (95 %) of a modulus by what no record of its own shows: load cell and sensors that
 # read too much or too little throughout, each by the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
@@ -67,10 +63,10 @@ class EffectResult(JsonRecord):
     unit: str | None = quantity("SI unit of that value; - for none")
     parameters: tuple[EffectParameter, ...] | None = quantity("All its numbers")
     evidence: float | None = quantity(
-        "Drop of the Bayesian information criterion; none: shared by the points of the device"
+        "Log Bayes factor: log evidence with the effect over that without; none: not determined"
     )
     probability: float | None = quantity(
-        "Share, by weight, of the effect sets that fit nearly as well and have it"
+        "Share, by posterior probability, of the sets of effects that have it"
     )
     residual_without_over_peak: float | None = quantity(
         "Residual over the peak when it alone is removed; none: shared by the points of the device"
@@ -123,7 +119,14 @@ def effect_result(
 class FittedState(JsonRecord):
     """A point before or after the effects were added."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"stress_pa", "modulus_100kpa_pa"})
+    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+        {
+            "stress_pa",
+            "modulus_100kpa_pa",
+            "discrepancy_over_peak",
+            "discrepancy_interval_over_peak",
+        }
+    )
 
     model: str | None = quantity("half-space or layer; rig where there is no ground")
     modulus_pa: float | None = quantity(
@@ -146,6 +149,10 @@ class FittedState(JsonRecord):
         "Rms residual over the peak, from the trigger to the end of the record"
     )
     contact_residual_rms_over_peak: float | None = quantity("The same to the end of the contact")
+    discrepancy_over_peak: float | None = quantity(
+        "Standard deviation of what the model lacks, over the peak; none: an earlier version's"
+    )
+    discrepancy_interval_over_peak: Interval | None = quantity("95 % interval of that")
 
     fitted_modulus: float = not_stored(math.nan)
     """Modulus even where the interval leaves it open, Pa; NaN without ground."""
@@ -271,6 +278,26 @@ class DropCurves:
     contact_end: float
 
 
+@dataclass(frozen=True)
+class PointSummary:
+    """What the fit of a point says to other points.
+
+    Parameters
+    ----------
+    values : values of the unknowns that all drops share, by effect and coordinate
+    deviations : by effect and coordinate, deviations from the point by place of the drop
+    stiffness : ln of the modulus over that of the last drop, by place of the drop
+    peak_loads : N, by place of the drop
+    take_off_speeds : m/s, by place of the drop; empty: nothing flies
+    """
+
+    values: dict[tuple[str, str], float]
+    deviations: dict[tuple[str, str], dict[int, float]]
+    stiffness: dict[int, float]
+    peak_loads: dict[int, float]
+    take_off_speeds: dict[int, float]
+
+
 @dataclass(frozen=True, eq=False)
 class PointDiagnosis:
     """What was found at one point.
@@ -286,9 +313,10 @@ class PointDiagnosis:
     held_out : HeldOut or None
     warnings : tuple of Notice
     curves : tuple of DropCurves
-    values : dict of all unknowns' values, from which a fit of the point may go on
-    plain : bool, whether every sample counted alike, as much more than noise is left
-    independent : float, samples that count in the evidence of its effects
+    summary : PointSummary or None, what its fit says to other points
+    structure : frozenset of str, names of the effects of the best structure
+    gains : log evidence of each effect in that structure, or with it
+    score : float, log evidence of that structure for one drop, with its prior odds; NaN: none
     elapsed : float, s, of looking at it; NaN: not known
     """
 
@@ -302,31 +330,16 @@ class PointDiagnosis:
     held_out: HeldOut | None
     warnings: tuple[Notice, ...]
     curves: tuple[DropCurves, ...] = field(repr=False)
-    values: Mapping[UnknownKey, float] = field(repr=False, default_factory=dict)
-    plain: bool = False
-    independent: float = math.nan
+    summary: PointSummary | None = field(repr=False, default=None)
+    structure: frozenset[str] = frozenset()
+    gains: Mapping[str, float] = field(repr=False, default_factory=dict)
+    score: float = math.nan
     elapsed: float = math.nan
 
     @property
     def takes_most(self) -> bool:
         """Whether the effects take at least half of the residual over the peak away."""
         return self.after.left_over_peak <= MOST_LEFT * self.before.left_over_peak
-
-    def criterion(self, shared: DeviceValues | None = None) -> float:
-        r"""Bayesian information criterion :math:`N \ln r^2 + k \ln N`; smaller is better.
-
-        r is what is left over the peak, N the number of independent samples, k that of the
-        point's values.
-
-        Parameters
-        ----------
-        shared : device effects that are not the point's own, by effect and parameter
-        """
-        others = {(name, key) for name, values in (shared or {}).items() for key in values}
-        own = sum((name, key) not in others for _, name, key, _ in self.values)
-        left = max(self.after.left_over_peak, _NOTHING_LEFT)
-        misfit = 2.0 * self.independent * math.log(left)
-        return misfit + own * math.log(self.independent)
 
     @property
     def corrected(self) -> bool:
@@ -359,11 +372,9 @@ class DeviceFindings:
     values, deviations : by effect and parameter
     drops : int, how many they rest on
     spread : by effect and parameter, by how much points differ that are asked each by itself
-    of_others : tuple of values, of each point what other points say; empty: not asked
     """
 
     values: DeviceValues
     deviations: Mapping[str, Mapping[str, float]]
     drops: int
     spread: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    of_others: tuple[DeviceValues, ...] = ()

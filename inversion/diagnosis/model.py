@@ -48,14 +48,10 @@ _REMEMBERED = 24
 _STILL = 1e-3
 # The first sample is zero by construction.
 FROM_SAMPLE = 1
-# Independent samples per second and sensor: twice the band in which ground and geophone move.
-INDEPENDENT_HZ = 800.0
 # The deflection has its peak within so many contact times.
 _SOON = 1.3
 # How far a plate has to come up to swing back, of its largest deflection and over the noise.
 _SWINGS_BACK, _ABOVE_NOISE = 0.01, 3.0
-# Noise so many times the model's own error is seen beside it.
-_LOUD = 2.0
 
 Active = Sequence[tuple[Effect, Values]]
 _Motion = tuple[FloatArray, FloatArray | None]
@@ -78,24 +74,6 @@ class _Stages:
     ground: Ground = field(compare=False)
     law: NonlinearStiffness = field(compare=False)
     shaping: Active = field(compare=False)
-
-
-@dataclass(frozen=True)
-class FitScope:
-    """What of a record counts for a fit, and how.
-
-    Parameters
-    ----------
-    contact_only : bool, no more than the contact phase
-    plain : bool, every sample from the pulse on alike, as if the noise were white
-    """
-
-    contact_only: bool = False
-    plain: bool = False
-
-
-WHOLE = FitScope()
-ALIKE = FitScope(plain=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,14 +160,12 @@ class DropModel:
             MotionChannel(sensor, noise, first, samples, drop.step)
             for sensor, noise in zip(record.sensors, whole.channels, strict=True)
         )
-        self._everywhere = np.stack([channel.observed for channel in self.channels])
-        self.observed = self._everywhere[:, self.before :]
+        everywhere = np.stack([channel.observed for channel in self.channels])
+        self.observed: FloatArray = everywhere[:, self.before :]
         floor = model_floor(whole, record.model_floor)
         self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
         self.context = self._make_context(load, largest_load, index, point)
         self._recorded = replace(self.context, time=drop.step * (samples - first))
-        self._floor = floor
-        self._whiteners: dict[FitScope, tuple[FloatArray, ...]] = {}
         self._noise_covariances: dict[tuple[int, float], FloatArray] = {}
         self.peak: FloatArray = drop.peak_displacement
         self._motions: dict[tuple[object, ...], _Motion] = {}
@@ -197,13 +173,6 @@ class DropModel:
         self._latest: tuple[Ground, Active, _Stages] | None = None
         self._plate = int(np.argmin(self.context.offsets))
         self._under_plate = self.context.offsets < self.context.plate_radius
-        self.nonlinear_solves = 0
-        """How often nonlinear ground was solved for: six times the work of linear ground."""
-
-    @property
-    def is_loud(self) -> bool:
-        """Whether some channel has more noise before the pulse than the model's own error."""
-        return bool(np.any(self.noise > _LOUD * self._floor))
 
     @property
     def recorded_time(self) -> FloatArray:
@@ -489,10 +458,6 @@ class DropModel:
         result[0] = motion
         return result
 
-    def ground_below(self, ground: Ground, active: Active) -> Ground:
-        """The ground as the drop meets it."""
-        return self._stages(ground, active).ground
-
     def _stages(self, ground: Ground, active: Active) -> _Stages:
         """What the ground does: its parameters, its law, and what shapes its compliance."""
         if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
@@ -549,7 +514,6 @@ class DropModel:
         deflects under it. And the displacement of the plate that it was solved for, (n,), m.
         From parts of the compliance and, m/N, the plate's at rest.
         """
-        self.nonlinear_solves += 1
         hats = parts @ self._hats
         load, reference = self.context.load, self.context.largest_load * still
         force, solution = effective_force(
@@ -580,62 +544,6 @@ class DropModel:
         row = self.observed[int(np.argmin(self.context.offsets))]
         return float(row[self.context.time <= _SOON * self.context.contact_end].max())
 
-    def independent(self, scope: FitScope = WHOLE) -> float:
-        """Number of independent samples that count, all sensors."""
-        part = self._part(scope)
-        count = part.stop - part.start
-        seconds = count * self.context.step
-        return float(min(max(INDEPENDENT_HZ * seconds, 8.0), count) * self.observed.shape[0])
-
-    def weighted_residual(self, predicted: FloatArray, scope: FitScope = WHOLE) -> FloatArray:
-        r"""What a prediction leaves, (n,): noise would leave a sum of squares of `independent`.
-
-        Noise is coloured: a velocity's becomes a random walk when it is integrated, whose slow
-        part must not be taken for an effect. With C the covariance of noise, quantisation and
-        the model's own error, the residual is :math:`\sqrt{N/n} L^{-1} r`, :math:`L L^T = C`,
-        N of n samples being independent as far as the model's own error goes.
-        """
-        found: FloatArray = self.weighted_residuals(predicted[None], scope)[0]
-        return found
-
-    def weighted_residuals(self, predicted: FloatArray, scope: FitScope = WHOLE) -> FloatArray:
-        """`weighted_residual` of many predictions (m, n_sensors, before + n), (m, n)."""
-        part = self._part(scope)
-        left = predicted[:, :, part] - self._everywhere[:, part]
-        if scope.plain:
-            share = np.sqrt(self.independent(scope) / left[0].size)
-            plain: FloatArray = share * (left / self.noise[:, None])
-            return plain.reshape(left.shape[0], -1)
-        parts = [
-            left[:, row] @ weights for row, weights in enumerate(self._whiteners_of(scope, part))
-        ]
-        return np.concatenate(parts, axis=1)
-
-    def _whiteners_of(self, scope: FitScope, part: slice) -> tuple[FloatArray, ...]:
-        r"""Of each sensor :math:`\sqrt{N/n} L^{-T}`, see `MotionChannel.whitener`."""
-        known = self._whiteners.get(scope)
-        if known is not None:
-            return known
-        moving = (np.arange(part.start, part.stop) >= self.before).astype(float)
-        # Too short a rest tells no noise: then it counts no more than the rest of the record.
-        share = np.sqrt(self.independent(scope) / (moving.size * len(self.channels)))
-        found = tuple(
-            np.ascontiguousarray(
-                share
-                * channel.whitener(
-                    part,
-                    np.hypot(
-                        floor * (moving if noise.model.samples else np.ones_like(moving)), quantum
-                    ),
-                ).T
-            )
-            for channel, noise, floor, quantum in zip(
-                self.channels, self.drop.channels, self._floor, self.drop.quantisation, strict=True
-            )
-        )
-        self._whiteners[scope] = found
-        return found
-
     def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
         """Return the covariance of the noise of a sensor, m2, at the samples that count.
 
@@ -647,7 +555,7 @@ class DropModel:
         """
         known = self._noise_covariances.get((sensor, floor))
         if known is None:
-            window = self.window(contact_only=False)
+            window = slice(FROM_SAMPLE, self.rows.size)
             steady = np.hypot(float(self.drop.quantisation[sensor]), floor)
             known = self.channels[sensor].noise_covariance(
                 slice(self.before + window.start, self.before + window.stop),
@@ -655,23 +563,6 @@ class DropModel:
             )
             self._noise_covariances[sensor, floor] = known
         return known
-
-    def weighted_size(self, scope: FitScope = WHOLE) -> int:
-        """Number of values that `weighted_residual` gives."""
-        part = self._part(scope)
-        return int((part.stop - part.start) * self.observed.shape[0])
-
-    def _part(self, scope: FitScope) -> slice:
-        """Samples that count for a fit, those before the pulse among them unless all are alike."""
-        window = self.window(contact_only=scope.contact_only)
-        return slice(self.before + window.start if scope.plain else 0, self.before + window.stop)
-
-    def window(self, *, contact_only: bool) -> slice:
-        """Samples that count, of the model's."""
-        if not contact_only:
-            return slice(FROM_SAMPLE, self.rows.size)
-        end = int(np.searchsorted(self.context.time, self.drop.contact_end * (1 + 1e-9)))
-        return slice(FROM_SAMPLE, max(end, FROM_SAMPLE + 8))
 
     def residual_over_peak(
         self, predicted: FloatArray, *, contact_only: bool, sensors: Sequence[int] | None = None

@@ -23,7 +23,6 @@ class AcquisitionFilter(Effect):
         Parameter("corner", "Hz", 20.0, 2000.0, (150.0, 300.0), logarithmic=True, absent=2000.0),
         Parameter("advance", "s", -1e-3, 6e-3, (0.0, 2e-3), prior=(0.0, 2e-3), absent=0.0),
     )
-    in_full_set = False
     advice = "ask the maker for the filter of the deflection channel, or switch it off"
 
     def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:

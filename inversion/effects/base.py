@@ -8,13 +8,13 @@ The model of a record goes through five stages, and an effect changes one of the
     motion               what plate and ground do in time
     record               what sensor and processing make of it
 
-A new effect is one module with one class and one entry in the catalogue. What the search of the
-diagnosis has to know of it (where its fit begins, what it is not tried with, what can hide it) is
-said by the class.
+A new effect is one module with one class and one entry in the catalogue. The class says what the
+inference has to know of it: its unknowns with their priors, and what it is not tried with.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -30,7 +30,6 @@ from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
-from inversion.notices import Notice
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
@@ -165,49 +164,17 @@ class Effect:
     excludes: ClassVar[frozenset[str]] = frozenset()
     """Names of effects that are not tried together with it, because both would explain anything.
     It is enough that one of two names the other."""
-    in_full_set: ClassVar[bool] = True
-    """Whether it is in the set of all effects at once from which those that are not asked for are
-    taken away; if not, it is tried alone, and beside those that stayed."""
-    present: ClassVar[tuple[Mapping[str, float], ...]] = ()
-    """Values from which the fits of the full set begin as well, because the way there from where
-    its parameters are `absent` leads over a hill. Those that are not named begin as if absent."""
-    looks_like_noise: ClassVar[bool] = False
-    """Whether it is there before the pulse, too, where it may be taken for noise: then it is looked
-    for where no more than noise is left."""
-    is_no_small_step: ClassVar[bool] = False
-    """Whether a straight line to it says nothing of what it could explain: it is tried alone in any
-    case."""
-    imitates: ClassVar[frozenset[str]] = frozenset()
-    """Names of effects that it looks like in records that cannot show it by itself: there it is
-    named as their alternative, if it fits as well."""
     drop_deviations: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     """Prior deviations by which single drops differ from the point, by coordinate: of the first of
     several drops, and of later ones."""
+
+    told_as: ClassVar[str] = ""
+    """Name in results; empty: its own. Two forms of one effect have one name there."""
     least_gain: ClassVar[float] = 0.0
     """Log evidence by which a model with it must exceed those without, for what it imitates."""
-    told_sets: ClassVar[tuple[frozenset[str], ...]] = ()
-    """Sets of effects, it among them, for which `set_starts` tells where a fit begins: they are
-    tried before anything is combined."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Whether records like these could show it."""
-        return True
-
-    def present_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
-        """`present`, as it fits the plate."""
-        return self.present
-
-    def set_starts(
-        self, drop: DropContext, names: frozenset[str]
-    ) -> Mapping[tuple[str, str], float]:
-        """Where the fit of a set of effects, it among them, begins, as the records themselves tell.
-
-        By effect ("": the ground) and parameter; what is not said begins elsewhere.
-        """
-        return {}
-
-    def acts_on(self, drop: DropContext) -> bool:
-        """Whether it can show in this drop of a point, and has values there."""
         return True
 
     def conflicts_with(self, other: Effect) -> bool:
@@ -230,6 +197,23 @@ class Effect:
             if p.name in coordinates
         }
 
+    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+        """Return what a result says of the effect: units and values by name, the first its value.
+
+        Parameters
+        ----------
+        values : of the parameters
+        drop : DropContext
+        """
+        return {
+            p.name: (p.unit, values[p.name]) for p in self.parameters_for(drop) if p.name in values
+        }
+
+    def coordinate_at(self, name: str, value: float) -> float:
+        """Return the unknown of a parameter at its value, the inverse of `values_at`."""
+        parameter = next(p for p in self.parameters if p.name == name)
+        return math.log(value) if parameter.logarithmic else value
+
     def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """Name, unit and value of what the record itself tells of the effect; goes first."""
         return ()
@@ -237,6 +221,17 @@ class Effect:
     def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """Name, unit and value of what is not fitted but belongs to the values; goes last."""
         return ()
+
+    def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
+        """Return whether values describe what the effect is meant to be.
+
+        Parameters
+        ----------
+        ground : Ground, with all effects
+        values : of the parameters
+        drop : DropContext
+        """
+        return True
 
     def model_error(self, values: Values) -> float:
         """Relative error (95 %) of the modulus that the effect's own simplification may leave."""
@@ -294,10 +289,6 @@ class Effect:
                 for row, motion in enumerate(motions)
             ]
         )
-
-    def objection(self, values: Values, drop: DropContext) -> Notice | str | None:
-        """Return the reason why an effect of these values cannot be told from others, or None."""
-        return None
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """What is recorded, (n_sensors, n), m, with the effect."""

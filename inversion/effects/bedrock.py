@@ -29,10 +29,6 @@ class Bedrock(Effect):
         """Only where none is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
-    def present_for(self, drop: DropContext) -> tuple[Mapping[str, float], ...]:
-        """Rock six plate radii down."""
-        return ({"depth": 6.0 * drop.plate_radius},)
-
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Depths that the tables cover, with starts over all of them."""
         depth = depth_parameter(drop.plate_radius)

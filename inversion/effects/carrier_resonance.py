@@ -10,9 +10,12 @@ import math
 from collections.abc import Mapping
 
 from inversion.arrays import FloatArray
-from inversion.effects.base import DropContext, Effect, Values, geophone
+from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
+
+# Damping from which on nothing is seen to swing.
+_MOST_DAMPING = 0.3
 
 
 class CarrierResonance(Effect):
@@ -23,7 +26,7 @@ class CarrierResonance(Effect):
     parameters = (
         Parameter("strength", "-", -0.5, 0.5, (-0.04, 0.04), prior=(0.0, 0.1), absent=0.0),
         Parameter("frequency", "Hz", 15.0, 200.0, (45.0,), logarithmic=True),
-        Parameter("damping", "-", 0.005, 0.3, (0.05,), logarithmic=True),
+        Parameter("damping", "-", 0.005, 1.0, (0.05,), logarithmic=True),
     )
     advice = "look at the carrier of the sensor: it swings on the plate"
 
@@ -44,6 +47,10 @@ class CarrierResonance(Effect):
             "frequency": math.exp(coordinates["frequency"]),
             "damping": math.exp(coordinates["damping"]),
         }
+
+    def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
+        """Return whether it swings: damped more, it looks like other ground."""
+        return values["damping"] < _MOST_DAMPING
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """With the oscillation of the carrier."""

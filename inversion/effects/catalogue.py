@@ -10,6 +10,8 @@ from inversion.effects.acquisition_filter import AcquisitionFilter
 from inversion.effects.base import Effect, Scope
 from inversion.effects.baseline_drift import BaselineDrift
 from inversion.effects.bedrock import Bedrock
+from inversion.effects.carrier_resonance import CarrierResonance
+from inversion.effects.damping_law import DampingLaw
 from inversion.effects.geophone_response import GeophoneResponse
 from inversion.effects.hysteretic_unloading import HystereticUnloading
 from inversion.effects.layer import Layer
@@ -17,6 +19,7 @@ from inversion.effects.load_filter import LoadFilter
 from inversion.effects.load_gain import LoadGain
 from inversion.effects.load_shape import LoadShape
 from inversion.effects.mains_hum import MainsHum
+from inversion.effects.modulus_gradient import LinearGradient, RootGradient
 from inversion.effects.permanent_set import PermanentSet
 from inversion.effects.plate_inertia import PlateInertia
 from inversion.effects.rebound import Rebound
@@ -31,6 +34,9 @@ from inversion.effects.viscosity import Viscosity
 
 OWN: tuple[Effect, ...] = (
     # the ground and what stands on it
+    DampingLaw(),
+    RootGradient(),
+    LinearGradient(),
     Bedrock(),
     Viscosity(),
     PlateInertia(),
@@ -54,6 +60,7 @@ OWN: tuple[Effect, ...] = (
     Saturation(),
     BaselineDrift(),
     MainsHum(),
+    CarrierResonance(),
 )
 
 

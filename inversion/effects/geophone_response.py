@@ -25,7 +25,6 @@ class GeophoneResponse(Effect):
             30.0,
             (4.5, 10.0, 0.5),
             logarithmic=True,
-            usual=(2.0, 30.0),
             absent=0.15,
         ),
         # Open ones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical damping.
@@ -36,15 +35,10 @@ class GeophoneResponse(Effect):
             1.5,
             (0.6, 0.2),
             logarithmic=True,
-            usual=(0.05, 1.05),
             prior=(math.log(0.5), 0.7),
         ),
     )
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
-    present = (
-        {"natural_frequency": 6.0, "damping": 0.5},
-        {"natural_frequency": 12.0, "damping": 0.2},
-    )
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
         """Return the frequency, Hz, which is zero without a high-pass, and ln of the damping."""
@@ -64,6 +58,10 @@ class GeophoneResponse(Effect):
             "natural_frequency": coordinates["natural_frequency"],
             "damping": math.exp(coordinates["damping"]),
         }
+
+    def coordinate_at(self, name: str, value: float) -> float:
+        """Return frequency, Hz, or logarithm of the damping."""
+        return value if name == "natural_frequency" else math.log(value)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """As the geophone shows it."""

@@ -28,7 +28,7 @@ class HystereticUnloading(Effect):
         Parameter(
             "unrecovered", "-", 0.0, 0.8, (0.1, 0.02), natural=True, prior=(0.0, 0.25), absent=0.0
         ),
-        Parameter("tension_share", "-", 0.1, 1.0, (0.5,), natural=True, absent=1.0, of_point=True),
+        Parameter("tension_share", "-", 0.1, 1.0, (0.5,), natural=True, absent=1.0),
     )
     drop_deviations = MappingProxyType({"exponent": (0.4, 0.1), "unrecovered": (0.2, 0.05)})
     advice = "the ground yields: drop again until nothing is left behind"

@@ -4,7 +4,6 @@ Dynamic: the ground is that of :mod:`inversion.forward.layered`.  The reported m
 the ground below.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy as np
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
-from inversion.notices import Notice
 
 # Soils, granular fills and asphalt differ by so much in modulus, damping and density (logarithms).
 _RATIO = Parameter(
@@ -29,22 +27,12 @@ _THICKNESS = Parameter("thickness", "m", 0.03, 3.0, (0.2,), logarithmic=True)
 _THICKNESS_RADII = (0.2, 20.0)
 # The layers end above the rock by at least this part of its depth.
 _ABOVE_ROCK = 0.98
+# Of the layers, what has to be left below them; and by how much a single layer has to change the
+# plate's deflection where there are so many distances or fewer.
+_LEFT, _LEAST_FELT, _FEW_DISTANCES = 0.25, 0.03, 3
+# Modulus of a layer over that of the ground: less is soil on rock.
+_ROCK = 0.05
 _MIDDLE = "middle_"
-# What the first look calls what effects and ground have: (effect, parameter); "" is the ground.
-_OTHERS = {
-    "relaxation": ("", "relaxation"),
-    "density": ("", "density"),
-    "depth": ("bedrock", "depth"),
-    "natural_frequency": ("geophone_response", "natural_frequency"),
-    "damping": ("geophone_response", "damping"),
-    "lag": ("sensor_lag", "delay"),
-}
-
-# A boundary at depth h under a plate of radius a changes its deflection by about the difference of
-# moduli times a / h.  What changes it by less than load cell and sensor may be off is not felt, and
-# what lies below is an extrapolation: so few distances take slow motions of other causes for it.
-_LEAST_FELT, _FEW_DISTANCES = 0.03, 3
-
 # Relative error (95 %) of the modulus below: ground of three media that was fitted with fewer left
 # 0.6 to 1.5 % in a campaign of finite elements.
 _MORE_MEDIA = 0.015
@@ -56,7 +44,6 @@ class Layer(Effect):
     name = "layer"
     scope = "point"
     parameters = (_RATIO, _THICKNESS, _RELAXATION, _DENSITY)
-    in_full_set = False
     advice = (
         "the top differs from what is below: look into a trial pit, or measure on what is below"
     )
@@ -65,30 +52,28 @@ class Layer(Effect):
     excludes = frozenset({"rough_contact"})
     # The modulus below may be far from what the plate's deflection says.
     ground_is_below = True
-    # Layers imitate a lag and a geophone in one sensor, and hide them in several.
-    imitates = frozenset(
-        {"sensor_lag", "geophone_response", "stress_dependence", "hysteretic_unloading"}
-    )
-    told_sets = (
-        frozenset({"layer", "geophone_response"}),
-        frozenset({"layer", "bedrock"}),
-        frozenset({"layer", "geophone_response", "sensor_lag"}),
-        frozenset({"layer", "bedrock", "geophone_response", "sensor_lag"}),
-    )
+
+    def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
+        """Return whether ground is left below, and whether the plate feels it by few sensors.
+
+        Layers that fill the ground down to its rock do what rock does that lies elsewhere, and
+        ground far stiffer than the layers on it is rock. Slow motions of other causes look like a
+        boundary far below the plate.
+        """
+        ratios = (values.get(prefix + "modulus_ratio", 1.0) for prefix in ("", _MIDDLE))
+        if min(ratios) < _ROCK:
+            return False
+        layers = sum(medium.thickness for medium in ground.above)
+        if ground.inverse_depth > 0.0 and 1.0 / ground.inverse_depth - layers < _LEFT * layers:
+            return False
+        if _MIDDLE + "thickness" in values or np.unique(np.abs(drop.offsets)).size > _FEW_DISTANCES:
+            return True
+        felt = abs(values["modulus_ratio"] - 1.0) * drop.plate_radius / values["thickness"]
+        return bool(felt >= _LEAST_FELT)
 
     def model_error(self, values: Values) -> float:
         """What more media than are fitted may move the modulus of the lowest one."""
         return _MORE_MEDIA
-
-    def objection(self, values: Values, drop: DropContext) -> Notice | None:
-        """Of a single layer that few sensors show: whether the plate feels what is below it."""
-        if _MIDDLE + "thickness" in values or np.unique(np.abs(drop.offsets)).size > _FEW_DISTANCES:
-            return None
-        ratio, thickness = values["modulus_ratio"], values["thickness"]
-        if abs(ratio - 1.0) * drop.plate_radius >= _LEAST_FELT * thickness:
-            return None
-        numbers = {"thickness_m": thickness, "modulus_ratio": ratio, "least": _LEAST_FELT}
-        return Notice("layer-not-felt", numbers)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Thicknesses that the plate can feel, and a second layer where the sensors tell one."""
@@ -105,23 +90,6 @@ class Layer(Effect):
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """The centre alone cannot tell it from another modulus."""
         return drops[0].layers is not None and drops[0].layers.distances > 1
-
-    def set_starts(
-        self, drop: DropContext, names: frozenset[str]
-    ) -> Mapping[tuple[str, str], float]:
-        """What a quick fit of layers with the rock and the instrument of the set found."""
-        if drop.layers is None:
-            return {}
-        found = drop.layers.values(
-            rock="bedrock" in names,
-            geophone="geophone_response" in names,
-            lag="sensor_lag" in names,
-        )
-        modulus = found.pop("modulus") / drop.layers.peak_modulus
-        starts = {("", "modulus_ratio"): modulus}
-        for name, value in found.items():
-            starts[_OTHERS.get(name, (self.name, name))] = value
-        return starts
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """Media above the ground, of its Poisson's ratio, on the same rock."""

@@ -53,7 +53,6 @@ class LoadFilter(Effect):
     )
     # Both make the deflection come early.
     excludes = frozenset({"sensor_lag"})
-    in_full_set = False
     advice = "ask the maker for the filter of the load channel, or switch it off"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

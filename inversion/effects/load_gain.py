@@ -15,7 +15,6 @@ class LoadGain(Effect):
     name = "load_gain"
     scope = "device"
     parameters = (Parameter("factor", "-", 0.1, 10.0, (1.05, 0.95), logarithmic=True),)
-    in_full_set = False
     advice = "have the load cell calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -19,7 +19,6 @@ class LoadShape(Effect):
     name = "load_shape"
     scope = "drop"
     parameters = (Parameter("share", "-", 0.0, 1.5, (1.0,), natural=True, absent=0.0),)
-    in_full_set = False
     advice = "use the measured load; look after buffers and guide of the hammer"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

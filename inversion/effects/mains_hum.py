@@ -1,47 +1,22 @@
 """50 or 60 Hz in the velocity."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.effects.base import DropContext, Effect, Values
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
 # Hz: what mains and generators keep to on either side of 50 and of 60.
 _REACH_HZ = 1.0
-_MIDDLE = 0.5
+# Hz, on the scale of the fit: where the two lie on either side of zero, and where it ends.
+_MIDDLE_HZ, _GAP_HZ = 2.0, 3.0
 # m/s, standard deviations of the amplitude: of a bad cable, and the least that a quiet time before
 # the pulse holds it to.
 _USUAL, _LEAST = 0.02, 1e-4
-_BELOW_MIDDLE = float(np.nextafter(_MIDDLE, 0.0))
-
-
-class MainsFrequency(Parameter):
-    """Near 50 Hz in the lower half of the unit interval, near 60 Hz in the upper half."""
-
-    def value(self, unit_value: FloatArray | float) -> FloatArray:
-        """Physical value of points (...,) of the unit interval, Hz."""
-        place = np.asarray(unit_value)
-        slope = 4.0 * _REACH_HZ
-        return np.where(
-            place < _MIDDLE, self.lower + slope * place, self.upper + slope * (place - 1.0)
-        )
-
-    def unit_value(self, value: float) -> float:
-        """The inverse of `value`, of the nearer mains."""
-        slope = 4.0 * _REACH_HZ
-        if value < 0.5 * (self.lower + self.upper):
-            return float(np.clip((value - self.lower) / slope, 0.0, _BELOW_MIDDLE))
-        return float(np.clip(1.0 + (value - self.upper) / slope, _MIDDLE, 1.0))
-
-    def slopes(self, unit_value: FloatArray | float) -> FloatArray:
-        """Derivatives (...,) of the physical value with respect to the unit value."""
-        return np.full(np.shape(unit_value), 4.0 * _REACH_HZ)
-
-    def stretch(self, unit_value: float) -> tuple[float, float]:
-        """The half of the mains that it is near."""
-        return (0.0, _BELOW_MIDDLE) if unit_value < _MIDDLE else (_MIDDLE, 1.0)
 
 
 class MainsHum(Effect):
@@ -53,12 +28,10 @@ class MainsHum(Effect):
         Parameter(
             "amplitude", "m/s", 0.0, 0.2, (2e-3,), natural=True, prior=(0.0, _USUAL), absent=0.0
         ),
-        MainsFrequency("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, 4 * (50.0, 60.0)),
+        Parameter("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, 4 * (50.0, 60.0)),
         # Each with both frequencies: a fit does not go from one to the other.
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.0, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75)),
     )
-    in_full_set = False
-    looks_like_noise = True
     advice = "keep the cable away from mains and generators"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
@@ -74,6 +47,36 @@ class MainsHum(Effect):
             replace(frequency, starts=(*hertz, *frequency.starts)),
             replace(phase, starts=(*turns, *phase.starts)),
         )
+
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return amplitude, place of the frequency near 50 or 60 Hz, and phase."""
+        amplitude, _, phase = super().coordinates(drop)
+        sizes, hertz, _ = self.parameters_for(drop)
+        starts = tuple(self.coordinate_at("frequency", value) for value in hertz.starts)
+        place = Coordinate("frequency", 0.0, _GAP_HZ, -_GAP_HZ, _GAP_HZ, starts)
+        return replace(amplitude, starts=sizes.starts), place, phase
+
+    def coordinate_at(self, name: str, value: float) -> float:
+        """Return a value itself, or the place of a frequency: below zero near 50 Hz, Hz."""
+        if name != "frequency":
+            return value
+        return value - 50.0 - _MIDDLE_HZ if value < 55.0 else value - 60.0 + _MIDDLE_HZ
+
+    def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
+        """Return the values; between 50 and 60 Hz there is nothing that a fit could go through."""
+        place = coordinates["frequency"]
+        near, middle = (50.0, -_MIDDLE_HZ) if place < 0.0 else (60.0, _MIDDLE_HZ)
+        away = min(max(place - middle, -_REACH_HZ), _REACH_HZ)
+        return {
+            "amplitude": coordinates["amplitude"],
+            "frequency": near + away,
+            "phase": coordinates["phase"],
+        }
+
+    def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
+        """Return whether the frequency is one that mains keep to."""
+        away = min(abs(values["frequency"] - mains) for mains in (50.0, 60.0))
+        return away < _REACH_HZ
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
         """With the line and its harmonics, at every sensor; the phase counts turns at the start."""

@@ -25,7 +25,6 @@ class PermanentSet(Effect):
     advice = "seat the plate with more drops before measuring"
     # Both leave displacement behind.
     excludes = frozenset({"hysteretic_unloading"})
-    in_full_set = False
 
     def motion(
         self,

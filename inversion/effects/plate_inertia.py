@@ -16,7 +16,6 @@ class PlateInertia(Effect):
     name = "plate_inertia"
     scope = "device"
     parameters = (Parameter("mass", "kg", 0.0, 400.0, (8.0, 60.0), prior=(0.0, 40.0), absent=0.0),)
-    in_full_set = False
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:

@@ -1,11 +1,16 @@
-r"""Plate or hammer leaves contact, flies under gravity and comes down again.
+r"""The plate leaves the ground when its load has gone, flies under gravity and lands.
 
-From the time of lift-off on the plate is a thrown body on which the load may still act,
-:math:`\ddot w = g + F/m`, until it meets the ground again. Its momentum then goes into ground and
-plate as an impulse.  It leaves with the speed that it has on the ground and with a kick upward of
-buffers that unload and of a frame that the hammer takes along: without one, ground that is relieved
-of load and weight may come up as fast as the plate, and nothing flies.
+A contact cannot pull. So the time of lift-off follows from the load alone: it has fallen to a level
+that is zero but for the cell's offset. The plate leaves with the speed that it has on the ground
+and with a kick, of buffers that unload and of a frame that the hammer takes along, which is common
+to the drops of a device. In flight :math:`\ddot w = g`; a landing gives the momentum back to plate
+and ground. The load cell shows the mass in flight: its reading falls by the weight.
+
+A plate that is slower than the ground below it falls on here without end. No record does so: it
+leads fits away from there, which a plate that stays, whose motion no number changes, would not.
 """
+
+from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -14,51 +19,45 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, ImpulseResponse, ManyValues, Values
+from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import convolve_rows
 
 GRAVITY = 9.80665
-# Logarithm; of the mass in flight about that of the plate.
-_MASS_SPREAD = 0.7
-# m/s: what a plate has that flies for some ten milliseconds.
-_KICK_SPREAD = 0.05
-# A plate that comes no higher above the ground than this part of the largest displacement changes
-# as much less: between one that stays and one that leaves there is no jump.
-_LEAST_LIFT = 0.005
+# s: the load is smoothed over this time before its level is read.
+_SMOOTHED_S = 6e-4
+# s: the ground is relieved of load and weight over this time, and no landing comes before that.
+_RELIEF_S, _EARLIEST_LANDING_S = 1e-3, 2e-3
+# s after the contact from which on the load shows the weight in flight, and the samples it takes.
+_TAIL_BEGINS_S, _TAIL_SAMPLES = 4e-3, 10
+# kg: the least mass in flight, of plates below and above this radius, m.
+_SMALL_PLATE_M, _LEAST_MASS_KG = 0.25, (8.0, 20.0)
 
 
 class Rebound(Effect):
-    """Deflection far below zero, a second bump; the time counts from the end of the contact."""
+    """The plate rises above its place after the contact and comes down again."""
 
     name = "rebound"
-    scope = "drop"
+    scope = "point"
     parameters = (
-        Parameter(
-            "lift_off", "s", -0.012, 0.02, (-0.006, -0.002, 0.002, 0.004, 0.008), absent=0.02
-        ),
-        Parameter(
-            "mass",
-            "kg",
-            1.0,
-            300.0,
-            (20.0,),
-            logarithmic=True,
-            natural=True,
-            prior=(math.log(20.0), _MASS_SPREAD),
-        ),
-        Parameter(
-            "kick", "m/s", 0.0, 0.25, (0.03,), natural=True, prior=(0.0, _KICK_SPREAD), absent=0.0
-        ),
+        Parameter("level", "-", -0.06, 0.1, (0.008, -0.03), prior=(0.008, 0.02)),
+        Parameter("mass", "kg", 1.0, 500.0, (20.0,), logarithmic=True, natural=True),
+        Parameter("kick", "m/s", -0.25, 0.25, (-0.05, 0.0), prior=(0.0, 0.05)),
     )
-    is_no_small_step = True
-    present = ({"lift_off": 0.0, "kick": 0.03},)
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
-    def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """The mass in flight is about that of the plate, where that is known."""
-        time, mass, kick = self.parameters
-        known = drop.plate_mass or mass.starts[0]
-        return time, replace(mass, starts=(known,), prior=(math.log(known), _MASS_SPREAD)), kick
+    def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
+        """Return level and kick; the mass about the weight that the load cell lost."""
+        level, mass, kick = super().coordinates(drop)
+        known = math.log(_mass_from_load(drop))
+        kick = replace(kick, starts=self.parameters[2].starts)
+        return level, replace(mass, mean=known, deviation=0.3, starts=(known,)), kick
+
+    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+        """Return the time of lift-off on the model's time, s, and the parameters."""
+        moment = float(lift_off_times(drop, np.array([values["level"]]))[0])
+        first = {"liftoff": ("s", moment)} if math.isfinite(moment) else {}
+        return first | super().told(values, drop)
 
     def motion(
         self,
@@ -67,10 +66,10 @@ class Rebound(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """The plate in flight and after; the ground beside it goes its own way."""
-        alone = {name: np.array([value]) for name, value in values.items()}
-        found = self.motions(motion[None], alone, drop, lambda: impulse_response()[None])
-        return np.asarray(found[0])
+        """The plate in flight and after; the ground beside it is relieved."""
+        single = {name: np.array([value]) for name, value in values.items()}
+        flown = self.motions(motion[None], single, drop, lambda: impulse_response()[None])
+        return np.asarray(flown[0])
 
     def motions(
         self,
@@ -81,16 +80,71 @@ class Rebound(Effect):
     ) -> FloatArray:
         """Each plate in flight and after."""
         time = drop.time
-        moments = drop.contact_end + values["lift_off"]
-        inside = np.flatnonzero((time[2] < moments) & (moments < time[-2]))
+        moments = lift_off_times(drop, values["level"])
+        inside = np.flatnonzero((time[3] < moments) & (moments < time[-4]))
         if inside.size == 0:
             return motions
         result = motions.copy()
         result[inside] = _flown(
-            motions[inside], moments[inside], values["mass"][inside], values["kick"][inside], drop,
+            motions[inside],
+            moments[inside],
+            values["mass"][inside],
+            values["kick"][inside],
+            drop,
             impulse_responses()[inside],
-        )  # fmt: skip
+        )
         return result
+
+    def take_off_speed(self, motion: FloatArray, values: Values, drop: DropContext) -> float | None:
+        """Return the upward speed of the plate as it leaves the ground, m/s; None: it stays.
+
+        Parameters
+        ----------
+        motion : (n_sensors, n) ndarray of float, m, of the ground under the load
+        """
+        slope = self._slope(motion, values, drop)
+        return None if slope is None else values["kick"] - slope
+
+    def kick_for(
+        self, speed: float, motion: FloatArray, values: Values, drop: DropContext
+    ) -> float:
+        """Return the kick with which a plate takes off at an upward speed, m/s."""
+        slope = self._slope(motion, values, drop)
+        return values["kick"] if slope is None else speed + slope
+
+    def _slope(self, motion: FloatArray, values: Values, drop: DropContext) -> float | None:
+        """Return the downward speed of the innermost sensor at lift-off, m/s."""
+        moment = lift_off_times(drop, np.array([values["level"]]))[0]
+        if not drop.time[3] < moment < drop.time[-4]:
+            return None
+        row = motion[int(np.argmin(drop.offsets))]
+        earlier, later = np.interp([moment - drop.step, moment + drop.step], drop.time, row)
+        return float((later - earlier) / (2.0 * drop.step))
+
+
+def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
+    """Return when the load has fallen to levels (m,) of its peak, (m,), s; inf: never."""
+    half = max(1, round(0.5 * _SMOOTHED_S / drop.step))
+    window = np.full(2 * half + 1, 1.0 / (2 * half + 1))
+    smooth = np.convolve(np.pad(drop.load, half, mode="edge"), window, "valid")
+    top = int(np.argmax(smooth))
+    moments = np.full(len(levels), np.inf)
+    for row, level in enumerate((levels * drop.peak_load).tolist()):
+        below = np.flatnonzero(smooth[top:] < level)
+        if below.size and below[0] > 0:
+            end = top + int(below[0])
+            share = (smooth[end - 1] - level) / (smooth[end - 1] - smooth[end])
+            moments[row] = drop.time[end - 1] + share * drop.step
+    return moments
+
+
+def _mass_from_load(drop: DropContext) -> float:
+    """Return the mass whose weight the load cell lost after the contact, kg."""
+    least = _LEAST_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _LEAST_MASS_KG[1]
+    tail = drop.load[drop.time > drop.contact_end + _TAIL_BEGINS_S]
+    if tail.size <= _TAIL_SAMPLES:
+        return least
+    return max(-float(np.median(tail)) / GRAVITY, least)
 
 
 def _flown(
@@ -101,65 +155,75 @@ def _flown(
     drop: DropContext,
     impulses: FloatArray,
 ) -> FloatArray:
-    """Motions (m, n_sensors, n) with plates that lift off at moments within the record."""
-    time, step, size = drop.time, drop.step, drop.time.size
-    flight = time - moments[:, None]
-    # What the ground does once the plate has left it: neither load nor weight press on it.
-    pressing = drop.load + (masses * GRAVITY)[:, None]
-    # Parts of samples count, so that the times have a smooth influence.
-    flown = np.minimum(np.maximum(flight / step + 0.5, 0.0), 1.0)
-    result = motions + step * convolve_rows(impulses, (-flown * pressing)[:, None])
-    # A load below zero there is a weight that the cell has lost, and pulls nothing up.
-    way = _way(flown * np.maximum(drop.load, 0.0) / masses[:, None], step)
-    fall = 0.5 * GRAVITY * flight**2
-    rows, index = np.arange(moments.size), np.arange(size)
-    left = ((moments - time[0]) / step).astype(int)
-    between = (moments - time[left]) / step
-    lifts = np.full(moments.size, np.inf)
-    last = np.full(moments.size, size)
-    speed, part = np.zeros(moments.size), np.zeros(moments.size)
-    for sensor in np.flatnonzero(drop.offsets < drop.plate_radius):
-        row = motions[:, sensor]
-        around = row[rows[:, None], left[:, None] + np.arange(-1, 3)]
-        # One sample before the moment, at it, and one after.
-        before, start, after = (
-            (1.0 - between) * around[:, k] + between * around[:, k + 1] for k in range(3)
+    """Return motions (m, n_sensors, n) with plates that lift off at moments (m,)."""
+    time, step = drop.time, drop.step
+    flight = time[None] - moments[:, None]
+    pressing = drop.load[None] + (masses * GRAVITY)[:, None]
+    relieved = np.clip(flight / _RELIEF_S, 0.0, 1.0)
+    ground = motions + step * convolve_rows(impulses, (-relieved * pressing)[:, None])
+    # Parts of samples count, so that the moment has a smooth influence.
+    aloft = np.clip(flight / step + 0.5, 0.0, 1.0)
+    rows = np.arange(moments.size)
+    before = ((moments - time[0]) / step).astype(int)
+    share = (moments - time[before]) / step
+    result = motions.copy()
+    for sensor, offset in enumerate(drop.offsets.tolist()):
+        motion = motions[:, sensor]
+        if offset >= drop.plate_radius:
+            result[:, sensor] = (1.0 - aloft) * motion + aloft * ground[:, sensor]
+            continue
+        earlier, start, later = (
+            (1.0 - share) * motion[rows, before + k] + share * motion[rows, before + k + 1]
+            for k in (-1, 0, 1)
         )
-        speed_down = ((after - before) / (2 * step) - kicks)[:, None]
-        free = start[:, None] + speed_down * flight + fall + way
-        gap = free - result[:, sensor]
-        flying = (flight > 0) & (gap < 0)
-        highest = np.where(flying, -gap, 0.0).max(axis=1)
-        lifts = np.minimum(lifts, highest / np.abs(row).max(axis=1))
-        first = np.argmax(flying, axis=1)
-        down = ~flying & (index > first[:, None])
-        lands = down.any(axis=1)
-        last = np.where(lands, np.argmax(down, axis=1), size)
-        here = np.minimum(last, size - 1)
-        now, then = gap[rows, here], gap[rows, here - 1]
-        closing = np.where(lands, now - then, 1.0)
-        speed = np.where(lands, np.maximum(closing / step, 0.0), speed)
-        part = np.where(lands, -then / closing, part)
-        aloft = (index >= first[:, None]) & (index < last[:, None])
-        result[:, sensor] = np.where(aloft, free, result[:, sensor])
-    back = last < size
-    if back.any():
-        # The plate is back with its momentum, load and weight press again.
-        given = np.minimum(np.maximum(index - (last - 1.5 + part)[:, None], 0.0), 1.0) * pressing
-        there, push = np.flatnonzero(back), masses * speed / step
-        given[there, last[there] - 1] += (push * (1 - part))[there]
-        given[there, last[there]] += (push * part)[there]
-        given[~back] = 0.0
-        result += step * convolve_rows(impulses, given[:, None])
-    # A plate that never leaves the ground changes nothing.
-    return motions + np.minimum(lifts / _LEAST_LIFT, 1.0)[:, None, None] * (result - motions)
+        speed = (later - earlier) / (2.0 * step) - kicks
+        free = start[:, None] + speed[:, None] * flight + 0.5 * GRAVITY * flight**2
+        result[:, sensor] = (1.0 - aloft) * motion + aloft * free
+        for row in range(moments.size):
+            _land(
+                result[row, sensor],
+                ground[row, sensor],
+                impulses[row, sensor],
+                flight[row],
+                (relieved[row] * pressing[row], float(masses[row])),
+                step,
+            )
+    return result
 
 
-def _way(acceleration: FloatArray, step: float) -> FloatArray:
-    """Twice integrated by trapezoids, (m, n)."""
-    way = acceleration
-    for _ in range(2):
-        steps = np.zeros_like(way)
-        np.cumsum(0.5 * step * (way[:, 1:] + way[:, :-1]), axis=1, out=steps[:, 1:])
-        way = steps
-    return way
+def _land(
+    plate: FloatArray,
+    ground: FloatArray,
+    impulse: FloatArray,
+    flight: FloatArray,
+    load: tuple[FloatArray, float],
+    step: float,
+) -> None:
+    """Put a plate (n,) back on the ground that it meets, with its momentum; changes ``plate``.
+
+    Parameters
+    ----------
+    plate, ground : (n,) ndarray of float, m
+    impulse : (n,) ndarray of float, m, motion after 1 N s
+    flight : (n,) ndarray of float, s, since the lift-off
+    load : what presses on the ground again, (n,), N, and the mass in flight, kg
+    step : float, s
+    """
+    pressing, mass = load
+    gap = plate - ground
+    risen = np.flatnonzero((flight > _EARLIEST_LANDING_S) & (gap < 0.0))
+    if risen.size == 0:
+        return
+    down = np.flatnonzero(gap[risen[0] :] >= 0.0)
+    if down.size == 0:
+        return
+    landing = int(risen[0] + down[0])
+    now, previous = gap[landing], gap[landing - 1]
+    closing = max(now - previous, 1e-15)
+    share = -previous / closing
+    given = np.clip(np.arange(plate.size) - (landing - 1.5 + share), 0.0, 1.0) * pressing
+    push = mass * max(now - previous, 0.0) / step / step
+    given[landing - 1] += push * (1.0 - share)
+    given[landing] += push * share
+    back = ground + step * np.convolve(impulse, given)[: plate.size]
+    plate[landing:] = back[landing:]

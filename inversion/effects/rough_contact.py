@@ -23,7 +23,6 @@ class RoughContact(Effect):
         ),
         Parameter("contact_share", "-", 0.6, 1.0, (0.95,), natural=True, absent=1.0),
     )
-    in_full_set = False
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

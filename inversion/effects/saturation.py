@@ -64,7 +64,7 @@ class Saturation(Effect):
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
         """With what the cap of the load adds."""
-        if "cap" not in values:
+        if "cap" not in values or drop.flat_load is None:
             return motion
         return motion + forced_motion(impulse_response(), values["cap"] * _cap(drop), drop.step)
 

@@ -18,10 +18,6 @@ class Seating(Effect):
     )
     advice = "drop again until two drops agree; the modulus is that of the last drop"
 
-    def acts_on(self, drop: DropContext) -> bool:
-        """On all but the last drop, with which the others are compared."""
-        return drop.index < drop.count - 1
-
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Only several drops can differ."""
         return len(drops) > 1

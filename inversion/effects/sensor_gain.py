@@ -11,7 +11,6 @@ class SensorGain(Effect):
     name = "sensor_gain"
     scope = "device"
     parameters = (Parameter("factor", "-", 0.1, 10.0, (1.05, 0.95), logarithmic=True),)
-    in_full_set = False
     advice = "have the sensors calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -48,8 +48,6 @@ class StressDependence(Effect):
         ),
     )
     advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
-    # Ground that stiffens unloads on another path, too; both may hide behind the sensor's roll-off.
-    present = ({"exponent": 0.35},)
 
     def model_error(self, values: Values) -> float:
         """What the spring beside the ground misses; the part between drops misses nothing."""

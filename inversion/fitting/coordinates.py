@@ -40,7 +40,7 @@ class Coordinate:
 def coordinate_of(parameter: Parameter) -> Coordinate:
     """Return the coordinate of a parameter: its logarithm or itself, with the parameter's prior.
 
-    The fit begins where the effect is absent, if there is such a value, else at the first start.
+    The fit begins where the effect is absent, if a prior holds it near there, else at the starts.
     """
 
     def scaled(value: float) -> float:
@@ -48,8 +48,12 @@ def coordinate_of(parameter: Parameter) -> Coordinate:
 
     lower, upper = scaled(parameter.lower), scaled(parameter.upper)
     mean, deviation = parameter.prior or (0.5 * (lower + upper), _VAGUE * (upper - lower))
-    first = parameter.starts[0] if parameter.absent is None else parameter.absent
-    return Coordinate(parameter.name, mean, deviation, lower, upper, (scaled(first),))
+    starts = parameter.starts
+    if parameter.prior is not None and parameter.absent is not None:
+        starts = (parameter.absent,)
+    return Coordinate(
+        parameter.name, mean, deviation, lower, upper, tuple(scaled(start) for start in starts)
+    )
 
 
 def parameter_value(parameter: Parameter, coordinate: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -33,8 +33,7 @@ RELAXATION_PRIOR = (1.0e-3, 1.5e-3)
 # within a few decimetres, and often none within reach.
 INVERSE_DEPTH_PRIOR = 1.25
 
-# A fitted value this close to a bound, as a fraction of the range, is on it.  A method that keeps
-# away from bounds (inversion.diagnosis.fit) comes no closer than some ten-thousandths.
+# A fitted value this close to a bound, as a fraction of the range, is on it.
 _ON_BOUND = 1e-3
 
 
@@ -50,13 +49,10 @@ class Parameter:
     starts : tuple of float, where a fit begins; of an effect: so large that it shows
     logarithmic : bool, whether the unit interval is linear in its logarithm
     natural : bool, whether its bounds are those of nature, where a value may well sit
-    usual : (float, float) or None, what instruments in use have: a fit may leave it, and then
-        stands for something else that looks alike
     prior : (float, float) or None, what nature gives: centre and standard deviation, of the natural
         logarithm where it is logarithmic
     inverse_prior : float or None, standard deviation of what nature gives for one over the value,
         around 0; in place of ``prior``
-    of_point : bool, of an effect of single drops, whether all drops of a point share it
     absent : float or None, value at which the effect that it belongs to changes nothing, or nearly
     """
 
@@ -67,11 +63,9 @@ class Parameter:
     starts: tuple[float, ...] = ()
     logarithmic: bool = False
     natural: bool = False
-    usual: tuple[float, float] | None = None
     prior: tuple[float, float] | None = None
     absent: float | None = None
     inverse_prior: float | None = None
-    of_point: bool = False
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
         """Physical value of points (...,) of the unit interval."""
@@ -93,10 +87,6 @@ class Parameter:
             return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit_value), self.upper - self.lower)
 
-    def stretch(self, unit_value: float) -> tuple[float, float]:
-        """The part of the unit interval around a point in which the value does not jump."""
-        return 0.0, 1.0
-
     def from_prior(self, unit_value: float) -> tuple[float, float]:
         """Distance from the prior's centre in its standard deviations, and its slope."""
         if self.inverse_prior is not None:
@@ -110,18 +100,6 @@ class Parameter:
         if self.logarithmic:
             low, high = math.log(low), math.log(high)
         return (low + (high - low) * unit_value - centre) / deviation, (high - low) / deviation
-
-    def held_to(self, value: float, deviation: float) -> Parameter:
-        """The same with a prior of its own, where it begins; bounds keep it from nothing else."""
-        centre = math.log(value) if self.logarithmic else value
-        spread = deviation / value if self.logarithmic else deviation
-        return replace(
-            self, prior=(centre, spread), inverse_prior=None, starts=(value,), absent=None
-        )
-
-    def deviation(self, unit_value: float, of_unit_value: float) -> float:
-        """Standard deviation of the value where that of the unit value is `of_unit_value`."""
-        return float(self.slopes(unit_value) * of_unit_value)
 
 
 def on_bound(

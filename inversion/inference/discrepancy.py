@@ -12,6 +12,7 @@ JRSS B 63, 425.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -65,19 +66,26 @@ class RecordedDrops:
         self._peaks = [m.peak for m in models]
         self._models = models
         times = [m.context.time[part] for m, part in zip(models, self._parts, strict=True)]
-        self._ramps = [time / time[-1] for time in times]
-        self._time = np.concatenate(times)
-        self._drop = np.repeat(np.arange(len(models)), [time.size for time in times])
-        self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[self._drop]
+        time = np.concatenate(times)
+        drop = np.repeat(np.arange(len(models)), [time.size for time in times])
+        self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
+        # What does not change with the discrepancy is made once: a fit tries hundreds of them.
+        self._apart = np.abs(time[:, None] - time)
+        self._decay: tuple[float, FloatArray] = (math.nan, self._apart)
+        self._same_drop = drop[:, None] == drop
+        bases = [np.stack([time / time[-1], (time / time[-1]) ** 2]) for time in times]
+        self._drifts: FloatArray = block_diag(*(basis.T @ basis for basis in bases))
         self.observed = [
             self.over_peak([m.observed for m in models], row) for row in range(self.sensors)
         ]
-        self._noise = [
-            [
-                m.noise_covariance(row, FLOOR * m.peak[row])[::thinning, ::thinning]
-                / m.peak[row] ** 2
-                for m in models
-            ]
+        self._noise: list[FloatArray] = [
+            block_diag(
+                *(
+                    m.noise_covariance(row, FLOOR * m.peak[row])[::thinning, ::thinning]
+                    / m.peak[row] ** 2
+                    for m in models
+                )
+            )
             for row in range(self.sensors)
         ]
         self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
@@ -95,18 +103,17 @@ class RecordedDrops:
     def covariances(self, discrepancy: Discrepancy) -> list[FloatArray]:
         """Return the covariance of each sensor over all drops, (n, n)."""
         shared = self._shared_covariance(discrepancy)
-        return [shared + block_diag(*noise) for noise in self._noise]
+        return [shared + noise for noise in self._noise]
 
     def _shared_covariance(self, discrepancy: Discrepancy) -> FloatArray:
         """Return the covariance of discrepancy and drift, which is that of all sensors, (n, n)."""
-        same_drop = self._drop[:, None] == self._drop
+        if self._decay[0] != discrepancy.memory:
+            self._decay = discrepancy.memory, np.exp(-self._apart / discrepancy.memory)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
-        decay = np.exp(-np.abs(self._time[:, None] - self._time) / discrepancy.memory)
-        result: FloatArray = (
-            size[:, None] * size * decay * np.where(same_drop, 1.0, discrepancy.between_drops)
-        )
-        bases = [discrepancy.drift * np.stack([ramp, ramp**2]) for ramp in self._ramps]
-        result += block_diag(*(basis.T @ basis for basis in bases))
+        result: FloatArray = size[:, None] * size * self._decay[1]
+        if len(self.drops) > 1:
+            result *= np.where(self._same_drop, 1.0, discrepancy.between_drops)
+        result += discrepancy.drift**2 * self._drifts
         return result
 
     def whiteners(self, discrepancy: Discrepancy) -> list[FloatArray]:

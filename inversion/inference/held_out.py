@@ -11,13 +11,20 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import HeldOutPart, LeaveOut
+from inversion.diagnosis.findings import CHOICE_OF_EFFECTS, HeldOutPart, LeaveOut, PointSummary
 from inversion.diagnosis.model import PointRecords
+from inversion.diagnosis.problem import Point
 from inversion.effects.base import Values
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.instrument import choose_structure, drop_predictor, structure_evidence
 from inversion.inference.next_drop import DropPredictor
-from inversion.inference.population import PointSummary
+from inversion.inference.point_model import PointModel
+from inversion.inference.population import (
+    InstrumentKnowledge,
+    learn_next_drop,
+    summarise,
+)
+from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.structures import Structure
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.threads import single_threaded_blas
@@ -26,6 +33,7 @@ Allow = Literal["stiffness"]
 # Logarithm of the stiffness over that of the fitted drop, within which the held-out one lies.
 _LARGEST_CHANGE = math.log(4.0)
 _BASE: Structure = frozenset()
+_ITERATIONS = 12
 _Errors = tuple[float, float]
 """Residual over the peak: whole record, contact phase."""
 
@@ -103,6 +111,43 @@ def held_out_error(
             return _sensor_error(records, predictors, _position(records, place), library)
         held_out = _held_out_drop(records, mode, place)
         return _drop_error(records, predictors, held_out, allow, library)
+
+
+def last_drop_error(
+    records: PointRecords,
+    fits: tuple[Posterior, Posterior],
+    instrument: InstrumentKnowledge,
+    library: SurrogateLibrary,
+) -> HeldOutPart:
+    """Fit the drops of a point but the last one, predict that from its load, and return the errors.
+
+    It had a part in the choice of the effects, and nowhere else.
+
+    Parameters
+    ----------
+    records : PointRecords, of at least two drops
+    fits : Posterior, of all drops by the base model and with effects
+    instrument : InstrumentKnowledge
+    library : SurrogateLibrary
+    """
+    point = Point(without_held_out(records, "next", 0), library)
+    predictors = []
+    for of_all, known in zip(fits, (InstrumentKnowledge(), instrument), strict=True):
+        model = PointModel(
+            point,
+            of_all.model.effects,
+            range(len(point.drops)),
+            known.declared_effects,
+            drops_alike=of_all.model.drops_alike,
+        )
+        model.apply_priors(known.priors(model))
+        of_point = {key: value for key, value in of_all.by_key.items() if key[2] is None}
+        fit = PointFit(model, model.values_near(of_point)).run_nearby(_ITERATIONS)
+        points = [*known.other_points, summarise(fit)]
+        laws = [learn_next_drop(points, first=first) for first in (True, False)]
+        predictors.append(DropPredictor(fit, *laws))
+    part = _drop_error(records, predictors, len(records.records) - 1, None, library)
+    return replace(part, fitted=(CHOICE_OF_EFFECTS,))
 
 
 def _drop_error(

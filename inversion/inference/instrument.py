@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.diagnosis.findings import PointSummary
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import Values
+from inversion.effects.catalogue import BY_NAME
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.next_drop import DropPredictor
 from inversion.inference.point_model import PointModel
+from inversion.inference.population import InstrumentKnowledge as InstrumentKnowledge
 from inversion.inference.population import (
-    PointSummary,
     learn_next_drop,
     population_priors,
     summarise,
@@ -31,6 +33,8 @@ from inversion.threads import single_threaded_blas
 
 # Points on which the structure is chosen: the evidence of more decides the same.
 MAX_RANKED_POINTS = 5
+# Log evidence by which one point decides at most, and that all points together have to give.
+_MOST_SAID, _ASKED_FOR = 10.0, 3.0
 
 
 def structure_evidence(
@@ -88,6 +92,29 @@ def drop_predictor(
     return DropPredictor(
         posterior, learn_next_drop(points, first=True), learn_next_drop(points, first=False)
     )
+
+
+def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Structure]:
+    """Return the device effects that points share, and those that single points wrongly show.
+
+    Parameters
+    ----------
+    gains : of each point the log evidence of each effect, see `Selection.gains`
+    """
+    totals: dict[str, float] = {}
+    shown = set()
+    for of_point in gains:
+        for name, gain in of_point.items():
+            if BY_NAME[name].scope == "device":
+                totals[name] = totals.get(name, 0.0) + min(max(gain, -_MOST_SAID), _MOST_SAID)
+                if gain > _ASKED_FOR:
+                    shown.add(name)
+    shared: set[str] = set()
+    for name in sorted(shown, key=lambda name: -totals[name]):
+        rivals = any(BY_NAME[name].conflicts_with(BY_NAME[other]) for other in shared)
+        if totals[name] > _ASKED_FOR and not rivals:
+            shared.add(name)
+    return frozenset(shared), frozenset(shown - shared)
 
 
 class Instrument:

@@ -13,7 +13,7 @@ from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import response_of, surrogate_of
 from inversion.diagnosis.rest import DropAtRest
 from inversion.effects.base import Ground
-from inversion.effects.flight import Flight
+from inversion.effects.rebound import Rebound
 from inversion.forward.library import SurrogateLibrary
 from inversion.inference.point_model import ActiveEffects, take_off_speed
 from inversion.inference.population import NextDropLaw, summarise
@@ -103,7 +103,7 @@ class DropPredictor:
             return
         speed *= math.exp(self._law(last).speed_step)
         for effect, values in active:
-            if isinstance(effect, Flight):
+            if isinstance(effect, Rebound):
                 motion = model.ground_motion(ground, active)
                 values["kick"] = effect.kick_for(speed, motion, values, model.context)
 

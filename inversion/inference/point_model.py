@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,8 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import Point
-from inversion.effects.base import Effect, Ground, Values
-from inversion.effects.flight import Flight
+from inversion.effects.base import DropContext, Effect, Ground, Values
+from inversion.effects.rebound import Rebound
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import DENSITY_PRIOR, RELAXATION_PRIOR
 
@@ -69,10 +69,12 @@ class PointModel:
     Parameters
     ----------
     point : Point
-    effects : sequence of Effect, in the order in which they act
+    effects : sequence of Effect, in the order in which they act; those that no fitted drop can show
+        are left out
     drops : sequence of int, places of the drops that are fitted
     declared_effects : values of effects that are known, by effect and parameter
     variant : int, which of the starting points of the coordinates is used
+    drops_alike : bool, whether all drops meet the same ground
     """
 
     def __init__(
@@ -82,11 +84,19 @@ class PointModel:
         drops: Sequence[int],
         declared_effects: Mapping[str, Values] | None = None,
         variant: int = 0,
+        *,
+        drops_alike: bool = False,
     ) -> None:
         self.point = point
-        self.effects = tuple(effects)
         self.drops = tuple(drops)
-        self._declared_effects = declared_effects or {}
+        declared = declared_effects or {}
+        self.effects = tuple(
+            effect
+            for effect in effects
+            if effect.name in declared or effect.parameters_for(self._context(effect))
+        )
+        self.drops_alike = drops_alike or len(self.drops) == 1
+        self._declared_effects = declared
         self._has_ground = not any(effect.replaces_ground for effect in effects)
         self.unknowns = (*self._of_point(), *self._of_drops())
         self.keys = [unknown.key for unknown in self.unknowns]
@@ -110,6 +120,12 @@ class PointModel:
                 self.mean[place], self.deviation[place] = priors[key]
                 self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
 
+    def values_near(self, known: Mapping[Key, float]) -> FloatArray:
+        """Return the start with the values of another fit, as far as its unknowns are these."""
+        values = [known.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
+        result: FloatArray = np.clip(values, self.lower, self.upper)
+        return result
+
     def is_seating(self, drop: int) -> bool:
         """Return whether a drop is the first of several fitted ones of its point."""
         return drop == 0 and len(self.drops) > 1
@@ -125,17 +141,21 @@ class PointModel:
 
     def _of_point(self) -> list[Unknown]:
         """Return the unknowns that all drops of the point share."""
-        context = self.point.drops[self.last].context
         shared: list[tuple[str, Coordinate]] = []
         if self._has_ground:
             shared += [(GROUND, coordinate) for coordinate in self._soil()]
         for effect in self.effects:
             if effect.name not in self._declared_effects:
-                shared += [(effect.name, c) for c in effect.coordinates(context)]
+                shared += [(effect.name, c) for c in effect.coordinates(self._context(effect))]
         return [
             Unknown(effect, coordinate, None, (effect, coordinate.name, None))
             for effect, coordinate in shared
         ]
+
+    def _context(self, effect: Effect) -> DropContext:
+        """Return the context of the last drop that shows an effect, else of the last drop."""
+        contexts = [self.point.drops[drop].context for drop in reversed(self.drops)]
+        return next((c for c in contexts if effect.parameters_for(c)), contexts[0])
 
     def _soil(self) -> list[Coordinate]:
         """Return ln of modulus over that of the peaks, of relaxation, and of density."""
@@ -158,15 +178,15 @@ class PointModel:
 
     def _of_drops(self) -> list[Unknown]:
         """Return the deviations of single drops."""
-        if len(self.drops) == 1:
-            return []
         found = []
         for drop in self.drops:
             seating = self.is_seating(drop)
-            if drop != self.last:
+            if drop != self.last and not self.drops_alike:
                 deviation = _SEATING_DEVIATION if seating else _LATER_DEVIATION
                 found.append((*STIFFNESS, drop, deviation))
-            for effect in self.effects:
+            for effect in self.effects if len(self.drops) > 1 else ():
+                if effect.name in self._declared_effects:
+                    continue
                 for name, (first, later) in effect.drop_deviations.items():
                     found.append((effect.name, name, drop, first if seating else later))
         return [
@@ -240,11 +260,24 @@ class PointModel:
         model = self.point.drops[drop]
         return model.predict(*self.ground_and_effects(values, drop))[:, model.before :]
 
-    def linearise(self, values: FloatArray, drop: int) -> tuple[FloatArray, FloatArray]:
-        """Return the prediction of a drop, (n_sensors, n), and its slopes, (k, n_sensors, n)."""
+    def linearise(
+        self, values: FloatArray, drop: int, held: Collection[str] = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the prediction of a drop, (n_sensors, n), and its slopes, (k, n_sensors, n).
+
+        Parameters
+        ----------
+        values : (k,) ndarray of float
+        drop : int
+        held : names of effects whose unknowns do not move: their slopes are zero
+        """
         model = self.point.drops[drop]
         start = self.ground_and_effects(values, drop)
-        columns = [i for i, u in enumerate(self.unknowns) if u.drop in (None, drop)]
+        columns = [
+            place
+            for place, unknown in enumerate(self.unknowns)
+            if unknown.drop in (None, drop) and unknown.effect not in held
+        ]
         steps, moved = [], [start]
         for column in columns:
             step = self._step[column]
@@ -256,7 +289,8 @@ class PointModel:
             moved.append(_sharing(start, self.ground_and_effects(there, drop)))
         prediction, *nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
         slopes = np.zeros((values.size, *prediction.shape))
-        slopes[columns] = (np.stack(nearby) - prediction) / np.array(steps)[:, None, None]
+        if columns:
+            slopes[columns] = (np.stack(nearby) - prediction) / np.array(steps)[:, None, None]
         return prediction, np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
 
     def modulus(self, values: FloatArray) -> float:
@@ -277,7 +311,7 @@ def take_off_speed(
 ) -> float | None:
     """Return the upward speed at which the plate leaves the ground, m/s; None: it stays."""
     for effect, values in active:
-        if isinstance(effect, Flight):
+        if isinstance(effect, Rebound):
             motion = model.ground_motion(ground, active)
             return effect.take_off_speed(motion, values, model.context)
     return None

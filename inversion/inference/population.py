@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.inference.point_model import STIFFNESS, Key, Name, PointModel, Prior
+from inversion.diagnosis.findings import DeviceValues, PointSummary
+from inversion.effects.catalogue import BY_NAME
+from inversion.inference.point_model import GROUND, STIFFNESS, Key, Name, PointModel, Prior
 from inversion.inference.posterior import Posterior
+from inversion.inference.structures import Structure
 
 # Spread of a population about which nothing is known, in deviations of the prior, and the number
 # of points that this guess weighs as much as.
@@ -32,28 +35,22 @@ _MEDIAN_DEVIATION = 0.6745
 _FIRST_STEP, _LATER_STEP = 0.4, 0.1
 _SLOPE_DEVIATION = 3.0
 _SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
+# Ground and what is in it differ from place to place.
+_OF_THE_PLACE = frozenset(
+    {
+        GROUND,
+        "bedrock",
+        "layer",
+        "modulus_gradient_root",
+        "modulus_gradient",
+        "damping_law",
+        "rough_contact",
+    }
+)
+# Of a coordinate whose value is given with a deviation.
+_LEAST_DEVIATION = 1e-6
 # Prior deviation of the logarithm of the step of take-off speeds.
 _SPEED_STEP_DEVIATION = 0.05
-
-
-@dataclass(frozen=True)
-class PointSummary:
-    """What the fit of a point says to other points.
-
-    Parameters
-    ----------
-    values : values of the unknowns that all drops share, by effect and coordinate
-    deviations : by effect and coordinate, deviations from the point by place of the drop
-    stiffness : ln of the modulus over that of the last drop, by place of the drop
-    peak_loads : N, by place of the drop
-    take_off_speeds : m/s, by place of the drop; empty: nothing flies
-    """
-
-    values: dict[Name, float]
-    deviations: dict[Name, dict[int, float]]
-    stiffness: dict[int, float]
-    peak_loads: dict[int, float]
-    take_off_speeds: dict[int, float]
 
 
 def summarise(posterior: Posterior) -> PointSummary:
@@ -101,6 +98,51 @@ def population_priors(other_points: Sequence[PointSummary], model: PointModel) -
             spread = population_spread(np.array(sample), centre, unknown.coordinate.deviation)
             priors[unknown.key] = (centre, spread)
     return priors
+
+
+@dataclass(frozen=True)
+class InstrumentKnowledge:
+    """What is known of the instrument of a point from elsewhere.
+
+    Parameters
+    ----------
+    declared_effects : values of effects that are held, by effect and parameter
+    effects : names of effects that all points of the instrument have
+    absent : names of effects that the instrument does not have
+    other_points : summaries of other points
+    given : means and deviations of the unknowns of effects, by effect and coordinate
+    nearby : structures at which the search begins, as the point by itself and the other points have
+        them; empty: anywhere
+    """
+
+    declared_effects: DeviceValues = field(default_factory=dict)
+    effects: Structure = frozenset()
+    absent: Structure = frozenset()
+    other_points: tuple[PointSummary, ...] = ()
+    given: dict[Name, Prior] = field(default_factory=dict)
+    nearby: tuple[Structure, ...] = ()
+
+    @classmethod
+    def from_values(cls, values: DeviceValues, spread: DeviceValues | None) -> InstrumentKnowledge:
+        """Return what values of effects say; those with deviations may move by them."""
+        spread = spread or {}
+        movable = frozenset(name for name in values if spread.get(name))
+        given = {}
+        for name in movable:
+            effect = BY_NAME[name]
+            for key, value in values[name].items():
+                place = effect.coordinate_at(key, value)
+                deviation = spread[name].get(key, 0.0)
+                reach = abs(effect.coordinate_at(key, value + deviation) - place)
+                given[name, key] = place, max(reach, _LEAST_DEVIATION)
+        held = {name: numbers for name, numbers in values.items() if name not in movable}
+        return cls(declared_effects=held, effects=movable, given=given)
+
+    def priors(self, model: PointModel) -> dict[Key, Prior]:
+        """Return the priors of what does not belong to the place, as the other points say."""
+        priors = population_priors(self.other_points, model) if self.other_points else {}
+        shared = {key: prior for key, prior in priors.items() if key[0] not in _OF_THE_PLACE}
+        return shared | {(*name, None): prior for name, prior in self.given.items()}
 
 
 def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:

@@ -18,11 +18,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
+from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.discrepancy import (
     Discrepancy,
     RecordedDrops,
@@ -39,14 +41,21 @@ _NEARER = replace(_ALMOST_WHITE, scale=0.01)
 _HELD_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
 _THINNING = 3
 # Discrepancy: what is tried for each of its numbers, and priors on scale, memory (s) and drift.
-_SCALE_FACTORS = (0.4, 0.6, 0.8, 1.25, 1.7)
+_SCALE_FACTORS = (0.3, 0.5, 0.7, 1.0 / 0.7, 2.0)
+_NEAR_FACTORS, _LARGE_STEP = (0.85, 1.0 / 0.85), 0.5
 _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
 # With one sensor, drift of this size takes what ground and flight explain in the tail.
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
-_MIN_SCALE = 1.5e-3
+_MIN_SCALE = MODEL_FLOOR_FRACTION
+_MAX_ROUNDS = 6
+_ON_BOUND = 1e-9
+# Half of the 95 % quantile of chi-square with one degree of freedom; steps to where the
+# likelihood has fallen by it.
+_HALF_CHI_SQUARE_95 = 1.92
+_SCALE_STEP, _MOST_SCALE_STEPS = 1.1, 40
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
@@ -69,6 +78,7 @@ class Posterior:
     values : (k,) ndarray of float, of the unknowns
     discrepancy : Discrepancy
     log_evidence : float
+    cost : float, :math:`r^T C^{-1} r` and the squares of the priors
     covariance : (k, k) ndarray of float
     predictions : tuple of (n_sensors, n) ndarray of float, m, of the fitted drops
     slopes : tuple of (k, n_sensors, n) ndarray of float, their derivatives
@@ -78,6 +88,7 @@ class Posterior:
     values: FloatArray
     discrepancy: Discrepancy
     log_evidence: float
+    cost: float
     covariance: FloatArray
     predictions: tuple[FloatArray, ...] = field(repr=False)
     slopes: tuple[FloatArray, ...] = field(repr=False)
@@ -105,15 +116,17 @@ class Posterior:
         """Return the posterior mean of the drift of each fitted drop, (n_sensors, n), m."""
         return RecordedDrops(self.model).drifts(self.discrepancy, self.predictions)
 
+    @cached_property
+    def recorded(self) -> tuple[FloatArray, ...]:
+        """Predictions with the drift of each drop, (n_sensors, n), m."""
+        pairs = zip(self.predictions, self.drifts(), strict=True)
+        return tuple(prediction + drift for prediction, drift in pairs)
+
     def residuals_over_peak(self, *, contact_only: bool = False) -> tuple[float, ...]:
         """Return the rms of each fitted drop over the peak, after prediction and drift."""
         return tuple(
-            self.model.point.drops[drop].residual_over_peak(
-                prediction + drift, contact_only=contact_only
-            )
-            for drop, prediction, drift in zip(
-                self.model.drops, self.predictions, self.drifts(), strict=True
-            )
+            self.model.point.drops[drop].residual_over_peak(recorded, contact_only=contact_only)
+            for drop, recorded in zip(self.model.drops, self.recorded, strict=True)
         )
 
 
@@ -133,7 +146,7 @@ class PointFit:
         self.discrepancy = _ALMOST_WHITE
         self._recorded = RecordedDrops(model)
         self._thinned = RecordedDrops(model, _THINNING)
-        self._linearised: tuple[FloatArray, _Linearised] | None = None
+        self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
         """Come near to an optimum with nearly white weights."""
@@ -163,6 +176,21 @@ class PointFit:
         self.maximise(iterations, _TOLERANCE)
         return self.posterior()
 
+    def run_nearby(self, iterations: int, discrepancy: Discrepancy | None = None) -> Posterior:
+        """Return the posterior of a fit that begins near its optimum.
+
+        Parameters
+        ----------
+        iterations : int, with each discrepancy, at most
+        discrepancy : Discrepancy, of a fit nearby; None: not known
+        """
+        self.discrepancy = discrepancy or _NEARER
+        for _ in range(1 if discrepancy else 2):
+            self.maximise(iterations, _TOLERANCE)
+            self.estimate_discrepancy(self.posterior())
+        self.maximise(iterations, _TOLERANCE)
+        return self.posterior()
+
     def maximise(self, iterations: int, tolerance: float, held: Collection[str] = ()) -> None:
         """Move the values to the optimum with the present discrepancy.
 
@@ -176,10 +204,10 @@ class PointFit:
         precision = 1.0 / model.deviation**2
         movable = np.array([unknown.effect not in held for unknown in model.unknowns])
         whiteners = self._recorded.whiteners(self.discrepancy)
-        cost = self._cost(self.values, whiteners, self._linearise()[0])
+        cost = self._cost(self.values, whiteners, self._linearise(held)[0])
         damping = _DAMPING
         for _ in range(iterations):
-            normal, gradient, _ = self._normal(whiteners)
+            normal, gradient, _ = self._normal(whiteners, held)
             normal += np.diag(precision)
             gradient -= precision * (self.values - model.mean)
             for _ in range(_MAX_TRIALS):
@@ -204,8 +232,8 @@ class PointFit:
     ) -> FloatArray:
         """Return a step that leaves unknowns on their bounds there."""
         model, values = self.model, self.values
-        on_lower = (values <= model.lower + 1e-9) & (gradient < 0.0)
-        on_upper = (values >= model.upper - 1e-9) & (gradient > 0.0)
+        on_lower = (values <= model.lower + _ON_BOUND) & (gradient < 0.0)
+        on_upper = (values >= model.upper - _ON_BOUND) & (gradient > 0.0)
         free = np.flatnonzero(movable & ~on_lower & ~on_upper)
         step = np.zeros_like(values)
         part = normal[np.ix_(free, free)]
@@ -230,17 +258,24 @@ class PointFit:
             total += float(weighted @ weighted)
         return total
 
-    def _linearise(self) -> _Linearised:
+    def _linearise(self, held: Collection[str] = ()) -> _Linearised:
         """Return predictions and slopes at the present values, which several fits begin at."""
-        if self._linearised is None or not np.array_equal(self._linearised[0], self.values):
-            pairs = [self.model.linearise(self.values, drop) for drop in self.model.drops]
+        known = self._linearised
+        if (
+            known is None
+            or not np.array_equal(known[0], self.values)
+            or not known[1] <= frozenset(held)
+        ):
+            pairs = [self.model.linearise(self.values, d, held) for d in self.model.drops]
             predictions, slopes = zip(*pairs, strict=True)
-            self._linearised = self.values, (predictions, slopes)
-        return self._linearised[1]
+            self._linearised = known = self.values, frozenset(held), (predictions, slopes)
+        return known[2]
 
-    def _normal(self, whiteners: list[FloatArray]) -> tuple[FloatArray, FloatArray, float]:
+    def _normal(
+        self, whiteners: list[FloatArray], held: Collection[str] = ()
+    ) -> tuple[FloatArray, FloatArray, float]:
         """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r."""
-        predictions, slopes = self._linearise()
+        predictions, slopes = self._linearise(held)
         size = self.values.size
         normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
         for sensor, lower in enumerate(whiteners):
@@ -258,11 +293,12 @@ class PointFit:
         """Return Laplace's approximation at the present values."""
         model = self.model
         whiteners = self._recorded.whiteners(self.discrepancy)
-        normal, _, misfit = self._normal(whiteners)
-        hessian = normal + np.diag(1.0 / model.deviation**2)
+        normal, gradient, misfit = self._normal(whiteners)
+        hessian, _ = _curvature(model, self.values, normal, gradient)
         away = (self.values - model.mean) / model.deviation
+        cost = misfit + float(away @ away)
         log_evidence = (
-            -0.5 * (misfit + float(away @ away))
+            -0.5 * cost
             - sum(map(log_determinant, whiteners))
             - float(np.log(model.deviation).sum())
             - 0.5 * float(np.linalg.slogdet(hessian)[1])
@@ -272,9 +308,23 @@ class PointFit:
             self.values.copy(),
             self.discrepancy,
             log_evidence,
+            cost,
             np.linalg.inv(hessian),
             *self._linearise(),
         )
+
+    def expected_cost(self, held: Collection[str] = ()) -> float:
+        """Return the cost at the optimum of the linearised model, see `Posterior.cost`.
+
+        Parameters
+        ----------
+        held : names of effects whose unknowns do not move
+        """
+        model = self.model
+        normal, gradient, misfit = self._normal(self._recorded.whiteners(self.discrepancy), held)
+        away = (self.values - model.mean) / model.deviation
+        hessian, slope = _curvature(model, self.values, normal, gradient)
+        return misfit + float(away @ away) - float(slope @ np.linalg.solve(hessian, slope))
 
     def estimate_discrepancy(self, posterior: Posterior) -> None:
         """Set the discrepancy to the one of the largest marginal likelihood about a posterior."""
@@ -283,21 +333,67 @@ class PointFit:
         drifts = _DRIFTS_OF_SEVERAL if self._recorded.sensors > 1 else _DRIFTS
         best = self.discrepancy
         most = marginal(best)
-        for round_ in (1, 2):
+        factors: tuple[float, ...] = _SCALE_FACTORS
+        for round_ in range(_MAX_ROUNDS):
+            before = best
             candidates = [
-                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in _SCALE_FACTORS),
+                *(("scale", max(best.scale * f, _MIN_SCALE)) for f in factors),
                 *(("memory", memory) for memory in _MEMORIES_S),
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
-            if round_ == 2:
+            if round_:
+                # Drift must not take what is memory.
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
                 candidates += [("drift", drift) for drift in drifts]
             for name, value in candidates:
                 trial = replace(best, **{name: value})
+                if trial in (before, best):
+                    continue
                 likelihood = marginal(trial)
                 if likelihood > most:
                     best, most = trial, likelihood
+            if round_ and best == before:
+                break
+            if abs(math.log(best.scale / before.scale)) < _LARGE_STEP:
+                factors = _NEAR_FACTORS
         self.discrepancy = best
+
+    def scale_interval(self, posterior: Posterior) -> tuple[float, float]:
+        """Return the 95 % interval of the discrepancy's scale about a posterior, over the peak."""
+        marginal = _Marginal(self._thinned, posterior)
+        best = posterior.discrepancy
+        least = marginal(best) - _HALF_CHI_SQUARE_95
+        ends = []
+        for factor in (1.0 / _SCALE_STEP, _SCALE_STEP):
+            scale = best.scale
+            for _ in range(_MOST_SCALE_STEPS):
+                if marginal(replace(best, scale=scale * factor)) < least:
+                    break
+                scale *= factor
+            ends.append(scale)
+        return ends[0], ends[1]
+
+
+def _curvature(
+    model: PointModel, values: FloatArray, normal: FloatArray, gradient: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return minus the second derivative of the log posterior, and its first one.
+
+    An unknown on a bound that the first derivative g pushes outward does not move. Its posterior
+    falls as exp(-g x) inward; a curvature of g squared on top falls about as fast.
+
+    Parameters
+    ----------
+    model : PointModel
+    values : (k,) ndarray of float
+    normal, gradient : (k, k) and (k,) ndarray of float, of the records alone
+    """
+    precision = 1.0 / model.deviation**2
+    slope = gradient - precision * (values - model.mean)
+    on_lower = (values <= model.lower + _ON_BOUND) & (slope < 0.0)
+    on_upper = (values >= model.upper - _ON_BOUND) & (slope > 0.0)
+    held = np.where(on_lower | on_upper, slope**2, 0.0)
+    return normal + np.diag(precision + held), slope
 
 
 class _Marginal:
@@ -305,8 +401,7 @@ class _Marginal:
 
     def __init__(self, recorded: RecordedDrops, posterior: Posterior) -> None:
         self._recorded = recorded
-        self._precision = 1.0 / posterior.model.deviation**2
-        self._away = posterior.values - posterior.model.mean
+        self._posterior = posterior
         self._rows = []
         for sensor in range(recorded.sensors):
             residual = recorded.observed[sensor] - recorded.over_peak(posterior.predictions, sensor)
@@ -314,8 +409,8 @@ class _Marginal:
             self._rows.append(np.vstack([residual[None], slopes]))
 
     def __call__(self, discrepancy: Discrepancy) -> float:
-        normal = np.diag(self._precision)
-        gradient = -self._precision * self._away
+        size = self._posterior.values.size
+        normal, gradient = np.zeros((size, size)), np.zeros(size)
         total = 0.0
         try:
             whiteners = self._recorded.whiteners(discrepancy)
@@ -326,8 +421,9 @@ class _Marginal:
             total -= 0.5 * float(weighted[0] @ weighted[0]) + log_determinant(lower)
             normal = normal + weighted[1:] @ weighted[1:].T
             gradient = gradient + weighted[1:] @ weighted[0]
-        total += 0.5 * float(gradient @ np.linalg.solve(normal, gradient))
-        total -= 0.5 * float(np.linalg.slogdet(normal)[1])
+        hessian, slope = _curvature(self._posterior.model, self._posterior.values, normal, gradient)
+        total += 0.5 * float(slope @ np.linalg.solve(hessian, slope))
+        total -= 0.5 * float(np.linalg.slogdet(hessian)[1])
         return total + _log_prior(discrepancy)
 
 

@@ -7,17 +7,13 @@ its prior holds it near the absence of the effect; so evidence decides between s
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
 from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Values
-from inversion.effects.carrier_resonance import CarrierResonance
-from inversion.effects.catalogue import CATALOGUE
-from inversion.effects.constant_q import ConstantQ
-from inversion.effects.flight import Flight
-from inversion.effects.growth import LinearGrowth, RootGrowth
+from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.inference.point_model import STIFFNESS, PointModel
 from inversion.inference.posterior import PointFit, Posterior
 
@@ -25,20 +21,9 @@ Structure = frozenset[str]
 """Names of the effects of a candidate model."""
 
 # In every structure, with priors about zero: what no declaration is exact in.
-_ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
+ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
-
-# Flight takes the place of the catalogue's rebound, whose times are fitted. The search of the
-# catalogue knows neither flight nor the carrier's resonance nor these soils.
-_ORDERED: tuple[Effect, ...] = (
-    ConstantQ(),
-    RootGrowth(),
-    LinearGrowth(),
-    *(Flight() if effect.name == "rebound" else effect for effect in CATALOGUE),
-    CarrierResonance(),
-)
-_BY_NAME = {effect.name: effect for effect in _ORDERED}
 
 
 def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> tuple[Effect, ...]:
@@ -50,34 +35,34 @@ def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> 
     declared_effects : names of effects of known values, which are in every model
     """
     names = structure | frozenset(declared_effects)
-    return tuple(effect for effect in _ORDERED if effect.name in names)
+    return tuple(effect for effect in CATALOGUE if effect.name in names)
 
 
 def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
     """Return the structures that the drops of a point could show."""
     drops = tuple(contexts)
     grounds: list[Structure] = [frozenset()]
-    if _BY_NAME["bedrock"].offered(drops):
+    if BY_NAME["bedrock"].offered(drops):
         grounds.append(frozenset({"bedrock"}))
     beside_plate = bool((drops[0].offsets >= drops[0].plate_radius).any())
-    if beside_plate and _BY_NAME["layer"].offered(drops):
+    if beside_plate and BY_NAME["layer"].offered(drops):
         grounds += [ground | {"layer"} for ground in grounds]
-    growths = ("root_growth", "linear_growth") if beside_plate else ("root_growth",)
-    grounds += [frozenset({name}) for name in growths if _BY_NAME[name].offered(drops)]
-    motions: list[Structure] = [frozenset(), _BEND, _BEND | {"flight"}]
+    growths = ("modulus_gradient_root", "modulus_gradient")[: 2 if beside_plate else 1]
+    grounds += [frozenset({name}) for name in growths if BY_NAME[name].offered(drops)]
+    motions: list[Structure] = [frozenset(), _BEND, _BEND | {"rebound"}]
     sensors: list[Structure] = [
         frozenset(),
         frozenset({"geophone_response"}),
         frozenset({"geophone_response", "carrier_resonance"}),
     ]
     structures = [
-        ground | motion | sensor | _ALWAYS
+        ground | motion | sensor | ALWAYS
         for ground, motion, sensor in itertools.product(grounds, motions, sensors)
     ]
-    if _BY_NAME["constant_q"].offered(drops):
+    if BY_NAME["damping_law"].offered(drops):
         # Not with the bend, which takes energy from each cycle too.
-        damped = [ground | {"constant_q"} for ground in grounds if "layer" not in ground]
-        structures += [g | s | _ALWAYS for g, s in itertools.product(damped, sensors)]
+        damped = [ground | {"damping_law"} for ground in grounds if "layer" not in ground]
+        structures += [g | s | ALWAYS for g, s in itertools.product(damped, sensors)]
     if not beside_plate:
         structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors[:2]]
     return structures
@@ -110,38 +95,53 @@ def rank_structures(
 ) -> dict[Structure, float]:
     """Return the log evidence of the candidate structures for one drop, or what it is at most.
 
-    What effects have to gain at least is taken off (`Effect.least_gain`).
-
-    Rich structures are fitted first. Without some of its effects a structure gains their Occam
-    factor at most. A structure is not fitted if that cannot bring any of the next richer ones to
-    the best; its evidence is then the least of these bounds. A structure that contains the best
-    one is no bound, however badly its own fit ended.
-
     Parameters
     ----------
     point : Point
     drop : int, place of the drop
     declared_effects : values of effects that are known, by effect and parameter
     """
+    candidates = candidate_structures([model.context for model in point.drops])
+    return fit_richest_first(
+        candidates, lambda structure: fit_briefly(point, structure, drop, declared_effects)
+    )
+
+
+def fit_richest_first(
+    candidates: Sequence[Structure], fit: Callable[[Structure], Posterior | None]
+) -> dict[Structure, float]:
+    """Return the log evidence of structures, or what it is at most; fit those that could win.
+
+    What effects have to gain at least is taken off (`Effect.least_gain`).
+
+    Without some of its effects a structure gains their Occam factor at most. A structure is not
+    fitted if that cannot bring any of the next richer ones to the best; its evidence is then the
+    least of these bounds. A structure that contains the best one is no bound, however badly its
+    own fit ended.
+
+    Parameters
+    ----------
+    candidates : sequence of Structure
+    fit : returns the fit of a structure; None: it has none
+    """
     fits: dict[Structure, Posterior] = {}
     evidence: dict[Structure, float] = {}
-    candidates = candidate_structures([model.context for model in point.drops])
     for structure in sorted(candidates, key=len, reverse=True):
         best = max(fits, key=lambda s: evidence[s], default=structure)
         needed = least_gain(structure)
         bounds = {
-            richer: fit.log_evidence + fit.occam_factor(structure) - needed
-            for richer, fit in fits.items()
+            richer: found.log_evidence + found.occam_factor(structure) - needed
+            for richer, found in fits.items()
             if structure < richer
         }
         next_richer = [s for s in bounds if not any(other < s for other in bounds)]
         if bounds and all(not best <= s and bounds[s] < evidence[best] for s in next_richer):
             evidence[structure] = min(bounds.values())
             continue
-        fit = fit_briefly(point, structure, drop, declared_effects)
-        if fit is not None:
-            fits[structure] = fit
-            evidence[structure] = fit.log_evidence - needed
+        found = fit(structure)
+        if found is not None:
+            fits[structure] = found
+            evidence[structure] = found.log_evidence - needed
     return evidence
 
 

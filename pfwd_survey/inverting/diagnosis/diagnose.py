@@ -9,6 +9,7 @@ from functools import partial
 from inversion import InversionError
 from inversion.diagnosis import Channel, LeaveOut, PointDiagnosis, largest_values
 from inversion.inference.held_out import Allow
+from inversion.inference.instrument import InstrumentKnowledge
 from pfwd_survey.errors import SurveyError
 from pfwd_survey.inverting.diagnosis.device_effects import given_device, with_device
 from pfwd_survey.inverting.diagnosis.entries import (
@@ -22,7 +23,6 @@ from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
     DiagnosisByPoint,
     DiagnosisFailure,
-    DiagnosisRequest,
     Progress,
     ProgressCounter,
     Workers,
@@ -30,7 +30,7 @@ from pfwd_survey.inverting.diagnosis.points import (
 )
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, DropDiagnosis
-from pfwd_survey.inverting.diagnosis.shared_device import TRANSFERS, Phases, diagnose_device
+from pfwd_survey.inverting.diagnosis.shared_device import PREDICTED, Phases, diagnose_device
 from pfwd_survey.inverting.options import AnalysisOptions
 from pfwd_survey.inverting.outcome import FileOutcome
 
@@ -75,7 +75,7 @@ def diagnose_files(
         What is held out: the last drop of each point, each drop or each sensor is predicted
         without it, by the rest of its point and the other points of the instrument.
         "point": the device of the other points, the ground fitted to the
-        point. None: that where points share something, else each drop on the ground of the others.
+        point. None: the last drop of each point of several, by its other drops.
     use_kept : bool
         Whether what a survey keeps of the same question is the answer.
     progress : callable, optional
@@ -140,11 +140,11 @@ def diagnose_entries(
     def diagnose(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
         points = _with_device_largest(points)
         if device:
-            request = DiagnosisRequest(
-                device=device, spread=spread, leave_out=leave_out in TRANSFERS
-            )
+            known = InstrumentKnowledge.from_values(device, spread)
             counter = ProgressCounter(progress, "each point with what is known", len(points))
-            return diagnose_all(points, [request] * len(points), workers, counter)
+            return diagnose_all(
+                points, [known] * len(points), workers, counter, predict_last=leave_out is None
+            )
         phases = Phases.of(progress, len(points))
 
         def of_device(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
@@ -157,7 +157,7 @@ def diagnose_entries(
 
     with Workers(min(jobs, len(work))) as workers:
         outcomes = diagnose(work)
-        if leave_out is not None and leave_out not in TRANSFERS:
+        if leave_out in PREDICTED:
             outcomes = with_predictions(
                 work,
                 outcomes,

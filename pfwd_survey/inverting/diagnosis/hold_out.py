@@ -11,7 +11,7 @@ import numpy as np
 
 from inversion import InversionError
 from inversion.diagnosis import HeldOutPart, LeaveOut, PointDiagnosis, PointRecords
-from inversion.diagnosis.findings import HeldOut
+from inversion.diagnosis.findings import HeldOut, PointSummary
 from inversion.effects.base import Values
 from inversion.inference.held_out import Allow, count_held_out, held_out_error
 from inversion.inference.instrument import (
@@ -20,7 +20,6 @@ from inversion.inference.instrument import (
     structure_evidence,
     summarise_point,
 )
-from inversion.inference.population import PointSummary
 from inversion.inference.structures import Structure
 from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, instrument_of

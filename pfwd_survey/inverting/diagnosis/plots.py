@@ -118,7 +118,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     axis.barh(places, evidence or [0.0], color=_AFTER)
     axis.set_yticks(places, names, fontsize=8)
     axis.invert_yaxis()
-    axis.set_xlabel("evidence (drop of the information criterion)", fontsize=8)
+    axis.set_xlabel("evidence (log Bayes factor)", fontsize=8)
     before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
         "\n".join(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -16,9 +16,9 @@ from inversion import InversionError, SurrogateLibrary
 from inversion.diagnosis import (
     PointDiagnosis,
     PointRecords,
-    UnknownKey,
-    diagnose_point,
 )
+from inversion.inference.diagnose import diagnose_point
+from inversion.inference.instrument import InstrumentKnowledge
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
 from pfwd_survey.spawning import worker_pool
 
@@ -46,29 +46,6 @@ DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
 def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
     """Return the diagnoses without the failures, in the same order."""
     return {name: d for name, d in outcomes.items() if isinstance(d, PointDiagnosis)}
-
-
-@dataclass(frozen=True)
-class DiagnosisRequest:
-    """Options of the diagnosis of a point, see `inversion.diagnosis.diagnose_point`.
-
-    Parameters
-    ----------
-    device, spread : values of known device effects, and their deviations
-    likely : names of the effects that are tried first
-    begun : values at which the search may start
-    plain : whether all samples have the same weight from the start
-    leave_out : whether each drop is predicted on the ground of the others
-    brief : whether the numbers that the survey needs are enough
-    """
-
-    device: DeviceValues | None = None
-    spread: DeviceValues | None = None
-    likely: Sequence[str] = ()
-    begun: Sequence[Mapping[UnknownKey, float]] = ()
-    plain: bool = False
-    leave_out: bool = True
-    brief: bool = False
 
 
 class ProgressCounter:
@@ -142,39 +119,28 @@ class Workers:
         return self._waiting.map(function, groups)
 
 
-def are_plain(diagnoses: Sequence[PointDiagnosis]) -> bool:
-    """Return whether all samples had the same weight at more than half of the points."""
-    return 2 * sum(d.plain for d in diagnoses) > len(diagnoses)
-
-
 def diagnose_all(
     points: Sequence[DiagnosisPoint],
-    requests: Sequence[DiagnosisRequest],
+    known: Sequence[InstrumentKnowledge],
     workers: Workers,
     counter: ProgressCounter,
+    *,
+    predict_last: bool = True,
 ) -> DiagnosisByPoint:
-    """Diagnose points that have records, in order, each by its own request."""
+    """Diagnose points that have records, in order, each with what is known of its instrument."""
     records = [point.records for point in points]
-    outcomes = counter.counted(workers.map(_diagnose, records, requests))
+    outcomes = counter.counted(
+        workers.map(partial(_diagnose, predict_last=predict_last), records, known)
+    )
     return {point.name: outcome for point, outcome in zip(points, outcomes, strict=True)}
 
 
 def _diagnose(
-    records: PointRecords, request: DiagnosisRequest
+    records: PointRecords, known: InstrumentKnowledge, *, predict_last: bool
 ) -> PointDiagnosis | DiagnosisFailure:
     start = time.perf_counter()
     try:
-        diagnosis = diagnose_point(
-            records,
-            library_of_process(),
-            request.device,
-            request.likely,
-            request.begun,
-            request.leave_out,
-            request.spread,
-            plain=request.plain,
-            brief=request.brief,
-        )
+        diagnosis = diagnose_point(records, library_of_process(), known, predict_last=predict_last)
     except InversionError as err:
         return DiagnosisFailure(str(err))
     except np.linalg.LinAlgError as err:

@@ -103,8 +103,13 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def explained_to(self) -> float | None:
-        """Residual beyond the noise over the peak of the point; None: nothing was fitted."""
+        """Discrepancy over the peak of the point; None: nothing was fitted.
+
+        Diagnoses of earlier versions have none: then the residual beyond the noise.
+        """
         after = self.after
+        if after is not None and after.discrepancy_over_peak is not None:
+            return after.discrepancy_over_peak
         if after is None or after.residual_rms_over_peak is None:
             return None
         ratio = after.residual_over_noise

@@ -1,63 +1,47 @@
-"""Diagnoses of the points of one device: effects of the device are those that most points show.
+"""Diagnoses of the points of one device: what the device has in common, and then each point.
 
-Of a large survey a few points are diagnosed first, from a cold start. If they show an effect of the
-device, the other points start at the values of the first ones, and again from a cold start where
-more residual is left. An effect that few points show is tried on the others.
-
-Then the values of the device are fitted to all points together, and each point is diagnosed again
-with them. A point that leaves more residual than the others gets another cold start. A point at
-which the device leaves more residual than no device at all keeps the diagnosis of its own.
+Points are diagnosed by themselves, of many some. An effect of the device is shared if the evidence
+of these together says so. Then every point is diagnosed with these effects; what the other points
+say of their numbers is its prior. A point that this leaves far worse than the others is diagnosed
+by itself, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
-from inversion.diagnosis import (
-    NEARLY_EXPLAINED,
-    DeviceFindings,
-    HeldOutPart,
-    LeaveOut,
-    PointDiagnosis,
-    UnknownKey,
-    left_out_error,
-)
-from inversion.diagnosis.findings import HeldOut
-from inversion.notices import Notice
+from inversion.diagnosis import LeaveOut, PointDiagnosis
+from inversion.diagnosis.findings import HeldOut, HeldOutPart
+from inversion.inference.diagnose import EXPLAINED_TO
+from inversion.inference.instrument import InstrumentKnowledge, shared_effects
 from pfwd_survey.inverting.diagnosis.device_effects import (
     alternatives_of,
     contradictions,
     device_findings,
-    device_names,
     with_device,
 )
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
-from pfwd_survey.inverting.diagnosis.minority_effects import try_minority_effects
 from pfwd_survey.inverting.diagnosis.points import (
     DeviceValues,
     DiagnosisByPoint,
-    DiagnosisFailure,
-    DiagnosisRequest,
     Progress,
     ProgressCounter,
     Workers,
-    are_plain,
     diagnose_all,
     successful,
 )
 
-TRANSFERS: tuple[LeaveOut | None, ...] = (None, "point")
-"""What is left out with its own numbers fitted to it; other modes predict."""
-MIN_SHOWING_SHARE = 0.2
-"""Share of the points that show an effect, from which on it is tried on the others."""
-N_FIRST_POINTS = 4
-"""Points with a cold start in a survey that has twice as many or more."""
-MAX_RESIDUAL_RATIO = 1.5
-"""Residual over the median of the first points, above which a point gets a cold start too."""
-MAX_RESIDUAL_RATIO_WITH_DEVICE = 1.2
-"""The same over the median of all points, once each is diagnosed with the device."""
+PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
+"""What is held out and predicted without anything fitted to it."""
+# Of so many points, so many are diagnosed by themselves first.
+_MANY_POINTS, _FIRST_POINTS = 8, 4
+# Of the usual discrepancy, what makes a point odd; and of that with the others' device, what it has
+# to leave by itself to be told so.
+_FAR_MORE, _BY_ITSELF = 2.0, 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,232 +76,141 @@ def diagnose_device(
 
     Parameters
     ----------
-    leave_out : None and "point": the point, where those of the device share something, else a drop;
-        others: nothing, they are held out by diagnoses without them
+    leave_out : "point": each point with the values of its device from the others; None: the last
+        drop of each point; others: the prediction is made elsewhere
     """
-    within = leave_out in TRANSFERS
-    outcomes, brief = diagnose_individually(points, workers, within, phases.alone)
-    again = rediagnose_with_device(points, outcomes, workers, leave_out, phases.together)
-    rest = [point for point in points if point.name in brief - again.keys()]
-    phases.alone.expect(len(rest))
-    requests = [DiagnosisRequest(leave_out=within)] * len(rest)
-    return outcomes | again | diagnose_all(rest, requests, workers, phases.alone)
-
-
-def diagnose_individually(
-    points: Sequence[DiagnosisPoint], workers: Workers, leave_out: bool, counter: ProgressCounter
-) -> tuple[DiagnosisByPoint, set[str]]:
-    """Diagnose each point by itself; return also the names of those diagnosed in brief."""
-    outcomes: DiagnosisByPoint = {}
-
-    def diagnose(chosen: Sequence[DiagnosisPoint], request: DiagnosisRequest) -> None:
-        outcomes.update(diagnose_all(chosen, [request] * len(chosen), workers, counter))
-
-    cold = DiagnosisRequest(leave_out=leave_out)
-    if points[0].device is None:
-        diagnose(points, cold)
-        return outcomes, set()
-    first = set(range(len(points)))
-    if len(points) >= 2 * N_FIRST_POINTS:
-        step = (len(points) - 1) / (N_FIRST_POINTS - 1)
-        first = {round(i * step) for i in range(N_FIRST_POINTS)}
-    diagnose([point for i, point in enumerate(points) if i in first], cold)
-    others = [point for i, point in enumerate(points) if i not in first]
-    shown = list(successful(outcomes).values())
-    brief: set[str] = set()
-    if device_names(shown):
-        likely, middle = _shown_effects(shown, ())
-        starts = [middle, *(d.values for d in shown)]
-        plain = are_plain(shown)
-        diagnose(
-            others, DiagnosisRequest(likely=sorted(likely), begun=starts, plain=plain, brief=True)
-        )
-        limit = MAX_RESIDUAL_RATIO * median([d.after.left_over_peak for d in shown])
-        diagnoses = successful(outcomes)
-        worse = [
-            point
-            for point in others
-            if point.name in diagnoses and _ended_worse(diagnoses[point.name], limit)
-        ]
-        counter.expect(len(worse))
-        diagnose(worse, DiagnosisRequest(brief=True))
-        brief = {point.name for point in others}
-    else:
-        diagnose(others, cold)
-    return outcomes, brief | try_minority_effects(points, outcomes, workers, counter)
-
-
-def _ended_worse(diagnosis: PointDiagnosis, limit: float) -> bool:
-    """Return whether the residual exceeds a limit, and is too large for a corrected modulus."""
-    limit = max(limit, NEARLY_EXPLAINED)
-    return diagnosis.verdict == "unexplained" and diagnosis.after.left_over_peak > limit
-
-
-def rediagnose_with_device(
-    points: Sequence[DiagnosisPoint],
-    alone: DiagnosisByPoint,
-    workers: Workers,
-    leave_out: LeaveOut | None,
-    counter: ProgressCounter,
-) -> DiagnosisByPoint:
-    """Diagnose the points again with the device effects that most of them show.
-
-    Parameters
-    ----------
-    alone : diagnoses of the points, each by itself
-
-    Returns
-    -------
-    DiagnosisByPoint
-        Empty where the points share no device effect.
-    """
-    alone = {point.name: alone[point.name] for point in points}
+    nothing = [InstrumentKnowledge()] * len(points)
+    if points[0].device is None or len(points) < 2:
+        return diagnose_all(points, nothing, workers, phases.alone, predict_last=leave_out is None)
+    first = _first_points(points)
+    phases.alone.total += len(first) - len(points)
+    alone = diagnose_all(first, nothing[: len(first)], workers, phases.alone, predict_last=False)
     own = successful(alone)
-    if points[0].device is None or len(own) < 2:
-        return {}
-    records = [point.records for point in points if point.name in own]
-    (findings,) = workers.map(device_findings, [records], [list(own.values())])
-    if findings is None:
-        return {}
-    requests = _requests_with_device(alone, findings)
-    counter.expect(len(points))
-    brief_requests = [replace(requests[point.name], leave_out=False) for point in points]
-    again = diagnose_all(points, brief_requests, workers, counter)
-    _rediagnose_worse(points, again, findings, workers, counter)
-    as_points = leave_out in TRANSFERS
-    by_itself = _diagnose_without_device(points, again, as_points, workers, counter)
-    diagnoses = {n: d for n, d in successful(again).items() if n not in by_itself}
-    errors: dict[str, HeldOutPart] = {}
-    if as_points:
-        of_others = dict(zip(own, findings.of_others, strict=True))
-        errors = _held_out_errors(points, diagnoses, of_others, workers)
-    alternatives = alternatives_of(list(own.values()))
-    for name, diagnosis in diagnoses.items():
-        diagnosis = with_device(diagnosis, findings, alternatives)
-        if name in own:
-            warnings = contradictions(own[name], findings)
-            diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *warnings))
-        if name in errors:
-            diagnosis = replace(diagnosis, held_out=HeldOut.of("point", [errors[name]]))
-        again[name] = diagnosis
-    return again | by_itself
-
-
-def _rediagnose_worse(
-    points: Sequence[DiagnosisPoint],
-    outcomes: DiagnosisByPoint,
-    findings: DeviceFindings,
-    workers: Workers,
-    counter: ProgressCounter,
-) -> None:
-    """Replace diagnoses that leave more than the others, where a cold start leaves less.
-
-    The values of the point alone, and those of other points, may be a start in the wrong place.
-    """
-    diagnoses = successful(outcomes)
-    if not diagnoses:
-        return
-    residuals = [d.after.left_over_peak for d in diagnoses.values()]
-    limit = MAX_RESIDUAL_RATIO_WITH_DEVICE * median(residuals)
-    worse = [
-        point
-        for point in points
-        if point.name in diagnoses and _ended_worse(diagnoses[point.name], limit)
-    ]
-    counter.expect(len(worse))
-    cold = DiagnosisRequest(device=findings.values, leave_out=False)
-    others = diagnose_all(worse, [cold] * len(worse), workers, counter)
-    for name, other in successful(others).items():
-        if other.after.left_over_peak < diagnoses[name].after.left_over_peak:
-            outcomes[name] = other
-
-
-def _diagnose_without_device(
-    points: Sequence[DiagnosisPoint],
-    outcomes: DiagnosisByPoint,
-    leave_out: bool,
-    workers: Workers,
-    counter: ProgressCounter,
-) -> DiagnosisByPoint:
-    """Diagnose by itself each point at which the device leaves more than the base model does."""
-    worse = {
-        name: diagnosis
-        for name, diagnosis in successful(outcomes).items()
-        if diagnosis.after.left_over_peak > diagnosis.before.left_over_peak
-    }
-    counter.expect(len(worse))
-    request = DiagnosisRequest(leave_out=leave_out)
-    chosen = [point for point in points if point.name in worse]
-    by_itself = diagnose_all(chosen, [request] * len(chosen), workers, counter)
-    for name, other in successful(by_itself).items():
-        residuals = {
-            "with_device_over_peak": worse[name].after.left_over_peak,
-            "without_device_over_peak": worse[name].before.left_over_peak,
-        }
-        warning = Notice("device-left-out", residuals)
-        by_itself[name] = replace(other, warnings=(*other.warnings, warning))
-    return by_itself
-
-
-def _requests_with_device(
-    alone: DiagnosisByPoint, findings: DeviceFindings
-) -> dict[str, DiagnosisRequest]:
-    """Return the requests by which points are diagnosed with their device.
-
-    A point starts at its own values and at the medians of the survey, since alone it may have ended
-    in the wrong place. If it leaves more than the median residual, it starts also at the values of
-    the point that leaves the least. Effects that it does not have are removed by their evidence.
-    """
-    diagnoses = list(successful(alone).values())
-    common, middle = _shown_effects(diagnoses, findings.values)
-    usual = median([d.after.left_over_peak for d in diagnoses])
-    best = min(diagnoses, key=lambda d: d.after.left_over_peak)
-    requests = {}
-    for name, outcome in alone.items():
-        if isinstance(outcome, DiagnosisFailure):
-            requests[name] = DiagnosisRequest(device=findings.values)
-            continue
-        own = {e.key for e in outcome.effects} - set(findings.values)
-        ground = {key: value for key, value in outcome.values.items() if not key[1]}
-        starts = [outcome.values, middle | ground]
-        if outcome.after.left_over_peak > usual:
-            starts.append(dict(best.values) | ground)
-        requests[name] = DiagnosisRequest(
-            device=findings.values,
-            likely=sorted(own | common),
-            begun=starts,
-            plain=outcome.plain,
+    gains = [diagnosis.gains for diagnosis in own.values()]
+    shared, absent = shared_effects(gains) if len(own) > 1 else (frozenset(), frozenset())
+    known_of = [
+        InstrumentKnowledge(
+            effects=shared,
+            absent=absent,
+            other_points=tuple(
+                diagnosis.summary
+                for name, diagnosis in own.items()
+                if name != point.name and diagnosis.summary is not None
+            ),
+            nearby=_nearby(point.name, own),
         )
-    return requests
+        for point in points
+    ]
+    phases.together.expect(len(points))
+    predict = leave_out is None
+    again = diagnose_all(points, known_of, workers, phases.together, predict_last=predict)
+    odd = [point for point in points if point.name in _odd_points(again) - set(own)]
+    if odd:
+        phases.together.expect(len(odd))
+        found = diagnose_all(
+            odd, nothing[: len(odd)], workers, phases.together, predict_last=predict
+        )
+        for name, diagnosis in successful(found).items():
+            own[name] = diagnosis
+            if _left(diagnosis) < _BY_ITSELF * _left(successful(again)[name]):
+                again[name] = diagnosis
+    together = successful(again)
+    findings = device_findings(list(together.values()), shared)
+    if not findings.values:
+        return again
+    errors: dict[str, HeldOutPart] = {}
+    if leave_out == "point":
+        errors = _held_out_points(points, together, workers, phases)
+    alternatives = alternatives_of(list(own.values()))
+    for name, diagnosis in together.items():
+        told = with_device(diagnosis, findings, alternatives)
+        if name in own:
+            told = replace(told, warnings=(*told.warnings, *contradictions(own[name], findings)))
+        if name in errors:
+            told = replace(told, held_out=HeldOut.of("point", [errors[name]]))
+        again[name] = told
+    return again
 
 
-def _shown_effects(
-    diagnoses: Sequence[PointDiagnosis], known: Collection[str]
-) -> tuple[set[str], dict[UnknownKey, float]]:
-    """Return the effects that several points show, known ones apart, and medians of all values."""
-    named = [{e.key for e in d.effects if e.key not in known} for d in diagnoses]
-    counts = {name: sum(name in own for own in named) for name in set().union(*named)}
-    limit = max(2, MIN_SHOWING_SHARE * len(named))
-    common = {name for name, count in counts.items() if count >= limit}
-    shown: dict[UnknownKey, list[float]] = {}
-    for diagnosis in diagnoses:
-        for key, value in diagnosis.values.items():
-            shown.setdefault(key, []).append(value)
-    return common, {key: median(values) for key, values in shown.items()}
+def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
+    """Return the points that are diagnosed by themselves: all of few, some of many.
+
+    Which ones does not depend on the order of the files.
+    """
+    if len(points) < _MANY_POINTS:
+        return list(points)
+    ordered = sorted(points, key=lambda point: point.name)
+    return [ordered[(2 * k + 1) * len(points) // (2 * _FIRST_POINTS)] for k in range(_FIRST_POINTS)]
 
 
-def _held_out_errors(
+def _left(diagnosis: PointDiagnosis) -> float:
+    """Return what no effect tells of a point, over the peak; NaN: it was not fitted."""
+    left = diagnosis.after.discrepancy_over_peak
+    return math.nan if left is None else left
+
+
+def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
+    """Return the names of points of which the device of the others leaves far more than usual."""
+    left = {name: _left(diagnosis) for name, diagnosis in successful(outcomes).items()}
+    fitted = [value for value in left.values() if math.isfinite(value)]
+    usual = max(median(fitted), EXPLAINED_TO) if fitted else math.inf
+    return {name for name, value in left.items() if value > _FAR_MORE * usual}
+
+
+def _nearby(name: str, own: Mapping[str, PointDiagnosis]) -> tuple[frozenset[str], ...]:
+    """Return the structure of a point by itself, or of others, and what most points have."""
+    counts = Counter(effect for diagnosis in own.values() for effect in diagnosis.structure)
+    common = frozenset(effect for effect, count in counts.items() if 2 * count > len(own))
+    others = [own[name]] if name in own else own.values()
+    return tuple(dict.fromkeys([common, *(other.structure for other in others)]))
+
+
+def _held_out_points(
     points: Sequence[DiagnosisPoint],
     diagnoses: Mapping[str, PointDiagnosis],
-    of_others: Mapping[str, DeviceValues],
     workers: Workers,
+    phases: Phases,
 ) -> dict[str, HeldOutPart]:
-    """Return the error of each point with the device values of the other points."""
-    held_out = [p for p in points if p.name in diagnoses and of_others.get(p.name)]
-    errors = workers.map(
-        left_out_error,
-        [point.records for point in held_out],
-        [diagnoses[point.name] for point in held_out],
-        [of_others[point.name] for point in held_out],
+    """Return the error of each point with the device's values held as the other points say."""
+    held_out = [point for point in points if point.name in diagnoses]
+    known = []
+    for point in held_out:
+        others = [d for name, d in diagnoses.items() if name != point.name]
+        shared = frozenset(e.key for d in others for e in d.effects if e.scope == "device")
+        values: DeviceValues = device_findings(others, shared).values
+        known.append(InstrumentKnowledge(declared_effects=values))
+    phases.together.expect(len(held_out))
+    again = successful(diagnose_all(held_out, known, workers, phases.together, predict_last=False))
+    return {name: _as_part(name, diagnosis) for name, diagnosis in again.items()}
+
+
+def _as_part(name: str, diagnosis: PointDiagnosis) -> HeldOutPart:
+    """Return what is left of a point of which everything but its device was fitted."""
+    before, after = diagnosis.before, diagnosis.after
+    return HeldOutPart(
+        name=name,
+        fitted=_fitted_numbers(diagnosis),
+        before=before.residual_rms_over_peak,
+        after=after.residual_rms_over_peak,
+        contact_before=before.contact_residual_rms_over_peak,
+        contact_after=after.contact_residual_rms_over_peak,
     )
-    return {point.name: error for point, error in zip(held_out, errors, strict=True)}
+
+
+def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
+    """Return the names of the numbers that were fitted to a point."""
+    summary = diagnosis.summary
+    if summary is None:
+        return ()
+    of_all = [f"{coordinate} ({effect or 'ground'})" for effect, coordinate in summary.values]
+    of_drops = [
+        f"{coordinate} ({effect}, drop {diagnosis.numbers[drop]})"
+        for (effect, coordinate), by_drop in summary.deviations.items()
+        for drop in by_drop
+    ]
+    stiffness = [
+        f"stiffness (drop {diagnosis.numbers[drop]})"
+        for drop, ratio in summary.stiffness.items()
+        if ratio != 0.0
+    ]
+    return (*of_all, *of_drops, *stiffness)

@@ -62,7 +62,9 @@ def test_weighted_noise_is_white(quantity: str, correlation: float) -> None:
     values = lfilter([1.0], [1.0, -correlation], white, axis=1)[:, 100:]
     with single_threaded_blas():
         motion = channel(values[0], quantity, correlation)
-        whitener = motion.whitener(slice(0, SAMPLES.size), np.full(SAMPLES.size, 1e-9))
+        covariance = motion.noise_covariance(slice(0, SAMPLES.size), np.full(SAMPLES.size, 1e-9))
+        covariance += 1e-6 * np.trace(covariance) / SAMPLES.size * np.eye(SAMPLES.size)
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
         observed = [channel(row, quantity, correlation).observed for row in values]
         weighted = np.array(observed) @ whitener.T
     square = np.mean(weighted**2, axis=0)

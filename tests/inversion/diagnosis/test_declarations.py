@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
-from inversion.diagnosis import PointDiagnosis, PointRecords, diagnose_point
+from inversion.diagnosis import PointDiagnosis, PointRecords
 from inversion.diagnosis.declarations import Doubt, contradiction, doubts
-from inversion.diagnosis.diagnose import _contradicted
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
+from inversion.inference import diagnose as module
+from inversion.inference.diagnose import diagnose_point
+from inversion.inference.population import InstrumentKnowledge
 from inversion.notices import Value
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
@@ -115,17 +117,21 @@ def test_what_nobody_knows_is_not_blamed_on_a_declaration(
 
 
 def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
-    record: Record, library: SurrogateLibrary
+    record: Record, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
 
-    def again(records: PointRecords) -> PointDiagnosis:
-        asked.append(records)
+    def again(
+        records: PointRecords, *_: Any, compare_declarations: bool, predict_last: bool
+    ) -> PointDiagnosis:
+        asked.append(compare_declarations)
         raise RecordError("centre sensor: expected a downward deflection, found none")
 
+    monkeypatch.setattr(module, "diagnose_point", again)
     point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)
-    assert _contradicted(point, diagnosis(0.08), library, again) is None
-    assert len(asked) == 1
+    known = InstrumentKnowledge()
+    assert module._contradicted(point, diagnosis(0.08), library, known) is None
+    assert asked == [False]
 
 
 def declared(record: Record, library: SurrogateLibrary) -> list[tuple[Value, ...]]:
@@ -152,12 +158,17 @@ def test_only_what_looks_wrong_is_doubted(record: Record, library: SurrogateLibr
 
 
 def diagnosis(
-    left: float, verdict: str = "unexplained", *, left_open: bool = False, rock: float = 1.2
+    left: float,
+    verdict: str = "unexplained",
+    *,
+    left_open: bool = False,
+    rock: float = 1.2,
+    score: float = math.nan,
 ) -> PointDiagnosis:
     modulus = None if left_open else 123e6
     after = SimpleNamespace(left_over_peak=left, left_open=left_open, modulus_pa=modulus)
     depth = SimpleNamespace(name="bedrock", value=rock)
-    found: Any = SimpleNamespace(after=after, verdict=verdict, effects=(depth,))
+    found: Any = SimpleNamespace(after=after, verdict=verdict, effects=(depth,), score=score)
     return found  # type: ignore[no-any-return]
 
 
@@ -175,6 +186,11 @@ def test_half_of_the_residual_has_to_go() -> None:
     open_one = diagnosis(0.02, "explained", left_open=True)
     assert contradiction(doubt, open_one, diagnosis(0.02, "explained")) is not None
     assert contradiction(doubt, open_one, diagnosis(0.0099)) is None
+    # Likelier by far without the declared depth, or hardly.
+    above = diagnosis(0.004, "explained", score=100.0)
+    assert contradiction(doubt, above, diagnosis(0.003, "explained", score=111.0)) is not None
+    assert contradiction(doubt, above, diagnosis(0.003, "explained", score=109.0)) is None
+    assert contradiction(doubt, above, diagnosis(0.003, score=111.0)) is None
     # What leaves the modulus open, or has none, is no better.
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, left_open=True)) is None
     rig = diagnosis(0.001)

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from inversion import SurrogateLibrary
-from inversion.diagnosis import PointRecords, diagnose_point
+from inversion.diagnosis import PointRecords
+from inversion.inference.diagnose import diagnose_point
 from pfwd_survey.files.traces import TracePoint, read_traces
 from pfwd_survey.inverting.analysis import record_of
 

@@ -161,22 +161,6 @@ def test_an_effect_is_certain_unless_it_is_told_otherwise() -> None:
     assert ROCK.probability == 1.0
 
 
-def test_of_the_criterion_what_is_shared_is_not_the_points_own() -> None:
-    values = {
-        (0, "", "modulus_ratio", None): 0.5,
-        (0, "sensor_lag", "delay", None): 1e-4,
-        (0, "seating", "modulus_ratio", 0): 0.9,
-    }
-    found = diagnosis(values=values, independent=40.0)
-    # 0.4 % of the peak is left.
-    misfit = 80.0 * math.log(0.004)
-    assert found.criterion() == pytest.approx(misfit + 3 * math.log(40.0))
-    perfect = replace(found, after=after(residual_rms_over_peak=0.0))
-    assert perfect.criterion() == pytest.approx(80.0 * math.log(1e-9) + 3 * math.log(40.0))
-    shared = {"sensor_lag": {"delay": 2e-4}, "seating": {"other": 1.0}}
-    assert found.criterion(shared) == pytest.approx(misfit + 2 * math.log(40.0))
-
-
 @pytest.mark.parametrize(("left", "most"), [(0.5, True), (0.51, False)])
 def test_most_is_half_of_what_was_left_of_the_peak(left: float, most: bool) -> None:
     state = after(residual_rms_over_peak=left * BEFORE.residual_rms_over_peak)

@@ -5,10 +5,11 @@ import pytest
 from scipy.signal import lfilter
 
 from inversion import Record, Sensor
-from inversion.diagnosis import PointRecords, diagnose_point
+from inversion.diagnosis import PointRecords
 from inversion.diagnosis.mains_line import Hum, find_line, hum_before
 from inversion.diagnosis.rest import drops_at_rest
 from inversion.forward.model import Instrument
+from inversion.inference.diagnose import diagnose_point
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Plate
 

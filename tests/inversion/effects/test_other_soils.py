@@ -10,16 +10,16 @@ import pytest
 
 from inversion.effects.base import DropContext, Effect, Ground
 from inversion.effects.bedrock import Bedrock
-from inversion.effects.constant_q import ConstantQ
-from inversion.effects.growth import LinearGrowth, RootGrowth
+from inversion.effects.damping_law import DampingLaw
 from inversion.effects.layer import Layer
+from inversion.effects.modulus_gradient import LinearGradient, RootGradient
 from inversion.forward.growth import MOST_GROWTH
 from inversion.forward.model import REFERENCE_RAD_S, loss_exponent
 
 PULSE_S, RADIUS = 0.02, 0.15
 TIME = 1e-4 * np.arange(600)
 GROUND = Ground(5e7, 5e4, 1900.0, 0.0, 12.0)
-GROWTHS = (RootGrowth(), LinearGrowth())
+GROWTHS = (RootGradient(), LinearGradient())
 
 
 def context(**changes: object) -> DropContext:
@@ -42,20 +42,20 @@ def context(**changes: object) -> DropContext:
 
 def test_the_modulus_of_constant_q_ground_is_that_at_the_frequency_of_the_pulse() -> None:
     values = {"loss_exponent": loss_exponent(5.0)}
-    ground = ConstantQ().ground(GROUND, values, context())
+    ground = DampingLaw().ground(GROUND, values, context())
     assert ground.loss_exponent == values["loss_exponent"]
     in_pulse = ground.modulus * (math.pi / PULSE_S / REFERENCE_RAD_S) ** ground.loss_exponent
     assert in_pulse == pytest.approx(GROUND.modulus, rel=1e-3)
-    ratio = ConstantQ().modulus_at(1e5, values, context())
+    ratio = DampingLaw().modulus_at(1e5, values, context())
     assert ground.modulus * ratio == pytest.approx(GROUND.modulus, rel=1e-12)
 
 
 def test_without_an_exponent_there_is_no_constant_q() -> None:
-    assert ConstantQ().ground(GROUND, {"loss_exponent": 0.0}, context()) == GROUND
-    (coordinate,) = ConstantQ().coordinates(context())
+    assert DampingLaw().ground(GROUND, {"loss_exponent": 0.0}, context()) == GROUND
+    (coordinate,) = DampingLaw().coordinates(context())
     assert (coordinate.mean, coordinate.lower) == (0.0, 0.0)
     assert coordinate.start(0) > 0.0
-    assert not ConstantQ().offered((context(elastic=True),))
+    assert not DampingLaw().offered((context(elastic=True),))
 
 
 @pytest.mark.parametrize("growth", GROWTHS)
@@ -70,7 +70,7 @@ def test_growth_is_a_ground_of_its_own(growth: Effect) -> None:
     assert grown == replace(GROUND, growth_exponent=grown.growth_exponent, inverse_growth_depth=2.5)
     others = (Bedrock(), Layer(), *(other for other in GROWTHS if other is not growth))
     assert all(growth.conflicts_with(other) for other in others)
-    assert not growth.conflicts_with(ConstantQ())
+    assert not growth.conflicts_with(DampingLaw())
     assert growth.offered((context(),))
     assert not growth.offered((context(has_bedrock=True),))
 

@@ -154,13 +154,6 @@ def test_a_thousandth_of_the_range_is_on_the_bound(unit_value: float, hit: bool)
     assert on_bound(np.array([unit_value, 0.5])).tolist() == [hit, False]
 
 
-def test_a_deviation_follows_the_slope() -> None:
-    assert PLAIN.deviation(0.3, 0.01) == pytest.approx(4e3)
-    assert LOGARITHMIC.deviation(0.3, 0.01) == pytest.approx(
-        0.01 * float(LOGARITHMIC.value(0.3)) * math.log(60)
-    )
-
-
 def test_soil_is_searched_around_the_peak_method() -> None:
     modulus, viscosity, density = soil_parameters(50e6)
     assert (modulus.lower, modulus.upper) == pytest.approx((6e6, 300e6))

@@ -20,7 +20,7 @@ from pfwd_survey.inverting.options import AnalysisOptions
 pytestmark = pytest.mark.slow
 
 STRUCTURE: Structure = frozenset(
-    {"bedrock", "stress_dependence", "hysteretic_unloading", "flight"}
+    {"bedrock", "stress_dependence", "hysteretic_unloading", "rebound"}
     | {"geophone_response", "carrier_resonance", "sensor_lag", "plate_inertia"}
 )
 """The one that `pfwd bench structures` prints for this instrument."""

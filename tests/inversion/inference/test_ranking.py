@@ -102,9 +102,9 @@ def assert_same_choice(
 @pytest.mark.parametrize(
     ("depth", "exponent", "shown", "absent"),
     [
-        pytest.param(0.6, 0.0, {"bedrock"}, {"flight"}, id="rock"),
-        pytest.param(np.inf, 0.0, set(), {"flight", "geophone_response"}, id="half-space"),
-        pytest.param(np.inf, 0.4, {"stress_dependence"}, {"flight"}, id="stiffening"),
+        pytest.param(0.6, 0.0, {"bedrock"}, {"rebound"}, id="rock"),
+        pytest.param(np.inf, 0.0, set(), {"rebound", "geophone_response"}, id="half-space"),
+        pytest.param(np.inf, 0.4, {"stress_dependence"}, {"rebound"}, id="stiffening"),
     ],
 )
 def test_what_is_not_fitted_is_not_the_best(

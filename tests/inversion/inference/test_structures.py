@@ -84,7 +84,7 @@ def test_a_single_sensor_shows_no_layer_and_several_no_rig() -> None:
     contexts = [model.context for model in Point(point(np.inf), SurrogateLibrary()).drops]
     names = set().union(*candidate_structures(contexts))
     assert "layer" not in names
-    assert {"spring_rig", "bedrock", "flight", "carrier_resonance"} <= names
+    assert {"spring_rig", "bedrock", "rebound", "carrier_resonance"} <= names
 
 
 def test_priors_of_others_move_the_start_and_the_optimum() -> None:

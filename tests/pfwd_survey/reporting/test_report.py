@@ -547,7 +547,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert report.points[0].diagnosis is not None
     assert report.points[0].diagnosis.verdict == "explained"
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
-    assert "clean: the base model leaves only noise" in text
+    assert "clean: no effect is asked for" in text
     assert "stress dependence: 0.43 ± 0.13" in page.texts
     assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
     assert text.count("The modulus after is a design value: the record is explained") == 1

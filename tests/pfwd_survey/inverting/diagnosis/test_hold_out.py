@@ -119,14 +119,14 @@ def test_one_number_is_listed_for_each_held_out_drop(
         assert getattr(found, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
 
 
-def test_without_the_option_it_is_said_that_the_drop_had_a_part_in_the_fit(
+def test_without_the_option_the_last_drop_is_predicted_by_the_others_of_its_point(
     point: DiagnosisPoint,
 ) -> None:
     (found,) = held_out([point])
     assert found is not None
-    assert found.mode == "drop"
-    assert not found.is_prediction
-    assert "choice of effects" in (found.fitted or ())
+    assert found.mode == "next"
+    assert [part.name for part in found.by or ()] == ["drop 2"]
+    assert found.is_prediction == ("choice of effects" not in (found.fitted or ()))
 
 
 def test_a_point_that_cannot_be_predicted_without_a_part_says_so(

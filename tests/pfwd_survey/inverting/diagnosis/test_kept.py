@@ -133,4 +133,5 @@ def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatc
     seen: list[tuple[str, int, int]] = []
     found = diagnose_files(files, progress=lambda *told: seen.append(told))
     assert [it.error for it in found] == [f"{file}: refused" for file in files]
-    assert seen == [("each point by itself", 1, 2), ("each point by itself", 2, 2)]
+    kinds = ("each point by itself", "with what other points show")
+    assert seen == [(kind, done, 2) for kind in kinds for done in (1, 2)]

@@ -91,7 +91,7 @@ def test_points_of_one_name_are_told_apart() -> None:
 def test_each_of_two_points_of_one_name_has_its_own_outcome(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def diagnose(records: PointRecords, _request: object) -> DiagnosisFailure:
+    def diagnose(records: PointRecords, _known: object, *, predict_last: bool) -> DiagnosisFailure:
         return DiagnosisFailure(f"drop {records.numbers[0]} has no load")
 
     monkeypatch.setattr(points, "_diagnose", diagnose)

@@ -10,10 +10,11 @@ import pytest
 from inversion import InversionError
 from inversion.diagnosis import EffectResult, PointDiagnosis
 from inversion.diagnosis.findings import FittedState
+from inversion.inference.instrument import InstrumentKnowledge
 from inversion.notices import Notice
 from pfwd_survey.inverting.diagnosis import points
 from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint
-from pfwd_survey.inverting.diagnosis.points import DiagnosisFailure, DiagnosisRequest
+from pfwd_survey.inverting.diagnosis.points import DiagnosisFailure
 from pfwd_survey.inverting.diagnosis.record import diagnosis_result
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
@@ -84,7 +85,9 @@ def test_a_fit_that_breaks_down_costs_its_own_point(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(points, "diagnose_point", diagnose_point)
     records: Any = object()
-    broken, refused, whole = (points._diagnose(records, DiagnosisRequest()) for _ in range(3))
+    broken, refused, whole = (
+        points._diagnose(records, InstrumentKnowledge(), predict_last=True) for _ in range(3)
+    )
     assert isinstance(broken, DiagnosisFailure)
     assert "the fit broke down (Singular matrix)" in broken.reason
     assert refused == DiagnosisFailure("no load")

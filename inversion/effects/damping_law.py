@@ -19,10 +19,10 @@ from inversion.forward.model import REFERENCE_RAD_S
 _DEVIATION = 0.06
 
 
-class ConstantQ(Effect):
+class DampingLaw(Effect):
     """The ground loses the same part of its energy in each cycle, be it slow or fast."""
 
-    name = "constant_q"
+    name = "damping_law"
     scope = "point"
     parameters = (Parameter("loss_exponent", "-", 0.0, 0.3, (0.05,), prior=(0.0, _DEVIATION)),)
     # Layered ground has dashpots alone, and a rig is no ground.
@@ -41,6 +41,12 @@ class ConstantQ(Effect):
         exponent = values["loss_exponent"]
         modulus = ground.modulus / _stiffer_in_pulse(exponent, drop)
         return replace(ground, modulus=modulus, loss_exponent=exponent)
+
+    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+        """Return the quality factor, and the exponent."""
+        loss = math.tan(0.5 * math.pi * values["loss_exponent"])
+        first = {"quality": ("-", 1.0 / loss)} if loss > 0.0 else {}
+        return first | super().told(values, drop)
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
         """Modulus at the pulse's frequency over that at the reference."""

@@ -15,14 +15,12 @@ from inversion.forward.growth import MOST_GROWTH
 _START_RADII = 0.5
 
 
-class _Growth(Effect):
+class _Gradient(Effect):
     """The modulus grows with depth by a known exponent."""
 
     scope = "point"
     parameters = (Parameter("inverse_growth_depth", "1/m", 0.0, 600.0, (3.0,)),)
-    excludes = frozenset(
-        {"bedrock", "layer", "rough_contact", "spring_rig", "root_growth", "linear_growth"}
-    )
+    excludes = frozenset({"bedrock", "layer", "rough_contact", "spring_rig"})
     advice = (
         "the modulus grows with depth: the stated one is that of uniform ground as stiff under "
         "this plate, and a wider plate finds a larger one"
@@ -44,6 +42,10 @@ class _Growth(Effect):
         prior = 0.0, self.deviation
         return (replace(own, upper=MOST_GROWTH / a, starts=(_START_RADII / a,), prior=prior),)
 
+    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the exponent."""
+        return (("exponent", "-", self.exponent),)
+
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """The ground with its growth."""
         return replace(
@@ -53,17 +55,19 @@ class _Growth(Effect):
         )
 
 
-class RootGrowth(_Growth):
+class RootGradient(_Gradient):
     """The modulus grows with the root of depth, as that of sand does with the pressure on it."""
 
-    name = "root_growth"
+    name = "modulus_gradient_root"
+    told_as = "modulus_gradient"
+    excludes = _Gradient.excludes | {"modulus_gradient"}
     exponent = 0.5
     deviation = 10.0
 
 
-class LinearGrowth(_Growth):
+class LinearGradient(_Gradient):
     """The modulus grows in proportion to depth: Gibson (1967), Geotechnique 17, 58-67."""
 
-    name = "linear_growth"
+    name = "modulus_gradient"
     exponent = 1.0
     deviation = 2.5

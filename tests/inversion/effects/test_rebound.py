@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inversion.effects.base import DropContext
-from inversion.effects.flight import GRAVITY, Flight, lift_off_times
+from inversion.effects.rebound import GRAVITY, Rebound, lift_off_times
 
 STEP, CONTACT, PEAK = 5e-4, 20e-3, 80e3
 TIME = STEP * np.arange(140)
@@ -58,7 +58,7 @@ def test_in_flight_the_plate_is_a_thrown_body() -> None:
     drop = context()
     kick = 0.15
     values = VALUES | {"level": 0.05, "kick": kick}
-    flown = Flight().motion(rising(), values, drop, lambda: heavy(drop))
+    flown = Rebound().motion(rising(), values, drop, lambda: heavy(drop))
     (moment,) = lift_off_times(drop, np.array([0.05]))
     flight = TIME - moment
     aloft = (flight > 3 * STEP) & (flight < 15e-3)
@@ -70,7 +70,7 @@ def test_in_flight_the_plate_is_a_thrown_body() -> None:
 
 
 def test_the_speed_of_take_off_is_that_of_the_ground_and_the_kick() -> None:
-    drop, flight = context(), Flight()
+    drop, flight = context(), Rebound()
     values = VALUES | {"level": 0.05, "kick": -0.05}
     assert flight.take_off_speed(rising(), values, drop) == pytest.approx(RISE - 0.05)
     kick = flight.kick_for(0.3, rising(), values, drop)
@@ -79,9 +79,9 @@ def test_the_speed_of_take_off_is_that_of_the_ground_and_the_kick() -> None:
 
 def test_a_plate_that_stays_changes_nothing() -> None:
     drop = context(np.maximum(LOAD, 0.3 * PEAK))
-    flown = Flight().motion(rising(), VALUES, drop, lambda: heavy(drop))
+    flown = Rebound().motion(rising(), VALUES, drop, lambda: heavy(drop))
     assert np.array_equal(flown, rising())
-    assert Flight().take_off_speed(rising(), VALUES, drop) is None
+    assert Rebound().take_off_speed(rising(), VALUES, drop) is None
 
 
 def test_a_landing_gives_the_momentum_back() -> None:
@@ -90,9 +90,9 @@ def test_a_landing_gives_the_momentum_back() -> None:
     # Ground that an impulse moves by a step that stays: it adds up what the plate gives to it.
     step, mass = 1e-9, 50.0
     values = {"level": 1e-3, "mass": mass, "kick": 0.06}
-    flown = Flight().motion(ground, values, drop, lambda: np.full((1, TIME.size), step))[0]
+    flown = Rebound().motion(ground, values, drop, lambda: np.full((1, TIME.size), step))[0]
     (moment,) = lift_off_times(drop, np.array([1e-3]))
-    speed = Flight().take_off_speed(ground, values, drop)
+    speed = Rebound().take_off_speed(ground, values, drop)
     assert speed is not None
     assert 0.03 < speed < 0.1
     # In flight the ground lacks the weight of the plate, twice its momentum; at the landing it is
@@ -103,8 +103,8 @@ def test_a_landing_gives_the_momentum_back() -> None:
 
 def test_the_mass_is_the_weight_that_the_load_cell_lost() -> None:
     lost = np.where(TIME < CONTACT, LOAD, -1200.0)
-    level, mass, kick = Flight().coordinates(context(lost))
+    level, mass, kick = Rebound().coordinates(context(lost))
     assert np.exp(mass.mean) == pytest.approx(1200.0 / GRAVITY)
     assert (level.mean, kick.mean) == (0.008, 0.0)
-    _, least, _ = Flight().coordinates(replace(context(), plate_radius=0.15))
+    _, least, _ = Rebound().coordinates(replace(context(), plate_radius=0.15))
     assert np.exp(least.mean) == pytest.approx(8.0)

@@ -1,0 +1,94 @@
+"""The modulus of a point over structures, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from inversion.effects import BY_NAME, Ground
+from inversion.inference.modulus import (
+    Component,
+    component,
+    interval,
+    log_deviation,
+    mean_stress,
+    model_error,
+    secant_modulus,
+)
+from tests.inversion.effects.test_effects import context
+
+AREA = math.pi * 0.15**2
+
+
+def test_the_interval_of_one_structure_is_that_of_a_normal_distribution() -> None:
+    low, high = interval([Component(0.3, math.log(4e7), 0.05)])
+    reach = norm.ppf(0.975) * 0.05
+    assert np.log([low / 4e7, high / 4e7]) == pytest.approx([-reach, reach], rel=1e-6)
+
+
+def test_of_two_structures_far_apart_each_has_an_end() -> None:
+    low, high = interval([Component(3.0, math.log(2e7), 0.02), Component(1.0, math.log(8e7), 0.03)])
+    # A fortieth of all is a thirtieth of the first part, and a tenth of the second.
+    assert low == pytest.approx(2e7 * math.exp(0.02 * norm.ppf(0.025 / 0.75)))
+    assert high == pytest.approx(8e7 * math.exp(0.03 * norm.ppf(1.0 - 0.025 / 0.25)))
+
+
+def test_a_structure_of_little_weight_leaves_the_interval_as_it_is() -> None:
+    alone = Component(1.0, math.log(4e7), 0.05)
+    low, high = interval([alone, Component(1e-4, math.log(9e7), 0.05)])
+    assert (low, high) == pytest.approx(interval([alone]), rel=1e-3)
+
+
+def posterior(*effects: tuple[str, dict[str, float]], **changes: Any) -> Any:
+    """Unknowns: logarithm of the modulus over 40 MPa and another, with a stated covariance."""
+
+    def ground_and_effects(values: np.ndarray, drop: int) -> Any:
+        ground = Ground(4e7 * math.exp(values[0]), 4e4, 1900.0, 0.0, 10.0)
+        return ground, [(BY_NAME[name], numbers) for name, numbers in effects]
+
+    drops = [SimpleNamespace(context=context(**changes))]
+    model = SimpleNamespace(
+        ground_and_effects=ground_and_effects,
+        point=SimpleNamespace(drops=drops),
+        last=0,
+        lower=np.array([-1.0, -1.0]),
+        upper=np.array([1.0, 1.0]),
+    )
+    return SimpleNamespace(
+        model=model, values=np.array([0.1, 0.0]), covariance=np.array([[4e-4, 1e-4], [1e-4, 1e-2]])
+    )
+
+
+def test_ground_that_does_not_bend_has_one_modulus_and_its_own_deviation() -> None:
+    fit = posterior()
+    assert mean_stress(fit.model) == pytest.approx(8000.0 / AREA)
+    for stress in (5e4, 1e5):
+        assert secant_modulus(fit, stress) == pytest.approx(4e7 * math.exp(0.1))
+        assert log_deviation(fit, stress) == pytest.approx(0.02)
+
+
+def test_the_secant_modulus_is_that_of_the_law_and_of_what_changes_the_ground() -> None:
+    exponent = {"exponent": 0.4, "rest_stress": 500.0, "within": 0.0}
+    fit = posterior(("stress_dependence", exponent), peak_load=6000.0)
+    # The ground of the last drop; its power law between drops goes to the stress.
+    largest = 8000.0 / AREA
+    assert secant_modulus(fit, 6000.0 / AREA) == pytest.approx(
+        4e7 * math.exp(0.1) * 0.75**0.4, rel=1e-6
+    )
+    assert secant_modulus(fit, largest) == pytest.approx(4e7 * math.exp(0.1), rel=1e-6)
+    seated = posterior(("seating", {"modulus_ratio": 0.5}))
+    assert secant_modulus(seated, largest) == pytest.approx(2e7 * math.exp(0.1))
+
+
+def test_errors_of_calibration_and_of_simplified_effects_are_in_the_deviation() -> None:
+    plain, layered = posterior(), posterior(("layer", {"modulus_ratio": 2.0, "thickness": 0.2}))
+    assert model_error(plain) == pytest.approx(0.028)
+    assert model_error(layered) == pytest.approx(math.hypot(0.028, 0.015))
+    found = component(plain, 0.5, 17.0, 1e5)
+    assert (found.weight, found.middle) == (0.5, 17.0)
+    assert found.deviation == pytest.approx(math.hypot(0.02, 0.028 / norm.ppf(0.975)), rel=1e-4)
