@@ -1,0 +1,50 @@
+"""How many numbers decide which effects are found, and what is told of them."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+MODULES = (
+    *(f"inversion/inference/{name}.py" for name in (
+        "selection", "structures", "diagnose", "effects_found", "instrument", "modulus",
+    )),
+    *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
+    *(f"pfwd_survey/inverting/diagnosis/{name}.py" for name in (
+        "shared_device", "device_effects", "points", "result",
+    )),
+)  # fmt: skip
+# Steps of derivatives, the end of a bisection, halves, the stress that moduli are compared at, and
+# percent: none of them decides anything. Priors and bounds are those of the effects.
+NO_DECISION = {
+    "inversion/inference/effects_found.py": (1e-3, 1e-6, 2e5, 3),
+    "inversion/inference/modulus.py": (0.05, 1e-9, 1e-9, 9.0, 0.025, 0.975, 0.5, 0.5),
+    "inversion/inference/diagnose.py": (100e3,),
+    "pfwd_survey/inverting/diagnosis/result.py": (100,),
+}
+MOST = 40
+
+
+def numbers_of(module: str) -> list[float]:
+    """Return the numbers of a module but for 0, 1 and 2, and those that decide nothing."""
+    tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
+    found = [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, (int, float))
+        and not isinstance(node.value, bool)
+        and node.value not in (0, 1, 2)
+    ]
+    for number in NO_DECISION.get(module, ()):
+        found.remove(number)
+    return found
+
+
+def test_few_numbers_decide() -> None:
+    numbers = {module: numbers_of(module) for module in MODULES}
+    count = sum(map(len, numbers.values()))
+    assert count <= MOST, numbers
+    # The count sees what is there.
+    assert 5e-3 in numbers["inversion/inference/diagnose.py"]
