@@ -93,6 +93,10 @@ TEMPLATES: dict[str, str] = {
         "the peak is left in place of {residual_declared_over_peak:.2g*100} %, with E "
         "{modulus_pa:.2p/1e6} MPa and bedrock at {depth_m:.2g} m; check the declared depth"
     ),
+    "too-many-effects": (
+        "{effects:d} effects at once fit this residual, but would fit almost any: measure again, "
+        "with more drops or sensors"
+    ),
     # of a diagnosis by earlier versions: stored results have them
     "ground-on-bound": "{parameter:words} of the ground sits on a bound",
     "noise-exceeded-by-several": (
@@ -101,10 +105,6 @@ TEMPLATES: dict[str, str] = {
     ),
     "residual-unlike-noise": (
         "residual not explained: what is left is small, but not like the noise"
-    ),
-    "too-many-effects": (
-        "{effects:d} effects at once fit this residual, but would fit almost any: measure again, "
-        "with more drops or sensors"
     ),
     "effect-past-bounds": "an effect that would go on past its bounds is no explanation",
     "parameter-unusual": (

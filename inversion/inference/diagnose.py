@@ -207,6 +207,8 @@ def _diagnosis(
     effects = effects_found(best, *choice) if choice else ()
     after = _state(best, choice[0] if choice else None)
     warnings = [*objections, *_reasons(best)]
+    if choice and choice[0].says_too_much:
+        warnings.append(Notice("too-many-effects", {"effects": len(choice[0].best)}))
     verdict: Verdict = "unexplained"
     if not warnings:
         verdict = "explained" if best.model.effects or effects else "clean"
@@ -295,7 +297,8 @@ def _of_other_structures(selection: Selection, middle: float, stress: float) -> 
     """Return what other structures say of the modulus.
 
     Evidence weighs structures if one of them is right. If even the best one leaves something that
-    no effect tells, others that leave hardly more count alike.
+    no effect tells, or has more effects than a point tells apart, others that leave hardly more
+    count alike.
 
     Parameters
     ----------
@@ -305,7 +308,7 @@ def _of_other_structures(selection: Selection, middle: float, stress: float) -> 
     """
     best = selection.fits[selection.best]
     weights = selection.weights()
-    if best.discrepancy.scale > EXPLAINED_TO:
+    if best.discrepancy.scale > EXPLAINED_TO or selection.says_too_much:
         close = _AS_CLOSE * best.discrepancy.scale
         weights |= {s: 1.0 for s, fit in selection.fits.items() if fit.discrepancy.scale <= close}
     of_one_drop = math.log(secant_modulus(best, stress))

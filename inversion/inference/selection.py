@@ -49,6 +49,8 @@ _MOST_BESIDE = 2
 _MOST_STARTS = 4
 # Log evidence by which a neighbour is so much worse that it is not tried beside others.
 _FAR_WORSE = 40.0
+# Of a point by itself. On simulated points with more the interval of the modulus missed the truth.
+_MOST_EFFECTS = 3
 # Decided by the drops together.
 _NOT_SELECTED = frozenset({"seating"})
 
@@ -87,6 +89,16 @@ class Selection:
     def best(self) -> Structure:
         """The structure of the largest posterior probability."""
         return max(sorted(self.fits, key=sorted), key=self.score)
+
+    @property
+    def says_too_much(self) -> bool:
+        """Whether the best structure has more effects than one point by itself tells apart.
+
+        So many effects fit almost any residual. Where other points of the device are known they
+        tell which ones are likely.
+        """
+        own = self.best - self._instrument.effects
+        return not self._instrument.other_points and len(own) > _MOST_EFFECTS
 
     def weights(self) -> dict[Structure, float]:
         """Return the weights of the structures over that of the best one, at most one.

@@ -165,3 +165,15 @@ def test_weights_are_probabilities_over_that_of_the_best() -> None:
     assert weights[frozenset({"bedrock"})] == pytest.approx(math.exp(-1.0))
     assert weights[NOTHING] == pytest.approx(math.exp(-3.0))
     assert toy.score(frozenset({"mains_hum", "layer"})) == -math.inf
+
+
+def test_one_point_by_itself_does_not_tell_more_than_three_effects_apart() -> None:
+    three = {"bedrock": 50.0, "sensor_lag": 40.0, "baseline_drift": 30.0}
+    assert not searched(by_gains(three)).says_too_much
+    four = three | {"geophone_response": 20.0}
+    assert searched(by_gains(four)).says_too_much
+    # What the device is known to have does not count, and other points tell what is likely.
+    shared = InstrumentKnowledge(effects=frozenset({"geophone_response"}))
+    assert not searched(by_gains(four), shared).says_too_much
+    others: Any = (object(),)
+    assert not searched(by_gains(four), InstrumentKnowledge(other_points=others)).says_too_much
