@@ -148,7 +148,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
     if held is None:
         return []
     what = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
-    if not held.is_prediction:
+    if not held.is_prediction and held.mode != "next":
         what = "device of the other points" if held.mode == "point" else "ground of the other drops"
         what += ", the rest fitted"
     lines = [

@@ -76,3 +76,9 @@ def test_what_is_fitted_is_called_no_prediction() -> None:
     assert last == "    fitted to the held-out data: choice of effects, modulus ratio (ground)"
     older = lines(mode="drop")[0]
     assert older.startswith("  ground of the other drops, the rest fitted: off by 9 %")
+
+
+def test_a_next_drop_that_had_a_part_in_the_choice_of_effects_says_so() -> None:
+    first, last = lines(mode="next", fitted=("choice of effects",))
+    assert first.startswith("  next drop predicted: off by 9 % of the peak")
+    assert last == "    fitted to the held-out data: choice of effects"
