@@ -48,7 +48,15 @@ whole = True
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_module_is_loaded_to_its_end_first(name: str, tmp_path: Path) -> None:
     (tmp_path / "loaded.py").write_text(MODULE.format(name=name, length=0.4))
-    done = run("import loaded\nprint(loaded.whole, flush=True)\n", tmp_path)
+    # Told after the interrupt, which may come at any moment once the module is whole.
+    code = """
+        try:
+            import loaded
+            time.sleep(100)
+        finally:
+            print(sys.modules["loaded"].whole)
+    """
+    done = run(code, tmp_path)
     assert (done.stdout, done.stderr) == ("True\ninterrupted\n", "")
 
 
